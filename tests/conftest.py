@@ -1,7 +1,5 @@
 """Keep linear algebra to one thread, and let Ctrl-C be Ctrl-C wherever the tests run."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

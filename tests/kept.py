@@ -5,8 +5,6 @@ part on disk. What is kept there is known by its inputs, the package's source an
 libraries that compute. Shipped parts and the surfaces fitted to them are kept in each process.
 """
 
-from __future__ import annotations
-
 import copyreg
 import hashlib
 import os

@@ -1,8 +1,6 @@
 """The house stands: imports go down the layers, every package is shipped, nothing heavy loads with the
 command line."""
 
-from __future__ import annotations
-
 import ast
 import io
 import os
@@ -48,7 +46,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_import_contracts_hold_and_cover_every_module(tree: Path) -> None:
+def test_import_contracts_hold_and_cover_every_module(tree):
     run = _lint_imports(tree)
     assert run.returncode == 0, run.stdout + run.stderr
     assert re.search(r"[2-9] kept, 0 broken", run.stdout)
@@ -63,7 +61,7 @@ def test_import_contracts_hold_and_cover_every_module(tree: Path) -> None:
     assert int(run.stdout) == len(files) >= MODULES_AT_LEAST
 
 
-def test_an_import_against_the_layers_is_noticed(tmp_path: Path) -> None:
+def test_an_import_against_the_layers_is_noticed(tmp_path):
     runpy.run_path(str(ROOT / ".ci" / "assemble.py"))["assemble"](tmp_path)
     planted = tmp_path / "polish_sim" / "errors.py"
     planted.unlink()
@@ -73,7 +71,7 @@ def test_an_import_against_the_layers_is_noticed(tmp_path: Path) -> None:
     assert "polish_sim.errors -> polish_sim.cli.main" in run.stdout
 
 
-def test_every_package_folder_is_listed_for_the_wheel() -> None:
+def test_every_package_folder_is_listed_for_the_wheel():
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
     mapping = setuptools["package-dir"]
     found = {
@@ -84,7 +82,7 @@ def test_every_package_folder_is_listed_for_the_wheel() -> None:
     assert found == set(setuptools["packages"])
 
 
-def test_the_command_line_starts_without_the_heavy_libraries() -> None:
+def test_the_command_line_starts_without_the_heavy_libraries():
     heavy = "mujoco, numba, scipy, trimesh, matplotlib"
     program = f"import sys, polish_sim.cli.main; print(*(set('{heavy}'.split(', ')) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -92,7 +90,7 @@ def test_the_command_line_starts_without_the_heavy_libraries() -> None:
 
 
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="from 3.12 on parts of f-strings are tokens as well")
-def test_the_house_keeps_its_size(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_house_keeps_its_size(capsys):
     """Tokens of each room; new ones must be worth it."""
     rooms: dict[str, int] = {}
     for folder in ("src/polish_sim", "cli"):
@@ -106,7 +104,7 @@ def test_the_house_keeps_its_size(capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(rooms.values()) <= MOST_TOKENS
 
 
-def test_texts_use_none_of_the_banned_phrases() -> None:
+def test_texts_use_none_of_the_banned_phrases():
     """They are riddles or read as translated; CONTRIBUTING.md says how to write."""
     files = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     for folder in ("src", "cli", "docs", "tests", "models", "examples", "benchmarks"):

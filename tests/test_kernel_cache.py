@@ -1,7 +1,5 @@
 """Compiled kernels are kept, shared, shipped and refused as documented."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os
@@ -75,7 +73,7 @@ def _cache(package: Path) -> Path:
     return package.parents[1] / "cache" / "polish-sim" / "kernels"
 
 
-def test_only_dependents_of_an_edited_file_compile_again(package: Path) -> None:
+def test_only_dependents_of_an_edited_file_compile_again(package):
     long_unused = _cache(package) / "stiffness-of-last-year"
     long_unused.mkdir(parents=True)
     _cache(package).chmod(0o700)
@@ -90,7 +88,7 @@ def test_only_dependents_of_an_edited_file_compile_again(package: Path) -> None:
     assert _run(package)[0] == [20.0, -2.0, 0]
 
 
-def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package: Path) -> None:
+def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package):
     part = "@njit(cache=False)\ndef part(x, n):\n    return n * x\n"
     three = KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
     (package / "sums.py").write_text(f"from polish_sim.kernel_cache import njit\n{part}{three}")
@@ -102,7 +100,7 @@ def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_
     assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
 
 
-def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
+def test_kernels_of_other_packages_stay_where_numba_keeps_them(package):
     own = package.parent / "own.py"
     kernel = KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)")
     own.write_text(kernel.replace("polish_sim.kernel_cache", "numba"))
@@ -118,14 +116,14 @@ mine(1.0)
     assert not list(_cache(package).glob("*/own*"))
 
 
-def test_a_chosen_cache_folder_is_used(package: Path, tmp_path: Path) -> None:
+def test_a_chosen_cache_folder_is_used(package, tmp_path):
     _run(package, NUMBA_CACHE_DIR=str(tmp_path / "chosen"))
     assert len(list((tmp_path / "chosen").rglob("*.nbc"))) == 3
     assert not _cache(package).exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
-def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_refused(package: Path) -> None:
+def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_refused(package):
     _run(package, "from polish_sim.damping import drag; drag(2.0)")
     assert _cache(package).stat().st_mode & 0o777 == 0o700
     _cache(package).chmod(0o777)
@@ -136,7 +134,7 @@ def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_r
 
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
-def test_processes_that_need_the_same_kernels_share_the_compiling(package: Path) -> None:
+def test_processes_that_need_the_same_kernels_share_the_compiling(package):
     with ThreadPoolExecutor() as pool:
         runs = list(pool.map(lambda _: _run(package)[0], range(3)))
     assert [run[:2] for run in runs] == [[20.0, -2.0]] * 3
@@ -144,7 +142,7 @@ def test_processes_that_need_the_same_kernels_share_the_compiling(package: Path)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
-def test_a_killed_process_leaves_its_kernel_to_others(package: Path) -> None:
+def test_a_killed_process_leaves_its_kernel_to_others(package):
     claim = (
         "from polish_sim.gains import gain; import time; gain._cache._wait_for_claim(); print(1, flush=True)"
     )
@@ -177,7 +175,7 @@ def shipped(wheel: Path, tmp_path: Path) -> Path:
     return shutil.copytree(wheel, tmp_path / "installed elsewhere" / wheel.name)
 
 
-def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(shipped: Path) -> None:
+def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(shipped):
     assert _run(shipped) == ([20.0, -2.0, 0], "")
     assert not any(_cache(shipped).iterdir())
     _write_gain(shipped, 30.0)
@@ -186,7 +184,7 @@ def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(shipped: 
     assert {folder.name.partition("-")[0] for folder in _cache(shipped).iterdir()} == {"gains", "stiffness"}
 
 
-def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped: Path) -> None:
+def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped):
     file = shipped / kernel_cache.SHIPPED / kernel_cache.MADE_FOR
     made_for, compiled = json.loads(file.read_text()), 3
     for change, complaint in (
@@ -202,13 +200,13 @@ def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped: Path) ->
         compiled = 0  # into the user's folder
 
 
-def test_a_cpu_named_by_the_user_is_obeyed(shipped: Path) -> None:
+def test_a_cpu_named_by_the_user_is_obeyed(shipped):
     numbers, said = _run(shipped, NUMBA_CPU_NAME="x86-64" if "x86" in platform.machine() else "apple-m1")
     assert numbers == [20.0, -2.0, 3]
     assert "NUMBA_CPU_NAME" in said
 
 
-def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_cache() -> None:
+def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_cache():
     """Numba's own cache would not notice an edit of a callee in another file."""
     users = set()
     for folder in ("src", "cli", "models"):
@@ -223,7 +221,7 @@ def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_
     assert users == {"kernel_cache.py"}
 
 
-def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package: Path) -> None:
+def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
     (package.parent / "numba").mkdir()
@@ -241,7 +239,7 @@ def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package: Pat
             kernel_cache.check_numba(version)
 
 
-def test_every_import_at_the_top_of_a_module_is_found() -> None:
+def test_every_import_at_the_top_of_a_module_is_found():
     """Against the parser: a missed import would leave stale machine code running."""
     for file in (ROOT / "src" / "polish_sim").rglob("*.py"):
         module = ".".join(file.relative_to(ROOT / "src").with_suffix("").parts).removesuffix(".__init__")
@@ -261,7 +259,7 @@ def test_every_import_at_the_top_of_a_module_is_found() -> None:
         )
 
 
-def test_the_simulations_kernels_are_found_once_compiled() -> None:
+def test_the_simulations_kernels_are_found_once_compiled():
     """What the command asks before it compiles ahead; the loop's name is written there."""
     from polish_sim.cell import loop
 
@@ -282,7 +280,7 @@ def _kernels(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, str]]:
                 yield node, decorators
 
 
-def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only() -> None:
+def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only():
     """From Python it would crash the interpreter."""
     folders = ("src", "cli", "models", "tests", "benchmarks", "examples")
     texts = [file.read_text("utf-8") for folder in folders for file in (ROOT / folder).rglob("*.py")]

@@ -1,7 +1,5 @@
 """The log's columns, types and file."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 from pathlib import Path
@@ -28,7 +26,7 @@ def rows() -> np.ndarray:
     return np.arange(3.0)[:, None] * 1000.0 + np.arange(row_width())
 
 
-def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows: np.ndarray) -> None:
+def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows):
     assert {name: width for name, (width, _unit) in COLUMNS.items()} == CONTRACT
     log = from_rows(rows % 100)  # small enough for int8
     assert log.names == tuple(CONTRACT)
@@ -40,7 +38,7 @@ def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows:
         assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
 
 
-def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows: np.ndarray, tmp_path: Path) -> None:
+def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows, tmp_path):
     path = tmp_path / "log.npz"
     write_log(path, from_rows(rows % 100))
     whole, rng, messages = path.read_bytes(), np.random.default_rng(0), []
@@ -55,7 +53,7 @@ def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows: np.ndarra
     assert all("log.npz" in message for message in messages)
 
 
-def test_a_log_reads_back_the_same_and_cannot_be_changed(rows: np.ndarray, tmp_path: Path) -> None:
+def test_a_log_reads_back_the_same_and_cannot_be_changed(rows, tmp_path):
     log, path = from_rows(rows % 100), tmp_path / "log.npz"
     write_log(path, log)
     again = read_log(path)
@@ -80,7 +78,7 @@ class MakesFolder:
         return os.mkdir, (str(self.folder),)
 
 
-def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows: np.ndarray, tmp_path: Path) -> None:
+def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows, tmp_path):
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
     columns = dict(from_rows(rows % 100).columns)

@@ -1,7 +1,5 @@
 """What README, examples and the public names promise."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import subprocess
@@ -38,11 +36,11 @@ PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_blocks_of_a_page_are_of_a_kind_that_runs_or_cannot(page: Path) -> None:
+def test_the_blocks_of_a_page_are_of_a_kind_that_runs_or_cannot(page):
     assert {block.kind for block in RUN_BLOCKS["blocks"](page)} <= set(RUN_BLOCKS["KINDS"])
 
 
-def test_a_command_is_shortened_only_where_it_would_take_long() -> None:
+def test_a_command_is_shortened_only_where_it_would_take_long():
     shortened, many = RUN_BLOCKS["shortened"], ["run", "surface", "--seeds", "20", "--check"]
     assert shortened(["run", "force", "--out", "a"]) == ["run", "force", "--out", "a"]
     assert shortened(many) == ["run", "surface", "--seeds", "1", *RUN_BLOCKS["FEED"]]
@@ -51,7 +49,7 @@ def test_a_command_is_shortened_only_where_it_would_take_long() -> None:
 
 
 @pytest.mark.parametrize("line", TYPED)
-def test_every_command_line_names_existing_commands_and_options(line: str) -> None:
+def test_every_command_line_names_existing_commands_and_options(line):
     name, *words = line.split()
     command = typer.main.get_command(commands).commands[name]  # type: ignore[attr-defined]
     if hasattr(command, "get_command"):  # a group: the next word names the command
@@ -61,12 +59,12 @@ def test_every_command_line_names_existing_commands_and_options(line: str) -> No
 
 
 @pytest.mark.parametrize("program", PYTHON)
-def test_the_python_example_runs(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_python_example_runs(program, capsys):
     exec(compile(program, "README.md", "exec"), {})
     assert float(capsys.readouterr().out) > 0.0
 
 
-def test_every_file_that_is_linked_and_every_target_that_is_named_exists() -> None:
+def test_every_file_that_is_linked_and_every_target_that_is_named_exists():
     links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
     assert links
     assert len(TYPED) >= 8
@@ -75,7 +73,7 @@ def test_every_file_that_is_linked_and_every_target_that_is_named_exists() -> No
     assert {"demo", "test", "check", "bench", "docs", "clean"} <= set(targets)
 
 
-def test_every_picture_of_the_gallery_says_how_it_is_made() -> None:
+def test_every_picture_of_the_gallery_says_how_it_is_made():
     told = (ROOT / "results" / "README.md").read_text(encoding="utf-8").partition("## gallery/")[2]
     pictures = {path.name for path in (ROOT / "results" / "gallery").iterdir()}
     first_column = "".join(re.findall(r"^\|([^|]*)\|", told, flags=re.MULTILINE))
@@ -104,16 +102,14 @@ PRINTS = {
 
 
 @pytest.mark.parametrize("name", PRINTS)
-def test_the_example_runs_and_prints_what_it_promises(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_runs_and_prints_what_it_promises(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
     plt.close("all")
     assert re.search(PRINTS[name], capsys.readouterr().out)
 
 
-def test_every_example_is_run_listed_and_named_in_order() -> None:
+def test_every_example_is_run_listed_and_named_in_order():
     names = sorted(file.stem for file in FOLDER.glob("[0-9]*.py"))
     assert names == sorted(PRINTS)
     assert (
@@ -123,13 +119,13 @@ def test_every_example_is_run_listed_and_named_in_order() -> None:
     assert [int(name[:2]) for name in names] == list(range(1, len(names) + 1))
 
 
-def test_every_public_name_resolves_and_an_unknown_one_says_what_there_is() -> None:
+def test_every_public_name_resolves_and_an_unknown_one_says_what_there_is():
     assert None not in [getattr(polish_sim, name) for name in polish_sim.__all__]
     with pytest.raises(AttributeError, match="run_surface"):
         _ = polish_sim.run_everything
 
 
-def test_importing_the_package_loads_no_simulator() -> None:
+def test_importing_the_package_loads_no_simulator():
     program = "import sys, polish_sim; print('mujoco' in sys.modules or 'numba' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

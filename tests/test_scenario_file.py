@@ -1,7 +1,5 @@
 """Settings: defaults, ranges, TOML files and --set."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass, replace
@@ -42,7 +40,7 @@ OTHER_UNITS = {
 }
 
 
-def test_a_keys_last_letters_and_its_meaning_name_the_same_unit() -> None:
+def test_a_keys_last_letters_and_its_meaning_name_the_same_unit():
     for key, value, field in leaves(Scenario()):
         if not isinstance(value, float):
             continue
@@ -52,7 +50,7 @@ def test_a_keys_last_letters_and_its_meaning_name_the_same_unit() -> None:
         assert unit in said or (unit == "[-]" and "[" not in said), key
 
 
-def test_head_and_pad_in_series_are_the_papers_5000_newton_per_metre() -> None:
+def test_head_and_pad_in_series_are_the_papers_5000_newton_per_metre():
     scenario = Scenario()
     assert 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m) == pytest.approx(
         5000.0
@@ -83,11 +81,11 @@ def changed_everywhere() -> Scenario:
 
 
 @pytest.mark.parametrize("scenario", [*map(default_scenario, ROWS), changed_everywhere()])
-def test_toml_gives_back_the_very_same_scenario(scenario: Scenario, tmp_path: Path) -> None:
+def test_toml_gives_back_the_very_same_scenario(scenario, tmp_path):
     assert load_scenario(written(tmp_path, to_toml(scenario)), default_scenario("arc")) == scenario
 
 
-def test_the_file_holds_every_key_with_its_meaning() -> None:
+def test_the_file_holds_every_key_with_its_meaning():
     text = to_toml(BASE)
     assert set(tomllib.loads(text)) == {key.partition(".")[0] for key, _, _ in leaves(BASE)}
     for key, value, field in leaves(BASE):
@@ -98,7 +96,7 @@ def test_the_file_holds_every_key_with_its_meaning() -> None:
         ), key
 
 
-def test_keys_a_file_does_not_name_keep_their_value_and_a_later_set_wins(tmp_path: Path) -> None:
+def test_keys_a_file_does_not_name_keep_their_value_and_a_later_set_wins(tmp_path):
     base = override(BASE, ["seed=1", "seed=7", "pad.friction=0.1"])
     assert base.seed == 7
     scenario = load_scenario(written(tmp_path, "[pad]\nradius_m = 0.02\n"), base)
@@ -124,7 +122,7 @@ BAD_FILES = [
 
 
 @pytest.mark.parametrize(("text", "told"), BAD_FILES)
-def test_a_bad_file_names_the_key_and_what_would_do(tmp_path: Path, text: str, told: list[str]) -> None:
+def test_a_bad_file_names_the_key_and_what_would_do(tmp_path, text, told):
     (tmp_path / "scenario.toml").write_text(text, encoding="latin-1")
     with pytest.raises(ConfigError) as caught:
         load_scenario(tmp_path / "scenario.toml", BASE)
@@ -145,7 +143,7 @@ def test_a_bad_file_names_the_key_and_what_would_do(tmp_path: Path, text: str, t
         ("part.file=a=b.stl", "part.file", "a=b.stl"),
     ],
 )
-def test_set_changes_one_key(assignment: str, key: str, value: Any) -> None:
+def test_set_changes_one_key(assignment, key, value):
     before, after = ({k: v for k, v, _ in leaves(s)} for s in (BASE, override(BASE, [assignment])))
     assert after[key] == value
     assert type(after[key]) is type(before[key])
@@ -163,7 +161,7 @@ def test_set_changes_one_key(assignment: str, key: str, value: Any) -> None:
         ("sensor.model=axia8", "mean 'axia80'.* axia80, external, hex"),
     ],
 )
-def test_a_bad_set_is_named(assignment: str, told: str) -> None:
+def test_a_bad_set_is_named(assignment, told):
     with pytest.raises(PolishSimError, match=told):
         override(BASE, [assignment])
 
@@ -176,7 +174,7 @@ def sensor_values(scenario: Scenario) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_what_is_set_by_name_wins_over_a_named_sensor_whatever_the_order(first: bool, tmp_path: Path) -> None:
+def test_what_is_set_by_name_wins_over_a_named_sensor_whatever_the_order(first, tmp_path):
     value = BASE.sensor.force_noise_n  # though it is the default
     wanted = dict(AXIA) | {"force_noise_n": value}
     pair = [f"{NOISE}={value}", "sensor.model=axia80"]
@@ -186,7 +184,7 @@ def test_what_is_set_by_name_wins_over_a_named_sensor_whatever_the_order(first: 
     assert sensor_values(load_scenario(file, BASE)) == wanted
 
 
-def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(tmp_path: Path) -> None:
+def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(tmp_path):
     assert sensor_values(override(BASE, ["sensor.model=axia80"])) == dict(AXIA)
     assert override(BASE, ["sensor.model=axia80", "sensor.model=hex-125hz", "sensor.model=external"]) == BASE
     assert all(not values or values.keys() == AXIA.keys() for values in SENSOR_MODELS.values())
@@ -200,7 +198,7 @@ def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(
 
 
 @pytest.mark.parametrize("written", ['"auto"', "[]"])
-def test_a_list_that_is_chosen_is_called_auto_or_left_empty(tmp_path: Path, written: str) -> None:
+def test_a_list_that_is_chosen_is_called_auto_or_left_empty(tmp_path, written):
     posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
     file = tmp_path / "config.toml"
     file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")
@@ -208,7 +206,7 @@ def test_a_list_that_is_chosen_is_called_auto_or_left_empty(tmp_path: Path, writ
     assert load_scenario(file, posed) == override(posed, ["part.pose=auto", "plan.start=auto"])
 
 
-def test_a_pad_or_a_step_over_that_is_set_by_name_is_kept_though_it_is_the_default(tmp_path: Path) -> None:
+def test_a_pad_or_a_step_over_that_is_set_by_name_is_kept_though_it_is_the_default(tmp_path):
     usual, file = Scenario(), tmp_path / "mine.toml"
     cases = {
         "given": ["pad.radius_m=0.025"],

@@ -1,7 +1,5 @@
 """Tasks shared out to real processes, some of which are killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -61,7 +59,7 @@ def fail(task: int) -> int:
     raise ValueError(f"no {task}")
 
 
-def test_every_task_is_done_once_and_one_process_keeps_to_a_group_while_it_lasts() -> None:
+def test_every_task_is_done_once_and_one_process_keeps_to_a_group_while_it_lasts():
     for workers in (1, 3):
         results = list(work_off(range(7), double, lambda task: task % 2, workers))
         assert sorted((r.task, r.value) for r in results) == [(n, 2 * n) for n in range(7)]
@@ -69,7 +67,7 @@ def test_every_task_is_done_once_and_one_process_keeps_to_a_group_while_it_lasts
         assert workers > 1 or [r.task for r in results] == [0, 2, 4, 6, 1, 3, 5]
 
 
-def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(tmp_path: Path) -> None:
+def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(tmp_path):
     tasks = [(str(tmp_path), number) for number in range(3)]
     results = list(work_off(tasks, die_once, lambda task: task[1], 2))
     assert sorted(r.value for r in results if r.trouble is None) == [0, 1, 2]
@@ -83,12 +81,12 @@ def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(tmp_path
     assert "left out" in second
 
 
-def test_where_everything_dies_all_is_given_up_and_says_what_to_do() -> None:
+def test_where_everything_dies_all_is_given_up_and_says_what_to_do():
     with pytest.raises(WorkersError, match=r"4 worker .*memory.*--workers 1"):
         list(work_off(range(9), perish, lambda task: task, 2))
 
 
-def test_an_error_in_the_work_is_raised_with_its_traceback() -> None:
+def test_an_error_in_the_work_is_raised_with_its_traceback():
     with pytest.raises(RuntimeError, match=r"(?s)Traceback.*ValueError: no 5"):
         list(work_off([5], fail, lambda task: 0, 1))
 
@@ -98,13 +96,13 @@ def stop_at(place: str) -> None:
 
 
 @pytest.mark.parametrize("engine", ["here", "local"])
-def test_a_task_that_ends_with_an_error_of_ours_keeps_its_text_and_exit_code(engine: str) -> None:
+def test_a_task_that_ends_with_an_error_of_ours_keeps_its_text_and_exit_code(engine):
     with open_workers(engine, 1) as workers, pytest.raises(ProtectiveStop, match=r"^stopped at x$") as caught:
         list(workers.results(["x"], stop_at, lambda task: 0))
     assert caught.value.exit_code == 3
 
 
-def test_a_cluster_without_workers_is_given_up_and_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_without_workers_is_given_up_and_says_what_to_do(monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(module, "GONE_S", 0.5)
     options = {"processes": False, "dashboard_address": "127.0.0.1:0"}
@@ -117,9 +115,7 @@ def test_a_cluster_without_workers_is_given_up_and_says_what_to_do(monkeypatch: 
         assert list(empty.results([1], double, lambda task: 0)) == [Result(1, 2, None)]
 
 
-def test_a_folder_changes_when_its_new_content_is_whole_and_needs_a_place_that_all_see(
-    tmp_path: Path,
-) -> None:
+def test_a_folder_changes_when_its_new_content_is_whole_and_needs_a_place_that_all_see(tmp_path):
     folder = tmp_path / "seed"
     for text, fails in (("old", False), ("half", True)):
         with suppress(ZeroDivisionError), whole_folder(folder) as draft:
@@ -131,7 +127,7 @@ def test_a_folder_changes_when_its_new_content_is_whole_and_needs_a_place_that_a
         pass
 
 
-def test_breaking_off_leaves_no_process_behind() -> None:
+def test_breaking_off_leaves_no_process_behind():
     with closing(work_off(range(100), double, lambda task: task, 2)) as results:
         next(iter(results))
         children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
@@ -140,7 +136,7 @@ def test_breaking_off_leaves_no_process_behind() -> None:
     assert len(after) <= max(0, len(before) - 1)
 
 
-def test_a_cluster_of_dask_does_every_task_and_leaves_out_the_one_that_kills_twice(tmp_path: Path) -> None:
+def test_a_cluster_of_dask_does_every_task_and_leaves_out_the_one_that_kills_twice(tmp_path):
     pytest.importorskip("distributed")
     mine = tmp_path / "mine.txt"
     mine.write_text("gain 3")
@@ -175,7 +171,7 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize("engine", ["local", "dask"])
-def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path, engine: str) -> None:
+def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path, engine):
     if engine == "dask":
         pytest.importorskip("distributed")
     script, name = tmp_path / "parent.py", tmp_path / "worker"

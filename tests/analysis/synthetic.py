@@ -1,7 +1,5 @@
 """Runs whose figures are known beforehand: made from formulas, not from the simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,9 +1,6 @@
 """What is asked of a run, and when it counts as met."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +20,7 @@ def asked_of(name: str) -> tuple[Claim, ...]:
     return row.claims(row.defaults)
 
 
-def test_every_claim_names_a_figure_that_is_measured() -> None:
+def test_every_claim_names_a_figure_that_is_measured():
     path = bumpy_path()
     measured = {
         "arc": measure_arc(arc_trace()),
@@ -35,7 +32,7 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
         assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
 
 
-def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() -> None:
+def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error():
     ideal = arc_claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good = measure_arc(arc_trace(radial_error_m=5e-5)) | {"path_done": 1.0}
     wide = measure_arc(arc_trace(radial_error_m=2e-4)) | {"path_done": 1.0}
@@ -46,7 +43,7 @@ def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() 
     assert [claim.figure for claim in shortfalls(usual, wide | {"path_done": 0.5})] == ["path_done"]
 
 
-def test_an_undefined_figure_meets_no_bound_and_the_worst_of_several_seeds_is_the_least_good() -> None:
+def test_an_undefined_figure_meets_no_bound_and_the_worst_of_several_seeds_is_the_least_good():
     for value in (None, math.nan):
         assert not Claim("x", "x", "N", high=1.0).met_by(value)
         assert Claim("x", "x", "N").met_by(value)
@@ -58,7 +55,7 @@ def test_an_undefined_figure_meets_no_bound_and_the_worst_of_several_seeds_is_th
     assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([]))
 
 
-def test_a_lower_bound_goes_with_more_being_better() -> None:
+def test_a_lower_bound_goes_with_more_being_better():
     tables = [*map(asked_of, experiments()), *CALIBRATIONS.values(), *IDENTIFY.values(), PAYLOAD_CLAIMS]
     for claim in (claim for claims in tables for claim in claims):
         assert claim.more_is_better or math.isinf(claim.low)
@@ -74,7 +71,7 @@ def test_a_lower_bound_goes_with_more_being_better() -> None:
         ("smooth", {"plan": {"file": "mine.csv"}}),
     ],
 )
-def test_the_paper_s_figures_stand_beside_its_own_trial_only(name: str, changed: dict[str, Any]) -> None:
+def test_the_paper_s_figures_stand_beside_its_own_trial_only(name, changed):
     trial = default_scenario(name)
     other = merge(trial, changed, "")
     assert claims_shown([trial]) == asked_of(name)
@@ -84,7 +81,7 @@ def test_the_paper_s_figures_stand_beside_its_own_trial_only(name: str, changed:
         assert [claim.figure for claim in claims_shown(scenarios)] == figures
 
 
-def test_a_single_mode_of_hand_guiding_is_not_called_the_last() -> None:
+def test_a_single_mode_of_hand_guiding_is_not_called_the_last():
     alone = merge(default_scenario("teach"), {"guide": {"mode": "gravity"}}, "")
     every = merge(default_scenario("teach"), {"guide": {"direction": "x"}}, "")
     labels = [[claim.label for claim in claims_shown([scenario])] for scenario in (alone, every)]

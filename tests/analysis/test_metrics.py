@@ -1,7 +1,5 @@
 """Figures of arc, force, surface and taught paths from synthetic traces with known answers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -30,7 +28,7 @@ from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
 
 
-def test_a_first_order_force_response_has_the_textbook_figures() -> None:
+def test_a_first_order_force_response_has_the_textbook_figures():
     figures = measure_force(force_trace(tau=0.1), 20.0)
     # contact is noticed at 0.5 N, that is tau ln(20/19.5) after the touch
     late = 0.1 * math.log(20.0 / 19.5)
@@ -45,7 +43,7 @@ def test_a_first_order_force_response_has_the_textbook_figures() -> None:
     assert measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
 
 
-def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface() -> None:
+def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface():
     in_air = trace_of(np.zeros(1000, np.int8))
     assert all(math.isnan(value) for value in measure_force(in_air, 20.0).values())
     figures = measure_surface(in_air, bumpy_path(), 20.0)
@@ -54,7 +52,7 @@ def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_n
     assert figures["curvature_peaks"] == 0
 
 
-def test_a_constant_radial_error_is_the_tracking_error_of_the_arc() -> None:
+def test_a_constant_radial_error_is_the_tracking_error_of_the_arc():
     figures = measure_arc(arc_trace(radial_error_m=7e-5))
     assert figures["tracking_error_max_m"] == pytest.approx(7e-5, abs=1e-12)
     assert figures["tracking_error_rms_m"] == pytest.approx(7e-5, abs=1e-12)
@@ -62,7 +60,7 @@ def test_a_constant_radial_error_is_the_tracking_error_of_the_arc() -> None:
     assert figures["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_second() -> None:
+def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_second():
     trace = arc_trace(ripple_m_s=2e-4)
     ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
     # the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it
@@ -70,14 +68,14 @@ def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_s
     assert measure_arc(ramped)["speed_max_deviation_m_s"] == known
 
 
-def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim() -> None:
+def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim():
     centre, normal = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal)
     rim_top = centre + np.array([0.0, 0.0, PAPER_ARC.radius])
     points = np.array([centre, rim_top, rim_top + 0.03 * normal])
     assert distance_to_circle(points, PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
 
 
-def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top() -> None:
+def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top():
     path = bumpy_path(bumps=6)
     assert path.s[curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
 
@@ -87,7 +85,7 @@ def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top() -> None:
     assert len(curvature_peaks(replace(path, curvature=rippled))) == 6
 
 
-def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed() -> None:
+def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     path = bumpy_path(bumps=6)
     trace = surface_trace(path, dip_n=5.0)
     figures = measure_surface(trace, path, 20.0)
@@ -108,7 +106,7 @@ def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed() -
     assert measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)["curvature_peaks"] == 3
 
 
-def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None:
+def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them():
     s = np.linspace(0.0, 2.0, 200_000)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
     errors = errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
@@ -118,7 +116,7 @@ def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None
 TIME = np.arange(0.0, 3.0, 1e-3)
 
 
-def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_called_bad() -> None:
+def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_called_bad():
     """A blow is a quarter above the set force, anywhere; the band and contact count where it is held."""
     force = np.array([10.0, 24.0, 23.0, 0.5, 24.0, 0.5, 4.0])
     wanted = np.array([8.0, 20.0, 20.0, 2.0, 20.0, 2.0, 8.0])
@@ -131,12 +129,12 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
         assert len(shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
-def test_settling_counts_from_the_last_excursion_not_the_first_entry() -> None:
+def test_settling_counts_from_the_last_excursion_not_the_first_entry():
     error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
     assert abs(settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
 
 
-def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or_is_not_a_number() -> None:
+def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or_is_not_a_number():
     assert settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
     assert math.isnan(settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
     assert math.isnan(settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
@@ -154,7 +152,7 @@ def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
     return ToolPath(positions, axes, arc_length(positions), np.zeros(n, np.int64), codes, np.zeros(n))
 
 
-def test_a_path_taught_two_millimetres_high_and_too_short() -> None:
+def test_a_path_taught_two_millimetres_high_and_too_short():
     meant, taught = straight(0.0), straight(0.002, last=0.09, tilt=0.1)
     figures = measure_taught(taught.positions_work, taught, meant)
     assert figures["taught_deviation_max_m"] == pytest.approx(0.002)
@@ -163,7 +161,7 @@ def test_a_path_taught_two_millimetres_high_and_too_short() -> None:
     assert figures["taught_axis_error_max_rad"] == pytest.approx(0.1)
 
 
-def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again() -> None:
+def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again():
     """At 10 mm/s, braked for 1 s; cycles that the host missed there are made up in one step."""
     time = np.arange(0.0, 5.0, 0.001)
     s = 0.01 * time - 0.5 * 0.01 * np.maximum(time - 4.0, 0.0) ** 2

@@ -1,7 +1,5 @@
 """Pictures of plans and inspected paths: what is drawn where, and what the part hides."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,10 +1,6 @@
 """Every plot draws, labels its axes, and leaves matplotlib as it was."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -63,9 +59,7 @@ def assert_labelled(figure: Figure) -> None:
 
 
 @pytest.mark.parametrize("make", RECORDS)
-def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_of(
-    make: Callable[[], RunRecord], tmp_path: Path
-) -> None:
+def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_of(make, tmp_path):
     before = dict(matplotlib.rcParams)
     plots = draw_plots(make())
     for figure in [*plots.values(), *draw_seeds([make(), make()]).values()]:
@@ -86,7 +80,7 @@ def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_o
 
 @pytest.mark.parametrize("phase", [0, 3], ids=["before contact", "in its first step"])
 @pytest.mark.parametrize("make", RECORDS)
-def test_a_run_stopped_early_still_draws(make: Callable[[Trace], RunRecord], phase: int) -> None:
+def test_a_run_stopped_early_still_draws(make, phase):
     plots = draw_plots(make(trace_of(np.full(400, phase, np.int8))))
     assert plots
     for figure in plots.values():
@@ -99,7 +93,7 @@ def test_a_run_stopped_early_still_draws(make: Callable[[Trace], RunRecord], pha
         assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
 
 
-def test_the_drawn_force_is_the_logged_one_and_each_curvature_peak_is_numbered() -> None:
+def test_the_drawn_force_is_the_logged_one_and_each_curvature_peak_is_numbered():
     record = surface_record()
     figure = draw_plots(record)["force.png"]
     drawn = next(line for line in figure.axes[0].lines if line.get_label() == "exact contact force")
@@ -116,7 +110,7 @@ def stopped(record: RunRecord, time: float, s: float) -> RunRecord:
     return replace(record, log=log, metrics={**record.metrics, "protective_stop_at": at})
 
 
-def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked() -> None:
+def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked():
     record = surface_record()
     fed = record.log.fed
     time, s = (float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m"))
@@ -130,7 +124,7 @@ def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked() -> None:
             assert marked[0].get_xdata()[0] == pytest.approx(where, abs=0.01)
 
 
-def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controller() -> None:
+def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controller():
     runs = [surface_record(), with_force(surface_record(controller="position"), 12.0)]
     figure = draw_comparison(runs)["force.png"]
     first, _, second, _ = figure.axes
@@ -143,7 +137,7 @@ def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controll
     assert np.ptp(first.get_ylim()) == pytest.approx(np.ptp(second.get_ylim()))
 
 
-def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_each_other() -> None:
+def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_each_other():
     (figure,) = draw_comparison([arc_record(), arc_record()]).values()
     assert len(figure.axes) == 1
     assert_labelled(figure)
@@ -156,7 +150,7 @@ def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_e
         draw_comparison([arc_record(), force_record()])
 
 
-def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small() -> None:
+def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small():
     record = surface_record()
     assert record.path is not None
     round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
@@ -171,7 +165,7 @@ def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small
     assert high > 10.0
 
 
-def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
+def test_a_bend_too_near_an_end_to_be_drawn_is_told():
     record = surface_record()
     fed = np.flatnonzero(record.log.fed)
     cut = record.log["phase"].copy()
@@ -181,7 +175,7 @@ def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
     assert "mean of 2 peaks" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_drawn() -> None:
+def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_drawn():
     slow = force_record(force_trace(tau=0.3), seed=1)
     figure = draw_seeds([force_record(), slow])["seeds.png"]
     assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
@@ -193,7 +187,7 @@ def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_dr
     assert names["force error, max [N]"] == "seed 7: 7"
 
 
-def test_the_dip_at_every_bend_is_the_mean_at_offset_zero() -> None:
+def test_the_dip_at_every_bend_is_the_mean_at_offset_zero():
     errors, bends = around_peaks(surface_record(), np.array([-0.03, 0.0, 0.03]))
     assert errors.shape == (3, 3)
     assert errors.mean(axis=0) == pytest.approx([0.0, -5.0, 0.0], abs=0.05)

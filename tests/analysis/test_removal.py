@@ -1,10 +1,7 @@
 """Figures of a removal map, its files, and its pictures from what was saved."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
 """Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
 
 
-def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_counted() -> None:
+def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_counted():
     figures = measure_removal(removal_map(3e5 * UNEVEN))
     assert figures["under_polished_share"] == pytest.approx(0.10)
     assert figures["over_polished_share"] == pytest.approx(0.10)
@@ -38,7 +35,7 @@ def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_co
     assert nothing["unpolished_share"] == pytest.approx(1.0)
 
 
-def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram() -> None:
+def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram():
     removal = removal_map(np.concatenate([np.zeros(500), np.linspace(1.0, 1.2, 500)]))
     log = log_of(surface_trace(bumpy_path()))
     record = RunRecord("cut", Scenario(), measure_removal(removal), log, None, removal)
@@ -48,7 +45,7 @@ def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram() -> None
     assert "untouched 50.00% left out" in shares.get_xlabel()
 
 
-def test_depth_and_volume_are_known_only_with_a_wear_coefficient() -> None:
+def test_depth_and_volume_are_known_only_with_a_wear_coefficient():
     relative, absolute = (measure_removal(removal_map(3e5 * UNEVEN, wear)) for wear in (0.0, 1e-13))
     assert math.isnan(relative["removal_volume_m3"])
     assert math.isnan(relative["removal_mean_m"])
@@ -58,7 +55,7 @@ def test_depth_and_volume_are_known_only_with_a_wear_coefficient() -> None:
     assert absolute["removal_cv"] == relative["removal_cv"]
 
 
-def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path: Path) -> None:
+def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path):
     removal = removal_map(3e5 * UNEVEN, 1e-13)
     write_removal_mesh(tmp_path / "removal.ply", removal)
     mesh = trimesh.load(tmp_path / "removal.ply", process=False)
@@ -79,7 +76,7 @@ def run() -> RunRecord:
     return RunRecord("run", Scenario(), figures, log, path, removal)
 
 
-def test_a_saved_run_is_drawn_again_alone_and_beside_others(run: RunRecord, tmp_path: Path) -> None:
+def test_a_saved_run_is_drawn_again_alone_and_beside_others(run, tmp_path):
     write_record(tmp_path, run)
     back = read_record(tmp_path)
     assert run.removal is not None
@@ -91,20 +88,20 @@ def test_a_saved_run_is_drawn_again_alone_and_beside_others(run: RunRecord, tmp_
 
 
 @pytest.mark.parametrize("kept", [None, "nothing removed"])
-def test_a_run_without_removal_is_drawn_without_its_map(run: RunRecord, kept: str | None) -> None:
+def test_a_run_without_removal_is_drawn_without_its_map(run, kept):
     bare = replace(run, removal=removal_map(np.zeros(20)) if kept else None)
     assert "removal.png" not in draw_plots(bare)
     assert "removal.png" not in draw_comparison([run, bare])
 
 
-def test_with_a_wear_coefficient_the_colours_are_micrometres(run: RunRecord) -> None:
+def test_with_a_wear_coefficient_the_colours_are_micrometres(run):
     removal = removal_map(3e5 * UNEVEN, 1e-13)
     figure = draw_plots(replace(run, removal=removal, metrics=measure_removal(removal)))["removal.png"]
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert any("µm" in label for label in labels), labels
 
 
-def test_a_column_added_to_a_log_must_fit_it(run: RunRecord) -> None:
+def test_a_column_added_to_a_log_must_fit_it(run):
     log = RunLog(run.log.columns)
     with pytest.raises(ValueError, match="exposure_nm"):
         with_column(log, "exposure_nm", np.zeros(len(log) + 1))

@@ -1,11 +1,8 @@
 """Saved runs read back, and what is said of them side by side."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +33,7 @@ def record() -> RunRecord:
     return RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log, path, removal)
 
 
-def test_a_run_reads_back_as_it_was_written(record: RunRecord, tmp_path: Path) -> None:
+def test_a_run_reads_back_as_it_was_written(record, tmp_path):
     write_record(tmp_path, record)
     back = read_record(tmp_path)
     assert back.scenario == record.scenario
@@ -48,7 +45,7 @@ def test_a_run_reads_back_as_it_was_written(record: RunRecord, tmp_path: Path) -
         np.testing.assert_array_equal(back.log[name], record.log[name])
 
 
-def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path: Path) -> None:
+def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path):
     numpys = {"b": np.float64(2.0), "c": np.int64(3), "e": np.array([1.0])}
     write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
 
@@ -59,13 +56,13 @@ def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path: Path)
     assert read == {"a": None, "b": 2.0, "c": 3, "d": [None, 1.0], "e": [1.0]}
 
 
-def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path: Path) -> None:
+def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
     with pytest.raises(InputError, match=r"lacks config.toml, metrics.json, log.npz"):
         read_record(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", REMOVAL])
-def test_a_truncated_file_is_refused_by_name(record: RunRecord, tmp_path: Path, name: str) -> None:
+def test_a_truncated_file_is_refused_by_name(record, tmp_path, name):
     write_record(tmp_path, record)
     file = tmp_path / name
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -84,7 +81,7 @@ def row(records: list[RunRecord], label: str) -> list[str]:
     return found[2:]
 
 
-def test_part_force_and_feed_of_every_run_stand_in_its_own_column() -> None:
+def test_part_force_and_feed_of_every_run_stand_in_its_own_column():
     runs = [run(), run(part={"file": "my/bowl.stl"}, process={"contact_force_n": 12.0, "feed_m_s": 0.04})]
     assert row(runs, "part") == ["freeform", "bowl.stl"]
     assert row(runs, "set force") == ["20", "12"]
@@ -107,11 +104,11 @@ def test_part_force_and_feed_of_every_run_stand_in_its_own_column() -> None:
         ({"path_done": 0.25}, "cut short at 25.0%"),
     ],
 )
-def test_how_a_run_ended_is_said(metrics: dict[str, Any], said: str) -> None:
+def test_how_a_run_ended_is_said(metrics, said):
     assert ending(run(metrics=metrics)) == said
 
 
-def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not_whole() -> None:
+def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not_whole():
     other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
     assert notes_of([run(), replace(run(), scenario=other)]) == []
     stopped = run("b", {"path_done": 0.5, "protective_stop": "the force was too large"})
@@ -122,7 +119,7 @@ def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not
     assert note.endswith("they differ in part.file, sensor.force_noise_n.")
 
 
-def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_runs_of_one_name_are_told_apart(tmp_path):
     folders = [tmp_path / "first" / "seed-0000", tmp_path / "second" / "seed-0000"]
     for folder in folders:
         folder.mkdir(parents=True)

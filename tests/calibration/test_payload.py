@@ -1,9 +1,5 @@
 """Plant a tool and a sensor's bias, take readings, recover them; wrong readings are left out and named."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -43,7 +39,7 @@ def readings_in(R_base_sensor: Array, theta: Array = THETA, errors: Array | floa
 
 
 @pytest.mark.parametrize("count", [3, 12, 200])
-def test_exact_readings_give_tool_bias_and_drift(count: int) -> None:
+def test_exact_readings_give_tool_bias_and_drift(count):
     found = fit_without_outliers(readings_in(Rotation.random(count, random_state=count).as_matrix()))
     np.testing.assert_allclose(found.theta, THETA, atol=1e-9)
     np.testing.assert_allclose(found.center, CENTER, atol=1e-9)
@@ -55,7 +51,7 @@ def test_exact_readings_give_tool_bias_and_drift(count: int) -> None:
     )
 
 
-def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> None:
+def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent():
     """The noise is found from the residuals; 1500 draws determine an rms to 1.8%."""
     rng = np.random.default_rng(4)
     found = [
@@ -89,7 +85,7 @@ def tilted(*angles: tuple[float, float]) -> Array:
         (tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)), "Add a pose"),
     ],
 )
-def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor: Array, said: str) -> None:
+def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor, said):
     with pytest.raises(CalibrationError, match=said):
         fit_payload(readings_in(R_base_sensor))
     still = PayloadReadings(np.zeros(12), POSES.copy(), readings_in(POSES).wrenches.copy())
@@ -97,7 +93,7 @@ def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor: Array, said: 
         fit_payload(still, drift=True)
 
 
-def test_a_mirror_is_no_orientation() -> None:
+def test_a_mirror_is_no_orientation():
     mirrored = POSES.copy()
     mirrored[2] = -mirrored[2]
     with pytest.raises(CalibrationError, match="reading 3 is not a rotation"):
@@ -115,14 +111,14 @@ PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0
 
 
 @pytest.mark.parametrize("knocks", [{4: 1e6 * PUSH}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}])
-def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> None:
+def test_touched_readings_are_left_out_and_named(knocks):
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), knocks)) for seed in range(40)]
     right = [set(np.flatnonzero(~one.used)) == set(knocks) for one in found]
     assert np.mean(right) > 0.9
     assert max(abs(one.mass - MASS) for one, good in zip(found, right, strict=True) if good) < 0.01
 
 
-def test_honest_readings_are_kept_and_of_a_few_all() -> None:
+def test_honest_readings_are_kept_and_of_a_few_all():
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(150, 300)]
     assert np.mean([one.used.all() for one in found]) > 0.99
     first = knocked(np.random.default_rng(1), {0: PUSH})
@@ -132,7 +128,7 @@ def test_honest_readings_are_kept_and_of_a_few_all() -> None:
     assert fit_without_outliers(few).used.all()
 
 
-def test_when_too_many_disagree_nobody_is_believed() -> None:
+def test_when_too_many_disagree_nobody_is_believed():
     rng = np.random.default_rng(0)
     knocks = {reading: rng.uniform(2.0, 9.0) * np.roll(PUSH, reading) for reading in range(5)}
     with pytest.raises(CalibrationError, match="more than 25% of the 12 readings"):
@@ -148,7 +144,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path: Path, form: tuple[str, ...]) -> None:
+def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path, form):
     """In any order of the columns, with others between them, and in capitals."""
     first = readings_in(POSES)
     names = (*(name.upper() for name in WRENCH), "Temperature", *form, TIME)
@@ -159,7 +155,7 @@ def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path: Path, f
     np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
 
 
-def test_what_we_write_we_read(tmp_path: Path) -> None:
+def test_what_we_write_we_read(tmp_path):
     first = readings_in(POSES, errors=NOISE * np.random.default_rng(0).standard_normal((12, 6)))
     found = fit_without_outliers(first)
     file = tmp_path / "residuals.csv"
@@ -186,7 +182,7 @@ HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH)
         (MATRICES + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n", "line 2: r11 to r33.*right-handed"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):
     file = tmp_path / "readings.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=said):

@@ -1,8 +1,6 @@
 """Cells for tests: short strokes in free space or on parts with a formula, a sensor without errors unless
 asked for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cache

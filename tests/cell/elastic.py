@@ -1,7 +1,5 @@
 """The arm alone, elastic joints and no control loop: stepped, pulled at, and as a linear model."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

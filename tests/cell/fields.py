@@ -1,8 +1,6 @@
 """Signed distance fields of parts with a formula, sampled from it: what the contact touches in these
 tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A pad pressed on a part by hand, and the elastic foundation's wrench by quadrature: the known truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The pad's contact with the part against closed forms, friction and energy included."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -23,7 +21,7 @@ STILL = replace(PAD, damping_s_m=0.0)
 
 
 @pytest.mark.parametrize("points", [8, 100, 1000])
-def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: int) -> None:
+def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points):
     pad = build_pad(replace(PAD, points=points))
     assert len(pad.x) == points
     assert np.hypot(pad.x, pad.y).max() < PAD.radius_m
@@ -33,7 +31,7 @@ def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: 
     assert pad.material.stiffness * points == pytest.approx(PAD.stiffness_n_m)
 
 
-def test_on_a_plane_the_force_is_k_d_and_above_the_part_nothing_is_felt() -> None:
+def test_on_a_plane_the_force_is_k_d_and_above_the_part_nothing_is_felt():
     for depth in (0.0, 1e-5, 0.001, 0.006):
         found = press(FLAT, np.array([0.003, -0.002, -depth]))
         np.testing.assert_allclose(found.force, [0.0, 0.0, 20000.0 * depth], rtol=1e-5, atol=1e-4)
@@ -44,7 +42,7 @@ def test_on_a_plane_the_force_is_k_d_and_above_the_part_nothing_is_felt() -> Non
 
 
 @pytest.mark.parametrize(("tilt_deg", "about"), [(1.0, 0), (3.0, 1), (10.0, 1)])
-def test_on_a_tilted_plane_force_and_moment_are_the_integral(tilt_deg: float, about: int) -> None:
+def test_on_a_tilted_plane_force_and_moment_are_the_integral(tilt_deg, about):
     center = np.array([0.0, 0.0, -0.002])
     R = Rotation.from_rotvec(math.radians(tilt_deg) * np.eye(3)[about]).as_matrix() @ DOWN
     truth = foundation(lambda p: (-p[:, 2], np.tile([0.0, 0.0, 1.0], (len(p), 1))), center, R)
@@ -54,7 +52,7 @@ def test_on_a_tilted_plane_force_and_moment_are_the_integral(tilt_deg: float, ab
 
 
 @pytest.mark.parametrize(("radius", "offset"), [(0.3, 0.004), (0.1, 0.0), (0.05, 0.008)])
-def test_on_spheres_force_and_moment_are_the_integral(radius: float, offset: float) -> None:
+def test_on_spheres_force_and_moment_are_the_integral(radius, offset):
     center = np.array([offset, 0.0, -working_depth(radius)])
     truth = foundation(below_sphere(radius), center, DOWN)
     found = press(part_at(sphere(radius)), center)
@@ -64,14 +62,14 @@ def test_on_spheres_force_and_moment_are_the_integral(radius: float, offset: flo
     np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=0.02 * moment + 1e-4)
 
 
-def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls() -> None:
+def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls():
     for speed in (-1.0, -0.2, 0.0, 0.2):
         found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), velocity=(0, 0, -speed))
         expected = FORCE * max(1.0 + 3.0 * speed, 0.0)
         assert found.force[2] == pytest.approx(expected, rel=1e-5, abs=1e-12)
 
 
-def test_a_pad_that_rolls_in_feels_the_side_that_goes_down() -> None:
+def test_a_pad_that_rolls_in_feels_the_side_that_goes_down():
     """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2
     / 4."""
     rate = 2.0
@@ -81,7 +79,7 @@ def test_a_pad_that_rolls_in_feels_the_side_that_goes_down() -> None:
     np.testing.assert_allclose(found.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
 
 
-def test_the_force_turns_with_the_world() -> None:
+def test_the_force_turns_with_the_world():
     center, R = np.array([0.004, -0.003, -0.002]), Rotation.from_rotvec([0.05, -0.03, 0.4]).as_matrix() @ DOWN
     velocity, turning = np.array([0.03, -0.01, -0.02]), np.array([0.2, 0.1, -0.3])
     here = press(part_at(sphere(0.1)), center, R, PAD, tuple(velocity), tuple(turning), 628.0)
@@ -94,7 +92,7 @@ def test_the_force_turns_with_the_world() -> None:
         np.testing.assert_allclose(there.torque, world @ here.torque, atol=1e-9)
 
 
-def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin() -> None:
+def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin():
     for sense in (1.0, -1.0):
         found = press(FLAT, CENTER, config=STILL, spin=sense * SPIN)
         expected = -sense * 2.0 / 3.0 * STILL.friction * FORCE * STILL.radius_m
@@ -103,7 +101,7 @@ def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin() -
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-4, 0.005, 0.02, 1.0])
-def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed(speed: float) -> None:
+def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed(speed):
     direction = np.array([math.cos(3.5), math.sin(3.5), 0.0])
     found = press(FLAT, CENTER, config=STILL, velocity=tuple(speed * direction))
     developed = speed / math.hypot(speed, STILL.friction_smoothing_m_s)
@@ -112,20 +110,20 @@ def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed
     np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
 
 
-def test_spinning_fast_leaves_little_friction_against_the_feed() -> None:
+def test_spinning_fast_leaves_little_friction_against_the_feed():
     """Points slide round faster than along: the drag against a feed v is mu F v / (w R)."""
     feed = 0.2
     found = press(FLAT, CENTER, config=replace(STILL, points=2000), velocity=(feed, 0.0, 0.0), spin=SPIN)
     assert found.force[0] == pytest.approx(-STILL.friction * FORCE * feed / (SPIN * STILL.radius_m), rel=0.02)
 
 
-def test_spinning_does_not_press_even_on_a_tilted_part() -> None:
+def test_spinning_does_not_press_even_on_a_tilted_part():
     R = Rotation.from_rotvec([0.05, 0.02, 0.0]).as_matrix() @ DOWN
     still, spun = (press(FLAT, CENTER, R, replace(PAD, friction=0.0), spin=spin) for spin in (0.0, SPIN))
     np.testing.assert_array_equal(np.concatenate(spun), np.concatenate(still))
 
 
-def test_a_heads_own_turning_about_its_axis_rubs_like_the_spindle() -> None:
+def test_a_heads_own_turning_about_its_axis_rubs_like_the_spindle():
     turned = press(FLAT, CENTER, config=STILL, turning=tuple(50.0 * DOWN[:, 2]))
     spun = press(FLAT, CENTER, config=STILL, spin=50.0)
     np.testing.assert_allclose(turned.torque, spun.torque, rtol=1e-12, atol=1e-12)
@@ -146,7 +144,7 @@ WEIGHT = """
 
 
 @pytest.mark.parametrize(("mass", "height"), [(0.3, 0.002), (0.3, 0.02), (2.0, 0.01)])
-def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass: float, height: float) -> None:
+def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass, height):
     model = mujoco.MjModel.from_xml_string(WEIGHT.format(mass=mass, height=height))
     data, pad = mujoco.MjData(model), build_pad(PAD)
     force, torque, rows = np.zeros(3), np.zeros(3), []

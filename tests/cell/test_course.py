@@ -1,7 +1,5 @@
 """The course: statics of springs and pad along a path, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -40,7 +38,7 @@ def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01)
     )
 
 
-def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path() -> None:
+def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path():
     course = course_on(plane(), pressing_stroke(slide=0.02))
     assert len(course.depth) * course.spacing == pytest.approx(0.02, abs=0.0015)
     np.testing.assert_allclose(course.depth, PRESSED, atol=1e-7)
@@ -51,7 +49,7 @@ def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.05])
-def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> None:
+def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
     course = course_on(sphere(radius), pressing_stroke())
 
     def pad_force(depth: float) -> float:
@@ -64,7 +62,7 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> N
     assert course.stiffness[0] == pytest.approx(1.0 / (1.0 / pad_slope + 1.0 / HEAD_STIFFNESS), rel=0.03)
 
 
-def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment() -> None:
+def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment():
     """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R /
     3 pi."""
     edge = sampled(
@@ -77,7 +75,7 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
     np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
-def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes() -> None:
+def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes():
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
     first = pressed_with(20.0, slide=0.02)
     second = pressed_with(10.0, along_tool(TOUCH, y=0.01), slide=0.02)._replace(start_s=0.04)
@@ -88,14 +86,14 @@ def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes() -> None:
     assert course.neighbour[round(0.05 / course.spacing)] == pytest.approx(0.01 / course.spacing, abs=1)
 
 
-def test_the_turning_of_the_tool_is_that_of_the_path() -> None:
+def test_the_turning_of_the_tool_is_that_of_the_path():
     turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
     stroke = pressing_stroke()._replace(process=path_through(TOUCH, turned))
     course = course_on(plane(), stroke)
     np.testing.assert_allclose(course.turning[10], [0.1 / stroke.process.length, 0.0, 0.0], atol=1e-3)
 
 
-def test_a_raster_line_neighbours_the_line_before_run_the_other_way() -> None:
+def test_a_raster_line_neighbours_the_line_before_run_the_other_way():
     x = np.arange(0.0, 0.1, 0.0005)
     there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
     back = np.stack([x[::-1], 0.0 * x + 0.008, 0.0 * x], axis=1)
@@ -104,7 +102,7 @@ def test_a_raster_line_neighbours_the_line_before_run_the_other_way() -> None:
     np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
 
 
-def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
+def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning():
     """Part and path turned together: the same statics."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix()
@@ -114,7 +112,7 @@ def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
 
 
-def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to() -> None:
+def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
     scenario = default_scenario("surface")
     about = joints_about(scenario, joints_at(TOUCH)[None])[0]

@@ -1,7 +1,5 @@
 """What a pad takes off in a second at a place, against closed forms and against the removal of a run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

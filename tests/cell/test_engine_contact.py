@@ -1,7 +1,5 @@
 """The engine's own contact in place of ours: does the chain of arm, head spring and sensor press with k D?"""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco
@@ -52,7 +50,7 @@ def contact_on_part(model: Any, data: Any) -> Array:
 
 
 @pytest.mark.parametrize(("T_base_touch", "shape"), [(TOUCH, "plane"), (LEANING, "sphere")])
-def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch: Array, shape: str) -> None:
+def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, shape):
     model, depth = scene(T_base_touch, shape), 0.004
     stroke = free_stroke(
         along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5

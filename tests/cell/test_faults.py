@@ -1,8 +1,6 @@
 """Injected faults: each at its step, with the reason it should give, the force bounded, the tool off the
 part."""
 
-from __future__ import annotations
-
 import math
 import re
 
@@ -82,9 +80,7 @@ def assert_it_ends_well(run: CellRun) -> None:
         ("sensor-drift@contact+1", FALLEN, 0.0, 12.0),
     ],
 )
-def test_what_can_be_noticed_stops_the_robot_in_time(
-    event: str, code: int, least: float, most: float
-) -> None:
+def test_what_can_be_noticed_stops_the_robot_in_time(event, code, least, most):
     run = faulty(event, "spindle.speed_rpm=6000", hold=12.0).run()
     assert run.stop_reason == REASONS[code]
     assert least <= run.safety.fault_to_stop_s <= most
@@ -92,7 +88,7 @@ def test_what_can_be_noticed_stops_the_robot_in_time(
 
 
 @pytest.mark.parametrize(("when", "way"), [(1.0, 0.005), (0.05, 0.009)])
-def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when: float, way: float) -> None:
+def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when, way):
     """While it touches down it is pressed in by 4 mm more: what it has risen counts from where contact
     was."""
     run = faulty(f"part-high@contact+{when}").run()
@@ -106,7 +102,7 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when:
 @pytest.mark.parametrize(
     ("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)]
 )
-def test_a_part_that_is_not_where_it_was_planned_is_noticed(name: str, code: float) -> None:
+def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
     stroke = pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
     run = cell_for(faulty(f"{name}@0").scenario, stroke, part=part_under(plane())).run()
     assert run.stop_reason == REASONS[code]
@@ -117,11 +113,11 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed(name: str, code: flo
 @pytest.mark.parametrize(
     "name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"]
 )
-def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name: str) -> None:
+def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name):
     assert_it_ends_well(faulty(f"{name}@contact+0.5", slide=0.01).run())
 
 
-def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
+def test_a_fault_happens_at_its_step_whoever_looks_on():
     class Onlooker(Silent):
         frame_every_s = 0.007
 
@@ -135,7 +131,7 @@ def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
     assert alone.safety.protective_stop_time_s == pytest.approx(contact + 0.124, abs=1e-6)
 
 
-def test_events_are_read_as_they_are_written_and_what_is_none_is_refused() -> None:
+def test_events_are_read_as_they_are_written_and_what_is_none_is_refused():
     events = parse_events("sensor-dropout@3.2, part-high @ contact + 0.5 ,")
     assert events == (FaultEvent("sensor-dropout", 3.2), FaultEvent("part-high", 0.5, after_contact=True))
     assert ", ".join(map(str, events)) == "sensor-dropout@3.2, part-high@contact+0.5"
@@ -146,7 +142,7 @@ def test_events_are_read_as_they_are_written_and_what_is_none_is_refused() -> No
         parse_events("gremlins@3")
 
 
-def test_noise_five_times_stronger_raises_the_threshold_of_contact() -> None:
+def test_noise_five_times_stronger_raises_the_threshold_of_contact():
     """2.5 N a sample, 1.24 N after the 80 Hz low-pass: five of that are 6.2 N, three times the threshold."""
     cell = faulty("", "sensor.force_noise_n=2.5", hold=1.0)
     run = cell.run()
@@ -166,7 +162,7 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact() -> None:
         ("process.changes='force_n=10@1'", "no part to press on"),
     ],
 )
-def test_what_would_change_nothing_is_refused(change: str, lacking: str) -> None:
+def test_what_would_change_nothing_is_refused(change, lacking):
     with pytest.raises(ConfigError, match=lacking):
         cell_for(override(default_scenario("arc"), [change]), free_stroke(tool_pose(0.0, -0.5, 0.2)))
 
@@ -174,7 +170,7 @@ def test_what_would_change_nothing_is_refused(change: str, lacking: str) -> None
 # Set points that change while the run goes.
 
 
-def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_surface() -> None:
+def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_surface():
     run = faulty(
         "", "process.changes='force_n=45@contact+1, force_n=5@contact+2'", hold=3.0, slide=0.005
     ).run()
@@ -185,7 +181,7 @@ def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_sur
         assert np.abs(held - wanted).max() < 1.0
 
 
-def test_a_feed_set_anew_is_that_of_the_tool_from_then_on() -> None:
+def test_a_feed_set_anew_is_that_of_the_tool_from_then_on():
     run = faulty("", "process.changes='feed_m_s=0.004@contact+1.5'", hold=0.0, slide=0.02).run()
     start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
     for wanted, since in ((0.01, 1.2), (0.004, 2.5)):
@@ -208,7 +204,7 @@ class ByHand(Silent):
                 self.cell.let_happen(what)
 
 
-def test_what_happens_by_hand_happens_again_when_it_is_planned() -> None:
+def test_what_happens_by_hand_happens_again_when_it_is_planned():
     cell, hand = faulty("", hold=2.0, slide=0.02), ByHand()
     first = cell.run(hand)
     planned = as_planned(cell.scenario, cell.asked)
@@ -228,6 +224,6 @@ def test_what_happens_by_hand_happens_again_when_it_is_planned() -> None:
         ("force_n=-3@3", "out of range"),
     ],
 )
-def test_changes_that_cannot_be_made_are_refused(changes: str, said: str) -> None:
+def test_changes_that_cannot_be_made_are_refused(changes, said):
     with pytest.raises((ConfigError, InputError), match=said):
         faulty("", f"process.changes='{changes}'")

@@ -1,7 +1,5 @@
 """The active flange: the force it holds at any stroke, its weight, its ramp, and the end of its stroke."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -42,7 +40,7 @@ def at_rest(run) -> float:
 
 
 @pytest.mark.parametrize("share", [0.15, 0.85])
-def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share: float) -> None:
+def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share):
     run = held(share * STROKE_M + 0.001)
     assert run.stop_reason is None
     assert run.trace.pad_travel_m[-1] == pytest.approx(share * STROKE_M, abs=2e-4)
@@ -50,18 +48,18 @@ def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share: float) -> Non
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.8])
-def test_a_wrong_weight_is_missing_by_its_share_along_the_tool(angle: float) -> None:
+def test_a_wrong_weight_is_missing_by_its_share_along_the_tool(angle):
     """The tool points down, tilted by the angle: error x m g cos(angle) too much is lifted."""
     run = held(0.018, "head.flange.weight_error=0.2", tilt=angle)
     assert at_rest(run) - 20.0 == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
 
 
-def test_at_rest_the_force_is_off_by_the_friction_of_the_slide() -> None:
+def test_at_rest_the_force_is_off_by_the_friction_of_the_slide():
     missing = at_rest(held(0.018, "head.flange.friction_n=3")) - 20.0
     assert abs(missing) == pytest.approx(3.0, abs=0.01)
 
 
-def test_the_force_rises_over_the_ramp_and_the_loop_behind_it() -> None:
+def test_the_force_rises_over_the_ramp_and_the_loop_behind_it():
     """F = 2 + 18 t / T behind a first-order lag; the arm's own motion adds k v / (2 pi f), 0.7 N."""
     soft = ["head.stiffness_n_m=2000", "head.damping_n_s_m=0"]
     run = held(0.018, "head.flange.ramp_s=0.4", "head.flange.start_force_n=2", *soft)
@@ -72,7 +70,7 @@ def test_the_force_rises_over_the_ramp_and_the_loop_behind_it() -> None:
         assert t[np.argmax(force > reached)] - off_stop == pytest.approx(expected, abs=0.03)
 
 
-def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses() -> None:
+def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses():
     """Pressed in at v: k v dt / (e^(2 pi f dt) - 1), in short steps k v / (2 pi f)."""
     gentle = held(0.018, "head.damping_n_s_m=0").trace
     sinking = (gentle.phase == TOUCH_PHASE) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
@@ -82,13 +80,13 @@ def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses() -> None:
 
 
 @pytest.mark.parametrize(("depth", "share"), [(0.0015, 0.02), (0.034, 0.97)])
-def test_the_robot_stops_near_either_end_of_the_stroke(depth: float, share: float) -> None:
+def test_the_robot_stops_near_either_end_of_the_stroke(depth, share):
     run = held(depth)
     assert str(run.stop_reason).startswith(REASONS[STROKE][:30])
     assert float(run.safety.protective_stop_measured.split("%")[0]) == pytest.approx(100 * share, abs=2.5)
 
 
-def test_a_part_that_lies_deeper_costs_stroke_and_no_force() -> None:
+def test_a_part_that_lies_deeper_costs_stroke_and_no_force():
     flange = [*FLANGE, "seed=720", "part.form_error_m=0", "part.rotation_rad=0", "process.hold_s=1"]
     found = []
     for aside in (0.0, 0.003):
@@ -104,7 +102,7 @@ def test_a_part_that_lies_deeper_costs_stroke_and_no_force() -> None:
     ("experiment", "controller", "named"),
     [("surface", "hybrid-pi", "hybrid-pi"), ("dual", "position", "dual"), ("arc", "position", "arc")],
 )
-def test_where_it_cannot_hold_the_force_it_is_refused(experiment: str, controller: str, named: str) -> None:
+def test_where_it_cannot_hold_the_force_it_is_refused(experiment, controller, named):
     changes = ["head.flange.bandwidth_hz=20", f"controller.name={controller}"]
     with pytest.raises(PolishSimError, match=named):
         check_flange(override(default_scenario(experiment), changes))

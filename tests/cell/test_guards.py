@@ -1,7 +1,5 @@
 """Protective stops: each with its reason, at its moment, the log whole; then brakes, retract, standstill."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any
@@ -59,7 +57,7 @@ def keeps_its_log(run: CellRun) -> None:
         assert run.trace.phase[stopped_at(run) - 1] != 3
 
 
-def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
+def test_a_missing_part_is_sought_to_the_search_depth_and_no_further():
     flat = part_under(plane())
     run = on_plane(part=flat._replace(position=flat.position - [0.0, 0.0, 0.03])).run()
     assert "process.search_depth_m" in str(run.stop_reason)
@@ -73,7 +71,7 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
     ("limit", "lean", "unit", "axes"),
     [("force_limit_n=12", 0.0, " N", slice(3)), ("torque_limit_nm=0.1", 0.03, " N m", slice(3, 6))],
 )
-def test_too_much_force_or_torque_stops_the_robot(limit: str, lean: float, unit: str, axes: slice) -> None:
+def test_too_much_force_or_torque_stops_the_robot(limit, lean, unit, axes):
     """Position control goes down to where the springs carry 20 N, whatever force is wanted; a tool that leans
     by 2 deg feels k a^2 / 4 times the angle about its point."""
     part = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
@@ -87,7 +85,7 @@ def test_too_much_force_or_torque_stops_the_robot(limit: str, lean: float, unit:
     keeps_its_log(run)
 
 
-def test_contact_lost_over_an_edge_stops_after_its_time() -> None:
+def test_contact_lost_over_an_edge_stops_after_its_time():
     run = on_plane("safety.contact_lost_s=0.3", "controller.name=position", slide=0.12).run()
     assert "safety.contact_lost_s" in str(run.stop_reason)
     assert run.safety.protective_stop_measured == "0.30 s"
@@ -98,7 +96,7 @@ def test_contact_lost_over_an_edge_stops_after_its_time() -> None:
 
 
 @pytest.mark.parametrize("grown_s", [1.0, 0.0])
-def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s: float) -> None:
+def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
     """Gears shake the arm at 24 Hz, up to what counts as a jump beyond the 15 N that are allowed."""
     state, codes, largest = on_plane().state, set(), 0.0
     state.sequence.stage = FEEDING
@@ -120,14 +118,14 @@ def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
     return cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.02), part=part)
 
 
-def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it() -> None:
+def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it():
     """Between pad and housing there is only the shaft of 9 mm radius."""
     run = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
     assert run.stop_reason == REASONS[CRASH]
     assert run.log["tcp_position_m"][stopped_at(run), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
 
 
-def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it() -> None:
+def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it():
     assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
     cell = past_a_wall(wall(0.08), -0.5, 0.0)
     run = cell.run()
@@ -138,7 +136,7 @@ def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_
     keeps_its_log(run)
 
 
-def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot() -> None:
+def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot():
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
     left; or the arm is stretched."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
@@ -166,7 +164,7 @@ def onto_the_table(look_every_s: float) -> CellRun:
     return cell_for(scenario, free_stroke(*poses, feed=0.05), model=model).run(Onlooker())
 
 
-def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
+def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named():
     run = onto_the_table(5.0)
     assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(run.stop_reason)))
     housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
@@ -175,7 +173,7 @@ def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> Non
     assert onto_the_table(0.003).steps == run.steps  # whoever looks on
 
 
-def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
+def test_a_simulation_that_blows_up_is_stopped_as_unstable():
     def poison(_model: object, data: mujoco.MjData) -> None:
         if data.time > 0.3:
             data.qvel[0] = math.inf
@@ -185,7 +183,7 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
     assert run.steps < 310
 
 
-def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place() -> None:
+def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place():
     cell = on_plane("process.hold_s=1")
     run = cell.run()
     assert run.stop_reason is None
@@ -210,7 +208,7 @@ def after(run: CellRun) -> slice:
 @pytest.mark.parametrize(
     ("latency", "speed", "off", "rest"), [(0.004, 0.05, 0.05, 5e-3), (0.011, 0.02, 0.15, 1e-2)]
 )
-def test_after_a_stop_the_tool_goes_back(latency: float, speed: float, off: float, rest: float) -> None:
+def test_after_a_stop_the_tool_goes_back(latency, speed, off, rest):
     """Pressed with 20 N on a plane when the sensor's reading is lost, half a second after contact."""
     settings = f"safety.stop_latency_s={latency}", f"safety.retract_speed_m_s={speed}"
     stopped = on_plane(LOST, *settings, hold=2.0).run()
@@ -228,7 +226,7 @@ def test_after_a_stop_the_tool_goes_back(latency: float, speed: float, off: floa
 
 
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 1.0), (0.05, 4.0)])
-def test_the_braking_distance_is_v_squared_over_2a(speed: float, deceleration: float) -> None:
+def test_the_braking_distance_is_v_squared_over_2a(speed, deceleration):
     """In free space, braked on the way; before the brakes the robot continues for the stop's latency."""
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
     settings = EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
@@ -239,7 +237,7 @@ def test_the_braking_distance_is_v_squared_over_2a(speed: float, deceleration: f
     assert run.safety.retracted is None  # nothing to retract from
 
 
-def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
+def test_a_stopped_robot_does_not_ask_the_controller_any_more():
     asked: list[float] = []
 
     def insane(measurement: Any, target: Any) -> Array:
@@ -255,7 +253,7 @@ def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
     assert run.safety.retracted is True
 
 
-def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
+def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can():
     """The shoulder or elbow range is cut to what the retract of 30 mm would need half of."""
     cell = on_plane(LOST, hold=2.0)
     pressed, lifted = joints_at(tool_pose(0.0, -0.5, 0.096)), joints_at(tool_pose(0.0, -0.5, 0.112))
@@ -270,7 +268,7 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can() -> None:
     assert np.all((run.log["q_rad"] > JOINT_LIMITS[:, 0]) & (run.log["q_rad"] < JOINT_LIMITS[:, 1]))
 
 
-def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
+def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be():
     above, way_down = along_tool(TOUCH, z=-0.01), along_tool(TOUCH, z=-0.005)
     first = pressing_stroke(hold=0.5, lift=0.01)
     second = first._replace(travel=way_through(above, way_down))

@@ -1,8 +1,6 @@
 """Scenarios whose explicit contact, sensor or robot cannot work at this step are refused by the name of the
 limit."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -53,19 +51,19 @@ FAST = "spindle.speed_rpm=15000"
         (FAST, "spindle.speed_rpm", f"{FAST} simulation.timestep_s=0.0005"),
     ],
 )
-def test_beyond_a_limit_it_is_refused_and_within_accepted(refused: str, named: str, within: str) -> None:
+def test_beyond_a_limit_it_is_refused_and_within_accepted(refused, named, within):
     with pytest.raises(ConfigError, match=re.escape(named)):
         accepted(*refused.split())
     accepted(*within.split())
 
 
-def test_an_experiment_refuses_them_before_it_moves() -> None:
+def test_an_experiment_refuses_them_before_it_moves():
     for key, value in (("pad.damping_s_m", 20), (SMOOTH, 1e-5), ("sensor.rate_hz", 40)):
         with pytest.raises(ConfigError, match=key):
             run_experiment(ideal("force", f"{key}={value}"))
 
 
-def test_a_controller_that_cannot_be_reset_is_named() -> None:
+def test_a_controller_that_cannot_be_reset_is_named():
     class Stubborn:
         def reset(self, cycle_s: float) -> None:
             raise RuntimeError(f"no gains for {cycle_s} s")
@@ -77,7 +75,7 @@ def test_a_controller_that_cannot_be_reset_is_named() -> None:
         cell_for(ideal("arc"), free_stroke(tool_pose(0, -0.5, 0.2)), controller=Stubborn())  # type: ignore[arg-type]
 
 
-def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes() -> None:
+def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes():
     usual = ideal("force")
     assert modelled_depth(usual.head, usual.pad, 20.0) == 0.008
     # 2 x 20 N / 4000 N/m

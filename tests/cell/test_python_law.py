@@ -1,7 +1,5 @@
 """A user's Python controller in the compiled loop: the same as the shipped law, and stopped when it fails."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path
@@ -55,7 +53,7 @@ def run_with(folder: Path, source: str, *changes: str) -> CellRun:
 
 
 @pytest.mark.parametrize(("name", "every"), [("hybrid-pi", 2), ("position", 1), ("force-mode", 1)])
-def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path: Path, name: str, every: int) -> None:
+def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path, name, every):
     cycle = f"simulation.control_every={every}"
     mine, shipped = run_with(tmp_path, WRAPS.format(name=name), cycle), run_of(name, cycle)
     assert mine.stop_reason is None
@@ -72,7 +70,7 @@ def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path: Path, name: st
         ("{}['gain']", "KeyError: 'gain' (mine.py, line "),
     ],
 )
-def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path: Path, answer: str, told: str) -> None:
+def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path, answer, told):
     run = run_with(tmp_path, FAILS.format(answer=answer))
     assert told in str(run.stop_reason)
     assert run.safety.protective_stop_time_s == pytest.approx(0.9)
@@ -81,7 +79,7 @@ def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path: Path, ans
     assert len(run.log) == run.steps
 
 
-def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told() -> None:
+def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told():
     calls: list[tuple[float, float]] = []
 
     def step(measurement: Any, _target: Any) -> list[float]:
@@ -99,7 +97,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     assert run.log["command_twist"][100, 2] == pytest.approx(-0.005)
 
 
-def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
+def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error():
     def step(measurement, target):  # type: ignore[no-untyped-def]
         if measurement.time > 0.5:
             raise KeyboardInterrupt
@@ -110,7 +108,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
-def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch: pytest.MonkeyPatch, again: bool) -> None:
+def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch, again):
     monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
     said: list[str] = []
 
@@ -135,7 +133,7 @@ def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch: pytest.MonkeyPa
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
 
 
-def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written() -> None:
+def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written():
     class Impatient(Silent):
         def progress(self, done: float, total: float) -> None:
             for _ in range(2):
@@ -158,7 +156,7 @@ def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written() -> 
     assert not again.seen
 
 
-def test_once_results_are_kept_one_ctrl_c_ends_the_drawing_and_no_other_is_raised() -> None:
+def test_once_results_are_kept_one_ctrl_c_ends_the_drawing_and_no_other_is_raised():
     with results_kept(waits=False) as again:
         again.waits = True
         on_plane().run()

@@ -1,7 +1,5 @@
 """The part as it really lies: displaced, turned and bent from the seed alone; where it carries the pad."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -42,7 +40,7 @@ def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
     return build_real_part(fields, config, T_BASE_WORK, top_of(sheet), UP, np.random.default_rng(seed))
 
 
-def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the_normal() -> None:
+def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the_normal():
     normal, center, along = np.array([0.6, 0.0, 0.8]), np.array([0.05, -0.02, 0.1]), []
     for seed in range(200):
         T = displacement_of(PartConfig(), normal, center, np.random.default_rng(seed))
@@ -55,7 +53,7 @@ def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the
     assert 60 < np.sum(np.array(along) > 0.0) < 140
 
 
-def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_shortest_wave() -> None:
+def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_shortest_wave():
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform(-0.1, 0.1, (3000, 2)), np.zeros(3000)])
     for seed in range(10):
@@ -73,7 +71,7 @@ def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_
         assert np.abs(curvature).max() < 0.00015 * 8 * (2.0 * np.pi / 0.04) ** 2
 
 
-def test_a_part_as_drawn_lies_where_it_is_placed(sheet: Surface) -> None:
+def test_a_part_as_drawn_lies_where_it_is_placed(sheet):
     part = real(sheet, TRUE)
     np.testing.assert_allclose(part.rotation, T_BASE_WORK[:3, :3], atol=1e-15)
     np.testing.assert_allclose(part.position, T_BASE_WORK[:3, 3], atol=1e-15)
@@ -90,7 +88,7 @@ def test_a_part_as_drawn_lies_where_it_is_placed(sheet: Surface) -> None:
         np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)
 
 
-def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None:
+def test_the_bent_surface_lies_where_the_form_error_says(sheet):
     config = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0003)
     part, top = real(sheet, config, seed=3), top_of(sheet)
     bend = bend_of(config, spread_over(top), np.random.default_rng(3))
@@ -100,7 +98,7 @@ def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None
     assert np.ptp(found) > 0.0001
 
 
-def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surface) -> None:
+def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet):
     one, again, other = (real(sheet, PartConfig(), seed) for seed in (5, 5, 6))
     np.testing.assert_array_equal(one.field.bricks, again.field.bricks)
     np.testing.assert_array_equal(one.position, again.position)
@@ -108,7 +106,7 @@ def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surfa
     assert not np.array_equal(one.position, other.position)
 
 
-def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes(sheet: Surface) -> None:
+def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes(sheet):
     """To half a cell of its grid: inside a sheet thinner than a cell no node is negative."""
     coarse = real(sheet, TRUE).coarse
     rng = np.random.default_rng(0)
@@ -138,7 +136,7 @@ def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
     return would_sink(block, SMALL_PAD, places, ups, forces, aside, DEEPEST)
 
 
-def test_near_an_edge_the_hold_is_lost_earlier_on_a_part_that_lies_aside(block: PartFields) -> None:
+def test_near_an_edge_the_hold_is_lost_earlier_on_a_part_that_lies_aside(block):
     """Inside it lasts up to the force of the pad's springs at the depth there is."""
     most, inside = SMALL_PAD.stiffness_n_m * DEEPEST, np.array([0.03])
     assert not sinks(block, inside, 0.99 * most, 0.001).any()

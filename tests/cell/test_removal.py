@@ -1,7 +1,5 @@
 """Material removal against closed forms, and the nodes it is mapped on."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -58,7 +56,7 @@ def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin:
 
 
 @pytest.mark.parametrize(("spacing", "bound"), [(5e-3, 0.05), (2.5e-3, 0.01), (1.25e-3, 0.002)])
-def test_a_turning_disc_removes_two_thirds_of_force_times_rim_speed(spacing: float, bound: float) -> None:
+def test_a_turning_disc_removes_two_thirds_of_force_times_rim_speed(spacing, bound):
     for force in (1.0, 20.0):
         motion = steps(np.array([[0.0, 0.0, -force / STIFFNESS]]), np.zeros(3), 1.0, force)
         removed = expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)
@@ -76,7 +74,7 @@ def straight_pass(feed: float, spin: float = SPIN, step: float = 0.0005) -> Remo
 
 
 @pytest.mark.parametrize("spin", [SPIN, 1.5])
-def test_a_straight_pass_leaves_the_profile_of_the_chords(spin: float) -> None:
+def test_a_straight_pass_leaves_the_profile_of_the_chords(spin):
     feed = 0.02
     nodes = level_nodes(FINE)
     passed = np.abs(nodes.positions[:, 0]) < 0.0009
@@ -93,7 +91,7 @@ def test_a_straight_pass_leaves_the_profile_of_the_chords(spin: float) -> None:
     assert found[np.abs(y) > R].max(initial=0.0) == 0.0
 
 
-def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face() -> None:
+def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     radius, depth = 0.1, 0.0015
     grid = level_nodes(FINE, 0.03).positions[:, :2]
     height = np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius
@@ -160,7 +158,7 @@ def exposed(every: int, turn: Rotation = STRAIGHT) -> Removed:
     return expose_nodes(level_nodes(FINE), motion_of(every, turn), R, STIFFNESS)
 
 
-def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_seldom_it_is_logged() -> None:
+def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_seldom_it_is_logged():
     removed = exposed(every=1)
     assert removed.carried == pytest.approx(20.0, rel=0.01)
     assert removed.gained.sum() == pytest.approx(2.0 / 3.0 * 20.0 * SPIN * R * 1.5, rel=0.01)
@@ -170,19 +168,19 @@ def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_se
     assert motion.times.sum() == pytest.approx(1.5)
 
 
-def test_a_pad_in_the_air_removes_nothing() -> None:
+def test_a_pad_in_the_air_removes_nothing():
     trace, _ = run_of()
     lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
     motion = pad_motion(log_of(trace), lifted, part_at(plane()), R)
     assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
 
 
-def test_a_world_turned_removes_the_same() -> None:
+def test_a_world_turned_removes_the_same():
     here, there = exposed(4).exposure, exposed(4, Rotation.from_euler("xyz", [0.4, -1.1, 2.0])).exposure
     np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9 * here.max())
 
 
-def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_rest() -> None:
+def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_rest():
     trace, quaternion = run_of()
     log, tool = log_of(trace, every=4), Rotation.from_quat(quaternion, scalar_first=True)
     still = exposed(every=4)
@@ -225,7 +223,7 @@ def real(surface: Surface, region: Region, config: PartConfig) -> tuple[RealPart
     return part, touch
 
 
-def test_the_regions_areas_sum_to_the_region_however_fine_the_nodes(block: tuple[Surface, Region]) -> None:
+def test_the_regions_areas_sum_to_the_region_however_fine_the_nodes(block):
     part, touch = real(*block, PartConfig())
     coarse, fine = (place_nodes(*block, part, touch, edge) for edge in (2.0 * EDGE, EDGE))
     assert len(fine.mesh.vertices) > 2 * len(coarse.mesh.vertices)
@@ -233,7 +231,7 @@ def test_the_regions_areas_sum_to_the_region_however_fine_the_nodes(block: tuple
         assert nodes.pressed.areas[: len(nodes.mesh.vertices)].sum() == pytest.approx(0.08 * 0.03, rel=1e-6)
 
 
-def test_beside_the_region_lies_all_that_the_pad_comes_to(block: tuple[Surface, Region]) -> None:
+def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
     surface, region = block
     touch = Touch(TRACK, np.tile(UP, (len(TRACK), 1)), R_NODES)
     beside = surroundings(surface, region, touch, EDGE * R_NODES)
@@ -248,7 +246,7 @@ def test_beside_the_region_lies_all_that_the_pad_comes_to(block: tuple[Surface, 
     assert beside.areas[under].sum() == pytest.approx((way & outside).sum() * 1e-8, rel=0.03)
 
 
-def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block: tuple[Surface, Region]) -> None:
+def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block):
     part, touch = real(*block, PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.002))
     nodes = place_nodes(*block, part, touch)
     places, normals = nodes.pressed.positions, nodes.pressed.normals
@@ -260,7 +258,7 @@ def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block: tuple[Surfa
     assert (normals[:, 2] > 0.9).all()
 
 
-def test_nodes_on_a_rings_sharp_edges_can_be_met_by_the_pad() -> None:
+def test_nodes_on_a_rings_sharp_edges_can_be_met_by_the_pad():
     """There the field's slope is the wall's at some nodes; they lay 0.2% of the region's area off the map."""
     ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
     vertices, faces = np.array(ring.vertices) - [0.0, 0.0, 0.01], np.array(ring.faces, dtype=np.int32)

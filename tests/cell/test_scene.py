@@ -1,9 +1,6 @@
 """The compiled scene: what stands where, its file, the world turned."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -41,7 +38,7 @@ def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
     return build_scene(Scenario(), Drawn(load_part(workpiece_path(name)), part))
 
 
-def test_head_pad_and_step_are_the_scenarios() -> None:
+def test_head_pad_and_step_are_the_scenarios():
     scenario = override(Scenario(), [*HEAD, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"])
     model = build_scene(scenario)
     slide = model.joint("head_slide")
@@ -56,7 +53,7 @@ def test_head_pad_and_step_are_the_scenarios() -> None:
 
 
 @pytest.mark.parametrize("name", ["plate_two_holes", "freeform", "wheel_hub_rim"])
-def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name: str) -> None:
+def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
     model = standing(name)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
@@ -72,7 +69,7 @@ def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name: str)
     np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)
 
 
-def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_room_between_them() -> None:
+def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_room_between_them():
     model, lowest = standing("plate"), load_part(workpiece_path("plate")).vertices[:, 2].min()
     assert model.geom("part").contype == model.geom("part").conaffinity == 0
     assert model.geom("table").contype == 1
@@ -84,7 +81,7 @@ def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_ro
     assert not any(on_table.geom(i).name == "stand" for i in range(on_table.ngeom))
 
 
-def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path: Path) -> None:
+def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     for folder, name in ((one, "plate"), (two, "saddle")):
         folder.mkdir()
@@ -123,7 +120,7 @@ def run_turned(angle: float, controller: str) -> CellRun:
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_a_world_turned_about_the_robots_axis_changes_nothing(controller: str) -> None:
+def test_a_world_turned_about_the_robots_axis_changes_nothing(controller):
     here, there = run_turned(0.0, controller), run_turned(-1.0, controller)
     assert here.stop_reason is None
     np.testing.assert_array_equal(here.trace.phase, there.trace.phase)
@@ -134,7 +131,7 @@ def test_a_world_turned_about_the_robots_axis_changes_nothing(controller: str) -
     np.testing.assert_allclose(there.trace.tcp_position_m, turned, atol=1e-9)
 
 
-def test_a_cell_spends_no_time_on_the_engines_timers() -> None:
+def test_a_cell_spends_no_time_on_the_engines_timers():
     cell = on_plane("process.max_feed_s=0.1")
     before = [stage.duration for stage in cell.data.timer]
     assert cell.run().steps > 100

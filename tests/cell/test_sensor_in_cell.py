@@ -1,8 +1,6 @@
 """The exact wrist wrench inside a run, at every instant, against Newton and Euler written out here; tare,
 latency."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco
@@ -74,7 +72,7 @@ def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
     return look, cell.run(EachStep(look))
 
 
-def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() -> None:
+def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant():
     poses = (
         tool_pose(0.0, -0.5, 0.2),
         tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)),
@@ -85,7 +83,7 @@ def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() ->
     assert np.max(look.worst) < 1e-9
 
 
-def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant() -> None:
+def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant():
     scenario = ideal("force", EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
     stroke = pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
     look, run = watched(cell_for(scenario, stroke, part=part_under(sphere(0.1))))
@@ -94,7 +92,7 @@ def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant()
     assert np.max(look.worst) < 1e-9
 
 
-def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had() -> None:
+def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
     pressed = on_plane("sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2", hold=1.5, lift=0.01).run()
     np.testing.assert_allclose(pressed.log["wrench_raw_sensor"][300, :3], [0.0, 0.0, -2.0 * 9.81], atol=0.01)
     measured = pressed.log["wrench_measured_tool"]
@@ -106,7 +104,7 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had() -> 
     np.testing.assert_allclose(measured[process][-200:, 2], true, atol=0.05)
 
 
-def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare() -> None:
+def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare():
     """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its
     share."""
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81

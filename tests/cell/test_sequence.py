@@ -1,7 +1,5 @@
 """Tare, approach, touch-down, process, retract: in order, at their speeds, from what the host can know."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -42,7 +40,7 @@ def span(run: CellRun, phase: int) -> float:
     return float(time[-1] - time[0])
 
 
-def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps() -> None:
+def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     run = on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
     time, force, phase = run.trace.time_s, run.trace.normal_force_n, run.trace.phase
     place, speed, down = run.trace.tcp_position_m, run.trace.tcp_speed_m_s, TOUCH[:3, 2]
@@ -72,7 +70,7 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps() -> No
     assert np.linalg.norm(np.diff(targets, axis=0), axis=1).max() < 0.021 * 0.001
 
 
-def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() -> None:
+def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
     for offset in (0.004, -0.004):
         part = part_under(plane(), along_tool(TOUCH, z=-offset))
         run = on_plane(part=part, height=HEIGHT, hold=1.5).run()
@@ -82,7 +80,7 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() ->
         assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.3)
 
 
-def test_the_feed_time_ends_the_feed_early() -> None:
+def test_the_feed_time_ends_the_feed_early():
     stroke = pressing_stroke(slide=0.03)._replace(feed_time=1.0)
     run = cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
     assert span(run, 2) == pytest.approx(1.0, abs=0.002)
@@ -93,7 +91,7 @@ def test_the_feed_time_ends_the_feed_early() -> None:
     np.testing.assert_allclose(targets[-1], targets[-2], atol=1e-7)
 
 
-def test_two_strokes_follow_each_other_through_free_space() -> None:
+def test_two_strokes_follow_each_other_through_free_space():
     second_touch = tool_pose(0.03, -0.48, 0.1)
     first, second = pressing_stroke(hold=0.5, lift=LIFT), pressing_stroke(second_touch, hold=0.5, lift=LIFT)
     above = along_tool(TOUCH, z=-LIFT)
@@ -126,7 +124,7 @@ def swing(t: float) -> float:
     return math.sin(2.0 * math.pi * 18.0 * t) if t > 0.0 else 0.0
 
 
-def test_contact_is_found_at_2_newton_and_by_a_shaken_arm_beyond_its_swing() -> None:
+def test_contact_is_found_at_2_newton_and_by_a_shaken_arm_beyond_its_swing():
     assert contact_time(lambda t: 100.0 * max(t - 2.0, 0.0)) == pytest.approx(2.02, abs=0.0015)
     assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
     assert 2.0 < contact_time(lambda t: 3.0 * swing(t) + 100.0 * max(t - 2.0, 0.0)) < 2.15

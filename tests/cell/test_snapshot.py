@@ -1,7 +1,5 @@
 """A cell goes back to where it was saved, and runs on as if it had never been further."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +32,7 @@ def play_to_the_end(one: Cell, piece: int) -> list[Played]:
 
 
 @pytest.mark.parametrize(("controller", "arm"), [("hybrid-pi", "ideal"), ("hybrid-adaptive", "ur5e")])
-def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller: str, arm: str) -> None:
+def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
     settings = (
         f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
         "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'",
@@ -48,7 +46,7 @@ def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller: str, ar
     same_bytes(one.result([*before, *play_to_the_end(one, 500)]), whole)
 
 
-def test_strokes_and_course_can_be_exchanged_on_the_way() -> None:
+def test_strokes_and_course_can_be_exchanged_on_the_way():
     """Exchanged for equal ones nothing changes; for slower ones the run takes longer, and what was done
     stays."""
     one = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2")

@@ -1,7 +1,5 @@
 """The robot's velocity interface: acceleration, latency, timeout, joint limits, singularities."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -55,7 +53,7 @@ def commanded(
     return np.array(found)
 
 
-def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits() -> None:
+def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits():
     wild = np.random.default_rng(0).normal(scale=[0.5, 0.5, 0.5, 3.0, 3.0, 3.0], size=(500, 6))
     steps = np.diff(commanded(lambda n: wild[n], 500), axis=0, prepend=0.0) / DT
     linear, angular = np.linalg.norm(steps[:, :3], axis=1), np.linalg.norm(steps[:, 3:], axis=1)
@@ -63,7 +61,7 @@ def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits() ->
     assert angular.max() == pytest.approx(ROBOT.angular_acceleration_rad_s2, rel=1e-9)
 
 
-def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
+def test_it_goes_straight_to_the_request_in_the_least_time_and_stays():
     wanted = np.array([0.03, -0.04, 0.0, 0.0, 0.3, 0.0])
     found = commanded(lambda _n: wanted, 200)
     reached = np.minimum(ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, 201 - DEFAULT.latency), 0.05)
@@ -71,12 +69,12 @@ def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
 
 
 @pytest.mark.parametrize("latency_ms", [0, 1, 25])
-def test_a_request_acts_after_the_latency_to_the_step(latency_ms: int) -> None:
+def test_a_request_acts_after_the_latency_to_the_step(latency_ms):
     found = commanded(lambda _n: np.array([1e-4, 0, 0, 0, 0, 0]), 60, robot_with(latency=latency_ms))
     assert np.flatnonzero(found[:, 0])[0] == latency_ms
 
 
-def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_until_it_is_told() -> None:
+def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_until_it_is_told():
     speed, silent, again = 0.06, 100, 300
     found = commanded(lambda _n: np.array([speed, 0, 0, 0, 0, 0.3]), 400, None, silent, again)
     braking = np.flatnonzero(found[:, 0] < speed * (1 - 1e-9))
@@ -100,7 +98,7 @@ def resolved(q: Array, twist: Array, **changes: Any) -> tuple[Speedl, bool]:
     return state, inside
 
 
-def test_away_from_singularities_the_joints_give_exactly_the_twist() -> None:
+def test_away_from_singularities_the_joints_give_exactly_the_twist():
     rng = np.random.default_rng(0)
     for q in AT_WORK + 0.3 * rng.normal(size=(5, 6)):
         twist = 0.02 * rng.normal(size=6)
@@ -110,7 +108,7 @@ def test_away_from_singularities_the_joints_give_exactly_the_twist() -> None:
         np.testing.assert_allclose(state.joints, q + state.speeds * DT, atol=1e-15)
 
 
-def test_too_fast_a_twist_is_slowed_down_not_bent() -> None:
+def test_too_fast_a_twist_is_slowed_down_not_bent():
     twist = np.array([2.0, -3.0, 1.0, 1.0, 0.0, 2.0])
     state, _ = resolved(AT_WORK, twist)
     assert np.abs(state.speeds).max() == pytest.approx(ROBOT.joint_speed_limit_rad_s, rel=1e-12)
@@ -120,7 +118,7 @@ def test_too_fast_a_twist_is_slowed_down_not_bent() -> None:
     np.testing.assert_allclose(reached, share * twist, atol=1e-7)
 
 
-def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:
+def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most():
     state, exact = robot_with(), []
     line = build_request_line(state)
     for n in range(2000):
@@ -133,7 +131,7 @@ def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_
     assert min(exact) < 0.2 * max(exact)
 
 
-def test_near_a_singularity_joint_speeds_stay_bounded() -> None:
+def test_near_a_singularity_joint_speeds_stay_bounded():
     """Damped by half the lack of singular value, an inverse never exceeds 41 times the twist."""
     fastest = []
     for q5 in np.linspace(0.3, -0.3, 121):

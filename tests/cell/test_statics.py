@@ -1,7 +1,5 @@
 """Statics of the whole cell, and how the force follows a part that moves."""
 
-from __future__ import annotations
-
 import cmath
 import math
 
@@ -24,7 +22,7 @@ from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_dep
         ("sphere_50", working_depth(0.05), 0.02),
     ],
 )
-def test_position_control_presses_as_the_closed_form_says(part: str, pad_depth: float, off: float) -> None:
+def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
     """On a sphere the pad touches in part, and presses more softly: 17.4 N and 9.8 N."""
     run = run_experiment(ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP))
     np.testing.assert_allclose(
@@ -36,7 +34,7 @@ def test_position_control_presses_as_the_closed_form_says(part: str, pad_depth: 
     np.testing.assert_allclose(measured, true, atol=0.01)
 
 
-def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> None:
+def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on
     approach."""
     run = on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
@@ -48,7 +46,7 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> No
     np.testing.assert_allclose(run.log["normal_force_n"], expected, atol=0.005)
 
 
-def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment() -> None:
+def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment():
     """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's
     centre."""
     leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
@@ -82,14 +80,14 @@ def phasor(run: CellRun, frequency: float, turns: int) -> complex:
     return complex(2j * np.mean((force - force.mean()) * np.exp(-2j * np.pi * frequency * time)))
 
 
-def test_without_a_force_loop_the_force_follows_the_part_by_k_times_its_travel() -> None:
+def test_without_a_force_loop_the_force_follows_the_part_by_k_times_its_travel():
     found = phasor(swinging(0.0005, 1.0, "controller.name=position"), 1.0, 2)
     assert abs(found) == pytest.approx(STIFFNESS * 0.0005, rel=0.02)
     assert cmath.phase(found) == pytest.approx(0.0, abs=0.1)
 
 
 @pytest.mark.parametrize("frequency", [0.5, 2.0])
-def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency: float) -> None:
+def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency):
     """The tool goes x = C (F0 - F - m x'') / s late, the spring gives F = k (x + d) for the part's travel d.
 
     C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the

@@ -1,7 +1,5 @@
 """The wrist sensor's errors one by one, and the spindle it feels."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -60,7 +58,7 @@ def moving(t: float) -> Array:
 
 
 @pytest.mark.parametrize("latency_ms", [1, 2, 20])
-def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(latency_ms: int) -> None:
+def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(latency_ms):
     """One of them is the engine's: the wrench handed in is that of the step before."""
     found = readings(replace(PERFECT, latency_s=latency_ms * 1e-3), moving, 0.2)
     late = latency_ms - 1
@@ -69,7 +67,7 @@ def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(la
     np.testing.assert_array_equal(slow, [moving(n // 50 * 50 * DT) for n in range(len(slow))])
 
 
-def test_the_bias_is_constant_seeded_and_within_its_size() -> None:
+def test_the_bias_is_constant_seeded_and_within_its_size():
     config = replace(PERFECT, force_bias_n=3.0, torque_bias_nm=0.1)
     biases = []
     for seed in range(40):
@@ -83,7 +81,7 @@ def test_the_bias_is_constant_seeded_and_within_its_size() -> None:
     np.testing.assert_array_equal(readings(config, steady, 0.01, 5)[0] - LOAD, biases[5])
 
 
-def test_the_noise_is_white_with_the_given_rms_before_the_filter() -> None:
+def test_the_noise_is_white_with_the_given_rms_before_the_filter():
     noise = readings(replace(PERFECT, force_noise_n=0.5, torque_noise_nm=0.02), steady, 10.0) - LOAD
     np.testing.assert_allclose(noise.std(axis=0), np.repeat([0.5, 0.02], 3), rtol=0.03)
     np.testing.assert_allclose(noise.mean(axis=0) / noise.std(axis=0), 0.0, atol=0.05)
@@ -93,7 +91,7 @@ def test_the_noise_is_white_with_the_given_rms_before_the_filter() -> None:
 
 
 @pytest.mark.parametrize("frequency", [5.0, 80.0])
-def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency: float) -> None:
+def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency):
     def sine(t: float) -> Array:
         return LOAD + math.sin(2.0 * math.pi * frequency * t)
 
@@ -103,7 +101,7 @@ def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency: float) -> Non
     assert amplitude == pytest.approx(1.0 / math.hypot(1.0, frequency / 80.0), rel=0.02)
 
 
-def test_the_drift_walks_at_random_its_variance_growing_with_time() -> None:
+def test_the_drift_walks_at_random_its_variance_growing_with_time():
     config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
     at_1s, at_4s = [], []
     for seed in range(50):
@@ -115,7 +113,7 @@ def test_the_drift_walks_at_random_its_variance_growing_with_time() -> None:
         assert np.std(np.array(at_4s)[:, axes]) == pytest.approx(2.0 * size, rel=0.2)
 
 
-def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_both_ways() -> None:
+def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_both_ways():
     found = readings(replace(PERFECT, force_quantum_n=0.05, torque_quantum_nm=0.002), moving, 0.5)
     exact = np.array([moving(n * DT) for n in range(len(found))])
     quanta = np.repeat([0.05, 0.002], 3)
@@ -126,7 +124,7 @@ def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_bo
         np.testing.assert_allclose(last, sign * np.array([3.0, -4.0, 20.0, 0.1, -0.15, 0.03]))
 
 
-def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool_point() -> None:
+def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool_point():
     """Newton at rest: weight, and a tool that presses with force and moment at the tool point (tool axes)."""
     center, lever = np.array([0.002, -0.001, 0.097]), np.array([0.0, 0.0, 0.22])
     sensor, found = build_sensor(PERFECT, np.random.default_rng(0)), np.zeros(6)
@@ -151,7 +149,7 @@ def pulls(config: SpindleConfig, steps: int, dt: float = 1e-3) -> Array:
     return found
 
 
-def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms() -> None:
+def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms():
     found = pulls(SpindleConfig(), 200)
     assert pytest.approx(1.19, abs=0.005) == G63
     for silent in (SpindleConfig(speed_rpm=0.0), SpindleConfig(imbalance_m_s=0.0)):
@@ -162,7 +160,7 @@ def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms() -> None:
     np.testing.assert_array_equal(found[:, 2], 0.0)
 
 
-def test_without_its_drive_it_runs_down_evenly_and_the_pull_falls_with_the_square_of_its_speed() -> None:
+def test_without_its_drive_it_runs_down_evenly_and_the_pull_falls_with_the_square_of_its_speed():
     spindle = build_spindle(SpindleConfig())
     spindle.failed = True
     for speed in (0.5, 0.0):
@@ -185,7 +183,7 @@ NO_OFFSET = [
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model: str) -> None:
+def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
     config = override(default_scenario("force"), [f"sensor.model={model}", *NO_OFFSET]).sensor
     shown = dict(SENSOR_MODELS[model])
     found = readings(config, steady, 40.0)
@@ -205,7 +203,7 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model: str) -> No
     np.testing.assert_allclose(readings(config, lambda _t: 3.0 * full, 1.0)[-1], full, rtol=0.01)
 
 
-def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant() -> None:
+def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant():
     config = replace(PERFECT, warm_up_force_n=6.5, warm_up_torque_nm=0.06, warm_up_s=2.0)
     drifts = [readings(config, steady, 0.05, seed)[-1] - LOAD for seed in range(40)]
     sizes = np.array(drifts) / (1.0 - math.exp(-0.05 / 2.0))
@@ -217,7 +215,7 @@ def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant() -> None:
     np.testing.assert_allclose(drift, np.outer(warmth, sizes[-1]), atol=1e-9)
 
 
-def test_it_warms_up_on_the_way_between_poses_too() -> None:
+def test_it_warms_up_on_the_way_between_poses_too():
     config = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0)
     rng = np.random.default_rng(1)
     sensor = build_sensor(config, rng)
@@ -225,7 +223,7 @@ def test_it_warms_up_on_the_way_between_poses_too() -> None:
     assert sensor.warmth == pytest.approx(1.0 - math.exp(-5.0 / 10.0))
 
 
-def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges() -> None:
+def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges():
     config = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0)
     full = np.repeat([200.0, 10.0], 3)
     loads = np.diag(0.1 * full)
@@ -241,7 +239,7 @@ def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges() -> None:
     assert abs(others.mean()) < 0.002
 
 
-def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were() -> None:
+def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were():
     plain = replace(PERFECT, force_bias_n=3.0, force_noise_n=0.5)
     warming = readings(replace(plain, warm_up_force_n=1.0, warm_up_s=1.0), steady, 1.0)
     off = warming - readings(plain, steady, 1.0)
@@ -250,7 +248,7 @@ def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were() -> 
     assert np.abs(off[-1, :3]).min() > 0.0
 
 
-def test_the_share_of_the_range_is_that_of_the_makers_example() -> None:
+def test_the_share_of_the_range_is_that_of_the_makers_example():
     """ATI, EtherCAT Axia manual, table 5.9, with 500 N along the axis, too."""
     full, load = np.repeat([500.0, 20.0], 3), np.array([87.5, -151.6, -500.0, 1.0, 2.0, -17.5])
     assert share_of_range(full, load) == pytest.approx(0.350 + 0.875, abs=1e-3)
@@ -265,7 +263,7 @@ def pressed_hard(*settings: str) -> CellRun:
     return on_plane(*small, "safety.force_limit_n=80", "pad.friction=0.1", *settings, wanted=45.0).run()
 
 
-def test_an_overloaded_sensor_stops_the_robot_and_says_so() -> None:
+def test_an_overloaded_sensor_stops_the_robot_and_says_so():
     run = pressed_hard("sensor.rate_hz=1000")
     assert "wrist sensor overloaded" in str(run.stop_reason)
     stopped = stopped_at(run)
@@ -275,7 +273,7 @@ def test_an_overloaded_sensor_stops_the_robot_and_says_so() -> None:
     assert run.safety.protective_stop_measured in {f"{100.0 * share:.0f}% of the range" for share in shares}
 
 
-def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs_away() -> None:
+def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs_away():
     run = pressed_hard("sensor.overload=0")
     assert "the surface has fallen away" in str(run.stop_reason)
     assert run.trace.normal_force_n.max() > 50.0

@@ -1,7 +1,5 @@
 """The command line as a user calls it, in an empty folder."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -1,7 +1,5 @@
 """`polish-sim calibrate payload` as a user calls it."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import tomllib
@@ -33,7 +31,7 @@ def folder(calibrated: Path, polish_sim: Tool, tmp_path: Path) -> Path:
     return Path(shutil.copytree(calibrated, tmp_path / "one"))
 
 
-def test_one_calibration_leaves_its_files_and_they_agree(folder: Path) -> None:
+def test_one_calibration_leaves_its_files_and_they_agree(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {
         "calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png",
@@ -50,7 +48,7 @@ def test_one_calibration_leaves_its_files_and_they_agree(folder: Path) -> None:
     assert (scenario.experiment, scenario.seed, scenario.payload.poses) == ("calibrate-payload", 4, 6)
 
 
-def test_config_and_readings_give_the_same_tool_again(folder: Path, polish_sim: Tool) -> None:
+def test_config_and_readings_give_the_same_tool_again(folder, polish_sim):
     code, out, _ = polish_sim("calibrate", "payload", "--config", "one/config.toml", "--out", "two")
     assert code == 0
     assert out.splitlines()[-1] == "folder: two"
@@ -73,9 +71,7 @@ def test_config_and_readings_give_the_same_tool_again(folder: Path, polish_sim: 
         ("fx_n fy_n fz_n", (-1.0, -1.0, -1.0), "the readings have the opposite sign"),
     ],
 )
-def test_readings_that_follow_no_weight_are_refused(
-    columns: str, scales: tuple[float, ...], said: str, folder: Path, polish_sim: Tool
-) -> None:
+def test_readings_that_follow_no_weight_are_refused(columns, scales, said, folder, polish_sim):
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     given = [list(row) for row in rows]
     for name, source, scale in zip(sorted(columns.split()), columns.split(), scales, strict=True):
@@ -86,7 +82,7 @@ def test_readings_that_follow_no_weight_are_refused(
     assert_refused(polish_sim("calibrate", "payload", "--data", "bad.csv"), said, "bad.csv", "one")
 
 
-def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder: Path, polish_sim: Tool) -> None:
+def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder, polish_sim):
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     column = rows[0].index("fy_n")
     rows[3][column] = str(float(rows[3][column]) + 2.0)
@@ -109,9 +105,7 @@ def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder: Path,
     ("asked", "error", "power"),
     [("payload --poses 4", "mass_error_relative", 1), ("tcp", "position_error_m", 2)],
 )
-def test_many_seeds_give_their_mean_or_rms_and_worst_once(
-    asked: str, error: str, power: int, polish_sim: Tool
-) -> None:
+def test_many_seeds_give_their_mean_or_rms_and_worst_once(asked, error, power, polish_sim):
     words = ("calibrate", *asked.split(), "--seeds", "2", "--on", "here", "--out", "many")
     assert polish_sim(*words, "--check").code == 0
     metrics = metrics_of("many")
@@ -127,7 +121,7 @@ def test_many_seeds_give_their_mean_or_rms_and_worst_once(
     assert Path("many/rows.jsonl").read_bytes() == begun
 
 
-def test_a_run_takes_the_calibration(folder: Path, polish_sim: Tool) -> None:
+def test_a_run_takes_the_calibration(folder, polish_sim):
     words = ("--set", "process.hold_s=1", "--calibration", "one/calibration.toml", "--out", "run")
     assert polish_sim("run", "force", *words).code == 0
     metrics = metrics_of("run")

@@ -1,8 +1,6 @@
 """`calibrate arm` on the command line: simulated arms, a user's file, what a run makes of it, and what is
 refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.dual.calibration.arm import read_arm_calibration, read_tracked
-from tests.cli.conftest import Tool, assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, metrics_of
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +21,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_arms_are_found_again_from_their_residuals(found: Path, polish_sim: Tool) -> None:
+def test_arms_are_found_again_from_their_residuals(found, polish_sim):
     figures = metrics_of(found)
     assert figures["relative_error_m"] <= 1.5e-4 < 5e-4 < figures["relative_error_nominal_m"]
     assert (found / "arms.png").stat().st_size > 10_000
@@ -42,9 +40,7 @@ def test_arms_are_found_again_from_their_residuals(found: Path, polish_sim: Tool
     assert again.true_tables is None
 
 
-def test_a_run_takes_the_arms_as_they_were_found(
-    found: Path, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_takes_the_arms_as_they_were_found(found, polish_sim, tmp_path, monkeypatch):
     run = ("run", "dual", "--calibration", found / "calibration.toml")
     code, _, err = polish_sim(*run, "--dry-run")
     assert code == 2
@@ -80,7 +76,7 @@ def scaled(lines: list[str], angle: float, length: float) -> list[str]:
     ]
 
 
-def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: list[str]) -> None:
+def test_degrees_and_metres_are_read_as_what_they_are(tmp_path, tracked):
     head = "robot," + ",".join(f"q{k}_deg" for k in range(1, 7)) + ",x_m,y_m,z_m"
     (tmp_path / "si.csv").write_text("\n".join([head, *scaled(tracked[1:], np.degrees(1.0), 1e-3)]))
     (tmp_path / "usual.csv").write_text("\n".join(tracked))
@@ -90,7 +86,7 @@ def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: l
         np.testing.assert_allclose(other[robot].seen, usual[robot].seen, atol=1e-12)
 
 
-def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tracked: list[str]) -> None:
+def test_what_cannot_be_arms_is_refused(polish_sim, tracked):
     degrees, far = scaled(tracked[1:], 57.3, 1.0), scaled(tracked[1:], 1.0, 1e-3)
     head = ",".join(tracked[0].split(",")[:10])
     for lines, said in (

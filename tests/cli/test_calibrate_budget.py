@@ -1,16 +1,13 @@
 """`polish-sim calibrate budget` as a user calls it."""
 
-from __future__ import annotations
-
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from polish_sim.dual.budget import PairBudgetTrial, draw_errors
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import metrics_of, undrawn
 
 
 @pytest.fixture
@@ -22,8 +19,8 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.pictures
 @pytest.mark.usefixtures("one_design")
 def test_a_budget_leaves_its_files_meets_what_is_asked_and_draws_only_what_is_missing(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    polish_sim, tmp_path, monkeypatch
+):
     words = ("calibrate", "budget", "--on", "here", "--check", "--out", "one")
     call = polish_sim(*words, "--draws", "30")
     assert call.code == 0
@@ -44,9 +41,10 @@ def test_a_budget_leaves_its_files_meets_what_is_asked_and_draws_only_what_is_mi
         return draw_errors(trial, number)
 
     monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn)
-    assert polish_sim(*words, "--draws", "30").code == 0
-    assert metrics_of(tmp_path / "one") == figures
-    assert polish_sim(*words, "--draws", "32").code == 0
+    with undrawn():
+        assert polish_sim(*words, "--draws", "30").code == 0
+        assert metrics_of(tmp_path / "one") == figures
+        assert polish_sim(*words, "--draws", "32").code == 0
     assert numbers == [30, 31]
     assert "another calibrate-budget" in polish_sim(*words, "--draws", "32", "--seed", "1").err
 
@@ -63,9 +61,7 @@ def _one_draw(trial: PairBudgetTrial) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("one_design")
-def test_worse_instruments_fall_short(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_worse_instruments_fall_short(polish_sim, tmp_path, monkeypatch):
     monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn_cheaply)
     words = "calibrate budget --draws 30 --tracker-noise 0 --touch-noise 0.2 --marks 4 --closing 0"
     assert polish_sim(*words.split(), "--on", "here", "--check", "--out", "bad").code == 1
@@ -79,8 +75,8 @@ def test_worse_instruments_fall_short(
 @pytest.mark.usefixtures("one_design")
 @pytest.mark.parametrize(("after", "enough"), [(30, True), (3, False), (0, False)])
 def test_broken_off_what_was_drawn_is_kept_and_summed_up_if_it_is_enough(
-    after: int, enough: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    after, enough, polish_sim, tmp_path, monkeypatch
+):
     def interrupted(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
         if number == after:
             raise KeyboardInterrupt

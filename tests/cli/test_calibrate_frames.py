@@ -1,12 +1,9 @@
 """`polish-sim calibrate tcp` and `calibrate base` as a user calls them, and what calibrations of two robots
 refuse."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
 from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import InputError
-from tests.cli.conftest import Tool, assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, metrics_of
 
 Rows = list[list[str]]
 PAIR = 'cell "7" \\ left'
@@ -46,7 +43,7 @@ def write(file: Path, rows: Rows) -> None:
     file.write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
 
 
-def test_a_tool_frame_leaves_its_files_and_they_read_back(made: Path, polish_sim: Tool) -> None:
+def test_a_tool_frame_leaves_its_files_and_they_read_back(made, polish_sim):
     one = made / "tcp"
     assert {path.name for path in one.iterdir()} == {*FILES, "tool.png"}
     figures = metrics_of(one)
@@ -61,7 +58,7 @@ def test_a_tool_frame_leaves_its_files_and_they_read_back(made: Path, polish_sim
     np.testing.assert_allclose(again["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
 
 
-def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool) -> None:
+def test_bases_leave_their_files_and_they_read_back(made, polish_sim):
     one = made / "base"
     assert {path.name for path in one.iterdir()} == {*FILES, "bases.png"}
     figures = metrics_of(one)
@@ -73,7 +70,7 @@ def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool
     np.testing.assert_allclose(metrics_of("two")["transform"], figures["transform"], atol=1e-6)
 
 
-def test_a_calibration_of_another_thing_is_refused(made: Path, polish_sim: Tool) -> None:
+def test_a_calibration_of_another_thing_is_refused(made, polish_sim):
     with pytest.raises(InputError, match="not the calibration of two bases"):
         read_base_calibration(made / "tcp" / "calibration.toml", PAIR)
     with pytest.raises(InputError, match="not the calibration of a tool frame"):
@@ -132,14 +129,12 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str]] = [
 
 
 @pytest.mark.parametrize(("name", "spoil", "said"), BAD)
-def test_bad_files_are_one_message_and_nothing_is_written(
-    name: str, spoil: Callable[[Rows], Rows], said: str, files: dict[str, Rows], polish_sim: Tool
-) -> None:
+def test_bad_files_are_one_message_and_nothing_is_written(name, spoil, said, files, polish_sim):
     write(Path("bad.csv"), spoil(files[name]))
     assert_refused(polish_sim("calibrate", name, "--data", "bad.csv"), said, "bad.csv")
 
 
-def test_rotation_vectors_in_degrees_are_refused(files: dict[str, Rows], polish_sim: Tool) -> None:
+def test_rotation_vectors_in_degrees_are_refused(files, polish_sim):
     header, *rows = files["tcp"]
     first = header.index("qw")
     q = np.array([row[first : first + 4] for row in rows], dtype=float)
@@ -153,7 +148,7 @@ def test_rotation_vectors_in_degrees_are_refused(files: dict[str, Rows], polish_
     assert "Are they degrees?" in call.err
 
 
-def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: dict[str, Rows], polish_sim: Tool) -> None:
+def test_an_arm_whose_axes_do_not_quite_meet_is_told(files, polish_sim):
     """The second arc of the master, 1 mm to the side of where its axes would meet."""
     rows, arcs = files["base"], [["master", "1"], ["master", "2"]]
     points = [np.array([row[2:5] for row in rows if row[:2] == arc], dtype=float) for arc in arcs]
@@ -171,9 +166,7 @@ def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: dict[str, Rows], pol
 @pytest.mark.parametrize(
     ("name", "line", "column", "said"), [("tcp", 6, "y_mm", 6), ("base", 4, "y_mm", "master, axis 1: 4")]
 )
-def test_a_measurement_off_by_two_millimetres_is_named(
-    name: str, line: int, column: str, said: Any, files: Any, polish_sim: Tool
-) -> None:
+def test_a_measurement_off_by_two_millimetres_is_named(name, line, column, said, files, polish_sim):
     write(Path("off.csv"), changed(files[name], line, column, 1.0, 2.0))
     code, _, err = polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")
     assert code == 0

@@ -1,7 +1,5 @@
 """`run dual` on the command line: which calibration goes where, and what is refused."""
 
-from __future__ import annotations
-
 import shutil
 import tomllib
 from pathlib import Path
@@ -47,9 +45,7 @@ def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
     return run
 
 
-def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(
-    run_dual: Tool, tmp_path: Path
-) -> None:
+def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(run_dual, tmp_path):
     code, _, err = run_dual("base own", *SHORT, "--out", "run")
     assert code == 0, err
     settings = tomllib.loads((tmp_path / "run" / "config.toml").read_text(encoding="utf-8"))["dual"]
@@ -68,16 +64,14 @@ def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(
         ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], ["leave one of them out"]),
     ],
 )
-def test_calibrations_that_do_not_fit_are_refused(
-    names: str, words: list[str], said: list[str], run_dual: Tool
-) -> None:
+def test_calibrations_that_do_not_fit_are_refused(names, words, said, run_dual):
     code, _, err = run_dual(names, *words, "--out", "run")
     assert code == 2
     assert all(fact in err for fact in said)
 
 
 @pytest.mark.parametrize("spoil", ["transform", "pair"])
-def test_a_spoilt_calibration_is_one_message(spoil: str, run_dual: Tool, tmp_path: Path) -> None:
+def test_a_spoilt_calibration_is_one_message(spoil, run_dual, tmp_path):
     file = tmp_path / "base" / "calibration.toml"
     text = file.read_text(encoding="utf-8").partition(f"\n{spoil} =")[0]
     file.write_text(f"{text}\n{spoil} = [[1.0, nan]]\n", encoding="utf-8")
@@ -86,7 +80,7 @@ def test_a_spoilt_calibration_is_one_message(spoil: str, run_dual: Tool, tmp_pat
     assert "calibration.toml'" in err
 
 
-def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool) -> None:
+def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim):
     code, out, _ = polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")
     assert code == 0
     assert "path length" in out

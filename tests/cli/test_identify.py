@@ -1,7 +1,5 @@
 """`polish-sim identify` as a user calls it."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -20,7 +18,7 @@ from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
 from polish_sim.identification.settings import ELASTIC, GEARS, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import metrics_of
 from tests.identification.known import ODD, RATE, SIGMA, known_robot, played, write_log
 
 
@@ -35,7 +33,7 @@ def _rows(file: str) -> list[dict[str, str]]:
 
 
 @pytest.mark.pictures
-def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim: Tool) -> None:
+def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim):
     file = _log(Path("log.csv"))
     call = polish_sim("identify", "--data", file, "--period", 10, "--out", "found", "--check")
     assert call.code == 0, call.err
@@ -65,9 +63,7 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim: 
     assert again == pytest.approx(first, rel=1e-3)
 
 
-def test_many_seeds_are_rows_with_their_mean_and_worst(
-    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_seeds_are_rows_with_their_mean_and_worst(polish_sim, monkeypatch):
     found: list[ExcitationTask] = []
 
     def search(task: ExcitationTask, rng: np.random.Generator, *_: int) -> Excitation:
@@ -87,14 +83,14 @@ def test_many_seeds_are_rows_with_their_mean_and_worst(
     assert metrics["mean"]["nrms_heldout_mean"] == pytest.approx(np.mean(errors))
 
 
-def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
+def test_the_report_says_what_torques_can_tell(polish_sim):
     call = polish_sim("identify", "--report")
     assert call.code == 0
     assert "the 58 base parameters" in call.out
     assert not list(Path().iterdir())
 
 
-def test_noise_is_noted_and_a_joint_that_stood_still_refused(polish_sim: Tool) -> None:
+def test_noise_is_noted_and_a_joint_that_stood_still_refused(polish_sim):
     file = _log(Path("log.csv"))
     head, *lines = file.read_text().splitlines()
     table = np.loadtxt(lines, delimiter=",")
@@ -110,7 +106,7 @@ def test_noise_is_noted_and_a_joint_that_stood_still_refused(polish_sim: Tool) -
     assert not Path("found").exists()
 
 
-def test_the_predicted_error_is_asked_of_the_default_task_and_of_an_elastic_arm_its_own() -> None:
+def test_the_predicted_error_is_asked_of_the_default_task_and_of_an_elastic_arm_its_own():
     for periods in (5, 1):
         settings = IdentifySettings(periods=periods, robot=RobotConfig(arm="ideal"))
         for for_task in (False, True):
@@ -122,7 +118,7 @@ def test_the_predicted_error_is_asked_of_the_default_task_and_of_an_elastic_arm_
     assert {claim.figure for claim in GEARS} <= claims.keys()
 
 
-def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim: Tool) -> None:
+def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim):
     Path("odd.xml").write_text(ODD, encoding="utf-8")
     model = TorqueModel(read_chain(mujoco.MjModel.from_xml_string(ODD)))
     reach = np.array([[-2.0, 2.0], [-0.5, 0.5], [-2.0, 2.0], [-2.0, 2.0]])
@@ -140,7 +136,7 @@ def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim: T
     assert np.abs(model.torque(states, model.truth()) - truth).max() > 2.0
 
 
-def test_a_payload_is_found_from_a_second_log_or_the_model_alone(polish_sim: Tool) -> None:
+def test_a_payload_is_found_from_a_second_log_or_the_model_alone(polish_sim):
     known = known_robot()
     loaded = known.model.truth()
     center = np.array([0.02, -0.01, 0.08]) - known.model.chain.origins[-1]
@@ -156,7 +152,7 @@ def test_a_payload_is_found_from_a_second_log_or_the_model_alone(polish_sim: Too
         assert float(found["mass"]["std"]) < 0.01
 
 
-def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim: Tool) -> None:
+def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim):
     robot, known = arm_of_table("ur10e"), known_robot()
     states = played(known.motion, 2)
     torque = robot.model.torque(states, robot.model.truth())

@@ -1,14 +1,12 @@
 """`polish-sim inspect` as a user calls it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import Tool, assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, metrics_of
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
@@ -31,7 +29,7 @@ def write_raster(file: Path, height: float = 20.0) -> None:
 
 
 @pytest.mark.pictures
-def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: Tool) -> None:
+def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim):
     write_raster(Path("raster.csv"))
     code, out, err = polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")
     assert code == 0
@@ -51,7 +49,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     assert exposure[inner].mean() == pytest.approx(np.pi * 25.0**2 / (10.0 * 10.0), rel=0.02)
 
 
-def test_options_reach_the_figures(polish_sim: Tool) -> None:
+def test_options_reach_the_figures(polish_sim):
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
     assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
@@ -79,7 +77,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
+def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim, case):
     write_raster(Path("raster.csv"))
     write_raster(Path("deep.csv"), 16.0)
     words, message = BAD[case]

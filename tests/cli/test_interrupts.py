@@ -1,7 +1,5 @@
 """Ctrl-C: 130 and one line; no file is left half written, and what was recorded is kept."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shlex
@@ -18,7 +16,7 @@ import typer
 
 from polish_sim.cli.boundary import execute
 from polish_sim.log import read_log
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import metrics_of
 
 
 def _at_work(out: Path) -> Path:
@@ -58,13 +56,13 @@ def interrupted(
     [["identify", "--starts", "50"], ["run", "force", "--seeds", "2", "--set", "process.hold_s=600"]],
     ids=" ".join,
 )
-def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[str], tmp_path: Path) -> None:
+def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words, tmp_path):
     err = interrupted(words, tmp_path, lambda draft, _: draft.exists(), 0.2)
     assert err.splitlines()[-1].startswith("error: interrupted")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
+def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly():
     loading = "import builtins; real = builtins.__import__\n"
     loading += "def load(name, *rest):\n  if name == 'polish_sim.cli.main': raise KeyboardInterrupt\n"
     loading += (
@@ -113,9 +111,7 @@ def call_c_function() -> None:
 
 
 @pytest.mark.parametrize("command", [compile_kernels, go_on_for_ever, load_c_module, call_c_function])
-def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(
-    command: Callable[[], None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(command, capsys):
     app = typer.Typer()
     app.command()(command)
     assert execute(app, ["--"]) == 130
@@ -123,7 +119,7 @@ def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(
 
 
 @pytest.mark.parametrize("times", [1, 20])
-def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path: Path, times: int) -> None:
+def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path, times):
     arc = ["run", "arc", "--feed", "0.5"]
     err = interrupted(arc, tmp_path, lambda _, said: "simulate: " in said, 0.0, times)
     assert "kept" in err
@@ -132,7 +128,7 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
 
 
-def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path: Path, polish_sim: Tool) -> None:
+def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polish_sim):
     many = ["run", "arc", "--seeds", "8", "--set", "process.max_feed_s=0.5"]
     interrupted([*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0)
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
@@ -148,7 +144,7 @@ def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path: Path,
     assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in
 
 
-def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path: Path, polish_sim: Tool) -> None:
+def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path, polish_sim):
     job = 'part = "plate"\n[cell]\nsafety.proof = "none"\n[[setup]]\n[[setup.pass]]\n'
     (tmp_path / "job.toml").write_text(f"{job}plan.stepover_m = 0.04\nprocess.feed_m_s = 0.06\n")
     pieces = tmp_path / "out/cut/setup_1/region_1/pass_1/pieces"

@@ -1,7 +1,5 @@
 """`--live` and `view` in a real browser: the run as it goes, what is changed there, who may look."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil
@@ -28,7 +26,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.log import RunLog
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario, override
-from tests.cli.conftest import PROGRAM, Tool, in_browser
+from tests.cli.conftest import PROGRAM, in_browser
 
 WITH_VISER = importlib.util.find_spec("viser") is not None
 served = pytest.mark.skipif(not WITH_VISER, reason="no viser: pip install 'polish-sim[view]'")
@@ -48,7 +46,7 @@ def free_port() -> int:
 
 
 @served
-def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind() -> None:
+def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind():
     from rich.progress import Progress
 
     from polish_sim.cli.live_view import LiveView
@@ -68,7 +66,7 @@ def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind() -
 
 
 @served
-def test_pages_of_other_servers_are_refused() -> None:
+def test_pages_of_other_servers_are_refused():
     from viser import _messages
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
@@ -85,7 +83,7 @@ def test_pages_of_other_servers_are_refused() -> None:
     page.close("")
 
 
-def test_only_the_servers_own_pages_may_use_it() -> None:
+def test_only_the_servers_own_pages_may_use_it():
     for origin, host, may in (
         ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
         ("http://localhost:8080", "localhost:8080", True),
@@ -100,7 +98,7 @@ def test_only_the_servers_own_pages_may_use_it() -> None:
         assert allowed(origin, host) is may, (origin, host)
 
 
-def test_this_computer_alone_is_served_unless_an_address_is_named() -> None:
+def test_this_computer_alone_is_served_unless_an_address_is_named():
     if WITH_VISER:
         assert asked_address({}) == Address("127.0.0.1")
     with socket.socket() as taken:
@@ -115,9 +113,7 @@ def test_this_computer_alone_is_served_unless_an_address_is_named() -> None:
         free_address(Address("192.0.2.1"))
 
 
-def test_what_cannot_be_shown_is_said_before_anything_starts(
-    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_cannot_be_shown_is_said_before_anything_starts(polish_sim, monkeypatch, tmp_path):
     for words, cure in (
         ("run force --live-port 9000", "give --live as well"),
         ("run force --live --seeds 2", "leave --seeds out"),
@@ -234,7 +230,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
 
 
 @served
-def test_moments_keep_reaching_who_looks_on(start: Callable[..., Running]) -> None:
+def test_moments_keep_reaching_who_looks_on(start):
     import viser
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
@@ -254,9 +250,7 @@ def test_moments_keep_reaching_who_looks_on(start: Callable[..., Running]) -> No
 
 @served
 @in_browser
-def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
-    browser: Any, start: Callable[..., Running], tmp_path: Path
-) -> None:
+def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(browser, start, tmp_path):
     run = start("run", "force", "--live", "--set", "process.hold_s=12", "--out", "out")
     tab = Tab(browser, run.url)
     stood = tab.paused_in_contact()
@@ -290,9 +284,7 @@ def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     assert same(record.log, run_experiment(load_scenario(tmp_path / "out/config.toml", Scenario())).log)
 
 
-def test_a_saved_run_is_served_as_its_page_and_to_its_own_pages_alone(
-    polish_sim: Tool, start: Callable[..., Running], tmp_path: Path
-) -> None:
+def test_a_saved_run_is_served_as_its_page_and_to_its_own_pages_alone(polish_sim, start, tmp_path):
     assert polish_sim("run", "arc", "--set", "process.max_feed_s=0.2", "--out", "out").code == 0
     again = start("view", "out")
     shown = urllib.request.urlopen(again.url).read().decode()
@@ -307,9 +299,7 @@ def test_a_saved_run_is_served_as_its_page_and_to_its_own_pages_alone(
 
 @served
 @in_browser
-def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
-    browser: Any, start: Callable[..., Running], tmp_path: Path
-) -> None:
+def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(browser, start, tmp_path):
     run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
     tab = Tab(browser, run.url)
     stood = tab.paused_in_contact()
@@ -321,7 +311,7 @@ def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
 
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no display to try --view on: apt install xvfb")
-def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path: Path) -> None:
+def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path):
     screen, colors = ["-screen", "0", "640x480x24", "-fbdir", str(tmp_path)], 0
     display = subprocess.Popen(["Xvfb", "-displayfd", "1", *screen], stdout=subprocess.PIPE)
     assert display.stdout is not None

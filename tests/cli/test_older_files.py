@@ -1,7 +1,5 @@
 """Files written by commit 8ef5763, before the packages moved, are still read."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -11,13 +9,12 @@ from polish_sim.exchange import read_path
 from polish_sim.experiments import default_scenario
 from polish_sim.log import read_log
 from polish_sim.scenario_file import load_scenario, to_toml
-from tests.cli.conftest import Tool
 
 OLD = Path(__file__).resolve().parent.parent / "files_of_8ef5763"
 
 
 @pytest.mark.parametrize("name", ["config_surface", "config_dual", "run/config"])
-def test_a_config_gives_the_same_settings_when_written_again(name: str, tmp_path: Path) -> None:
+def test_a_config_gives_the_same_settings_when_written_again(name, tmp_path):
     defaults = default_scenario({"config_surface": "surface", "config_dual": "dual"}.get(name, "force"))
     scenario = load_scenario(OLD / f"{name}.toml", defaults)
     assert scenario.robot.arm == "ideal"
@@ -27,7 +24,7 @@ def test_a_config_gives_the_same_settings_when_written_again(name: str, tmp_path
 
 
 @pytest.mark.pictures
-def test_plan_run_and_calibrations_are_read_and_drawn_again(polish_sim: Tool) -> None:
+def test_plan_run_and_calibrations_are_read_and_drawn_again(polish_sim):
     table, document = read_path(OLD / "plan" / "path.csv"), read_path(OLD / "plan" / "path.json")
     assert len(table.s) == len(document.s) > 100
     assert abs(table.positions_work - document.positions_work).max() < 1e-9

@@ -1,7 +1,5 @@
 """The error boundary and the output folder: codes, messages, nothing half-written."""
 
-from __future__ import annotations
-
 import errno
 import signal
 import subprocess
@@ -43,9 +41,7 @@ def app_that(raises: BaseException | None, returns: int | None = None) -> typer.
         (OSError(errno.ENOSPC, "No space left on device"), 2),
     ],
 )
-def test_an_error_is_one_line_on_stderr_with_its_code(
-    error: BaseException, code: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_one_line_on_stderr_with_its_code(error, code, capsys):
     assert execute(app_that(error), ["work"]) == code
     shown = capsys.readouterr()
     assert shown.out == ""
@@ -55,9 +51,7 @@ def test_an_error_is_one_line_on_stderr_with_its_code(
     assert execute(app_that(None, None), ["work"]) == 0
 
 
-def test_an_unexpected_error_is_called_a_bug_and_traced_with_debug(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_unexpected_error_is_called_a_bug_and_traced_with_debug(capsys):
     assert execute(app_that(ZeroDivisionError("by zero")), ["work"]) == 70
     message = capsys.readouterr().err
     assert all(word in message for word in ("bug", "ZeroDivisionError: by zero", "--debug"))
@@ -74,9 +68,7 @@ def asked(out: Path | str | None, overwrite: bool = False) -> dict[str, object]:
     return {"--out": out, "--overwrite": overwrite}
 
 
-def test_without_out_files_appear_at_the_end_in_a_new_dated_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_out_files_appear_at_the_end_in_a_new_dated_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     finals = set()
     for _ in range(3):
@@ -89,9 +81,7 @@ def test_without_out_files_appear_at_the_end_in_a_new_dated_folder(
     assert len(finals) == 3
 
 
-def test_a_folder_that_exists_or_cannot_be_made_is_refused_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_exists_or_cannot_be_made_is_refused_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("out").mkdir()
     Path("taken").touch()
@@ -112,7 +102,7 @@ def fill(out: Path, error: BaseException | None) -> None:
             raise error
 
 
-def test_overwrite_replaces_files_of_the_same_name_and_a_failure_leaves_all_as_it_was(tmp_path: Path) -> None:
+def test_overwrite_replaces_files_of_the_same_name_and_a_failure_leaves_all_as_it_was(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "metrics.json").write_text("old")
@@ -141,7 +131,7 @@ with claimed({"--out": Path(sys.argv[1]), "--overwrite": None}, "run-force") as 
 """
 
 
-def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(tmp_path: Path) -> None:
+def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(tmp_path):
     (tmp_path / ".mine.part").mkdir()
     program = [sys.executable, "-c", KILLED]
     dead = subprocess.run([*program, str(tmp_path / "dead"), "die"], check=False)

@@ -1,7 +1,5 @@
 """`polish-sim plan` as a user calls it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -11,14 +9,14 @@ import pytest
 import trimesh
 
 from polish_sim.models import workpiece_path
-from tests.cli.conftest import UNPROVEN, Tool, assert_refused, metrics_of
+from tests.cli.conftest import UNPROVEN, assert_refused, metrics_of
 from tests.planning.test_fixture import asked, wall
 
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 
 @pytest.mark.pictures
-def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
+def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim):
     code, out, err = polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan")
     assert code == 0
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
@@ -36,7 +34,7 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 
 
-def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: Tool) -> None:
+def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim):
     """Round the small sphere at 100 mm/s: by the tool's limits alone it would take 8% less."""
     ideal = ("--set", "robot.arm=ideal", *UNPROVEN)  # an elastic wrist would be slowed further
     words = ("--stepover", "12", "--feed", "100", *ideal)
@@ -51,7 +49,7 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
 
 
 @pytest.mark.pictures
-def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Tool) -> None:
+def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim):
     trimesh.creation.box((100.0, 100.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export("block.stl")
     words = ("--up", "z", "--stepover", "40", "--reach-map", *UNPROVEN)
     code, out, _ = polish_sim("plan", "block.stl", *words, "--out", "plan")
@@ -63,7 +61,7 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
     assert "part's origin, robot base" in out
 
 
-def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_sim: Tool) -> None:
+def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_sim):
     words = ("--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan")
     code, out, err = polish_sim("plan", "saddle", *words)
     assert code == 3
@@ -97,7 +95,7 @@ BAD: dict[str, tuple[bytes | trimesh.Trimesh, str, str]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
+def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim, case):
     content, words, said = BAD[case]
     file = Path("bad.stl")
     file.write_bytes(content if isinstance(content, bytes) else content.export(file_type="stl"))
@@ -106,7 +104,7 @@ def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim:
     assert "--units m " not in call.err or case == "in metres"
 
 
-def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim: Tool) -> None:
+def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim):
     trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
     code, _, err = polish_sim("plan", "small.stl", "--out", "plan")
     assert code == 0
@@ -127,7 +125,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
-def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(polish_sim: Tool) -> None:
+def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(polish_sim):
     for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
         trimesh.creation.box((side, side, 20.0)).export(name)
     words = "--part cube.stl --up z --feed 30 --out run"
@@ -138,7 +136,7 @@ def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(polish_sim: T
     assert "6 mm wide, is too small for 20 N" in err
 
 
-def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allowed(polish_sim: Tool) -> None:
+def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allowed(polish_sim):
     wall = trimesh.creation.box((5.0, 120.0, 30.0)).apply_translation([60, 0, 15])
     plate = trimesh.creation.box((160.0, 120.0, 20.0)).apply_translation([0, 0, -10])
     trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
@@ -156,7 +154,7 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     assert 'tool_in_part = "allow"' in Path("run/config.toml").read_text()
 
 
-def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_them(polish_sim: Tool) -> None:
+def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_them(polish_sim):
     plate = trimesh.creation.box((160.0, 100.0, 12.0))
     for x in (-50.0, 0.0, 50.0):
         hole, sink = trimesh.creation.cylinder(3.0, 40.0), trimesh.creation.cone(6.0, 6.0, sections=48)
@@ -173,7 +171,7 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
     assert metrics_of("seen")["coverage"] == metrics["coverage"]
 
 
-def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> None:
+def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim):
     cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
     cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
     cap.export("cap.stl")
@@ -188,7 +186,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
     assert areas in out
 
 
-def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Tool) -> None:
+def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim):
     # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
     code, out, err = polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan")
@@ -199,9 +197,7 @@ def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Too
     assert "more than 46 deg" not in err
 
 
-def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(
-    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(polish_sim, monkeypatch, tmp_path):
     asked(Path(), wall(10.0))  # called by relative names
     words = "--fixture fixture.stl --region point:0,0,0 --stepover 20 --up z --out made"
     assert polish_sim("plan", "plate.stl", *words.split(), *UNPROVEN).code == 0

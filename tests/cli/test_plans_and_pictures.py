@@ -1,7 +1,5 @@
 """The options of a path, plans handed to runs, a user's own controller, and what can be looked at."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -16,7 +14,7 @@ from polish_sim.cli import film, run
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, Tool, metrics_of
+from tests.cli.conftest import PROGRAM, UNPROVEN, metrics_of
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
@@ -51,7 +49,7 @@ class Half:
 
 
 @pytest.mark.parametrize("command", [("plan",), ("run", "surface")])
-def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command: tuple[str, ...]) -> None:
+def test_help_groups_every_option_of_a_path_in_panels(polish_sim, command):
     _, out, _ = polish_sim(*command, "--help")
     assert all(f"\n{panel}\n" in out for panel in PANELS)
     assert all(f"  {option} " in out for option in PATH_OPTIONS)
@@ -59,7 +57,7 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command:
     assert places == sorted(places)
 
 
-def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothing(polish_sim: Tool) -> None:
+def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothing(polish_sim):
     words = "--order outward --direction climb --start 0,0,25 --lead-in arc --lead-angle 5 --tilt-angle -3"
     words += " --axis-smoothing 15 --axis-deviation 2 --feature-angle 25 --edge-margin 3 --stepover 20"
     code, out, err = polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")
@@ -81,7 +79,7 @@ def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothi
     assert figures["axis_deviation_max_rad"] <= 0.034907
 
 
-def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim: Tool) -> None:
+def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     mine = Path(shutil.copy(plate_file(), Path.cwd() / "mine.stl"))
     words = ("--up", "z", "--stepover", "40", *UNPROVEN, "--out", "plan")
     assert polish_sim("plan", mine, *words)[0] == 0
@@ -115,9 +113,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim: Too
     ("name", "code", "said"),
     [("Mine", 0, "arc"), ("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")],
 )
-def test_a_user_s_controller_runs_or_says_what_is_wrong(
-    polish_sim: Tool, name: str, code: int, said: str
-) -> None:
+def test_a_user_s_controller_runs_or_says_what_is_wrong(polish_sim, name, code, said):
     Path("mine.py").write_text(CONTROLLER)
     ended, out, err = polish_sim("run", "arc", "--controller", f"mine.py:{name}", *QUICK, "--out", "run")
     assert ended == code
@@ -135,7 +131,7 @@ def frames_of(film: Path) -> np.ndarray:
     return np.stack(frames[::4]).astype(float)
 
 
-def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_path: Path) -> None:
+def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_path):
     # In a process of its own, because MuJoCo takes its OpenGL when it is imported.
     words = ["run", "arc", "--fault", "controller-nan@0.5", "--video", "--out", "run"]
     call = subprocess.run([*PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -153,9 +149,7 @@ def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_pa
     assert not [file.name for file in (tmp_path / "run").iterdir() if file.name.startswith(".")]
 
 
-def test_an_interrupt_leaves_no_half_of_a_film(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch):
     def interrupted(*_: object) -> Iterator[tuple[int, int, np.ndarray]]:
         yield 1, 9, np.zeros((CELL.height, CELL.width + PAD.width, 3), np.uint8)
         raise KeyboardInterrupt
@@ -172,8 +166,8 @@ def test_an_interrupt_leaves_no_half_of_a_film(
 
 @pytest.mark.parametrize(("missing", "said"), [("ffmpeg", "polish-sim[video]"), ("OpenGL", "MUJOCO_GL")])
 def test_a_film_that_cannot_be_made_is_refused_before_the_run(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str, said: str
-) -> None:
+    polish_sim, tmp_path, monkeypatch, missing, said
+):
     def no_renderer(*_: object) -> None:
         raise RuntimeError("no display")
 
@@ -185,9 +179,7 @@ def test_a_film_that_cannot_be_made_is_refused_before_the_run(
     assert not (tmp_path / "run").exists()
 
 
-def test_without_a_display_view_is_told_so_and_the_run_goes_on(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_display_view_is_told_so_and_the_run_goes_on(polish_sim, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     code, _, err = polish_sim("run", "arc", *QUICK, "--view", "--out", "run")

@@ -1,11 +1,8 @@
 """What a long command says where no bar can be shown."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
-import pytest
 from numba import njit
 
 from polish_sim.cli import progress
@@ -13,7 +10,7 @@ from polish_sim.cli.compiling import FIRST_START, CompileProgress, compiling_sho
 from polish_sim.cli.progress import ProgressObserver
 
 
-def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
     said: list[str] = []
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
@@ -26,7 +23,7 @@ def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch: pytest.Monkey
     assert said == ["plan the path", "plan the path: 40%", "plan the path: 80%"]
 
 
-def test_compiling_is_told_once_and_only_when_it_happens() -> None:
+def test_compiling_is_told_once_and_only_when_it_happens():
     @njit
     def double(x):  # type: ignore[no-untyped-def]
         return 2 * x
@@ -43,7 +40,7 @@ def test_compiling_is_told_once_and_only_when_it_happens() -> None:
     assert said[1:] == ["1/57", "2/57"]
 
 
-def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone() -> None:
+def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone():
     command = [sys.executable, "-m", "polish_sim.cli.compiling", "hybrid-pi"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.wait() == 0

@@ -1,8 +1,6 @@
 """The proof as a user meets it: a plan that has been played, a run that begins behind a place, figures that
 are bad."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +23,7 @@ def plan(polish_sim: Tool) -> Call:
     return made
 
 
-def test_a_proven_plan_is_not_played_again(plan: Call, polish_sim: Tool) -> None:
+def test_a_proven_plan_is_not_played_again(plan, polish_sim):
     assert "prove in the cell" in plan.err
     assert metrics_of("plan")["proven"] == 1
     run = ("run", "surface", "--path", "plan")
@@ -58,7 +56,7 @@ def test_a_proven_plan_is_not_played_again(plan: Call, polish_sim: Tool) -> None
     assert pressed["s"][away.argmin()] == pytest.approx(1e-3 * BEHIND, abs=2e-3)
 
 
-def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool) -> None:
+def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim):
     words = f"run surface --part {plate_file()} --up z --controller position --proof none --seed 504".split()
     words += [*WORDS, "--set", "part.displacement_m=0.003", "--set", "process.max_feed_s=3"]
     kept = polish_sim(*words, "--out", "kept")

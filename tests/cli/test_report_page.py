@@ -1,7 +1,5 @@
 """report.html in a real browser: it plays back the log, needs no network, and shows what the run was."""
 
-from __future__ import annotations
-
 import itertools
 import shlex
 import time
@@ -177,7 +175,7 @@ def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
 
 
 @in_browser
-def test_a_page_plays_the_run_back_and_colours_what_was_removed(played: Tab, surface: Made) -> None:
+def test_a_page_plays_the_run_back_and_colours_what_was_removed(played, surface):
     assert_follows_the_log(played, surface, ("q_rad",))
     assert_clean(played)
     log, removal = surface.record.log, surface.record.removal
@@ -196,7 +194,7 @@ def test_a_page_plays_the_run_back_and_colours_what_was_removed(played: Tab, sur
 
 
 @in_browser
-def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played: Tab, surface: Made) -> None:
+def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played, surface):
     tab, end, first = played, surface.end, played.tab.locator("figure canvas").first
     first.scroll_into_view_if_needed()
     box = first.bounding_box()
@@ -215,7 +213,7 @@ def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played: Tab, surfa
 
 
 @in_browser
-def test_two_robots_move_and_the_part_moves_with_the_second(opened: Open) -> None:
+def test_two_robots_move_and_the_part_moves_with_the_second(opened):
     two_robots = made("dual", "process.feed_m_s=0.06", "process.max_feed_s=2", "dual.master_speed_m_s=0.01")
     tab, record = opened(two_robots), two_robots.record
     assert_follows_the_log(tab, two_robots, ("q_rad", "master_q_rad"))
@@ -232,7 +230,7 @@ def test_two_robots_move_and_the_part_moves_with_the_second(opened: Open) -> Non
 
 
 @in_browser
-def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened: Open) -> None:
+def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened):
     stopped = made("force", "faults.events=sensor-dropout@contact+0.3")
     tab = opened(stopped)
     assert "protective stop" in tab.tab.locator("#stop").inner_text()
@@ -246,7 +244,7 @@ def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened: Open) -> None
 
 
 @in_browser
-def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Made) -> None:
+def test_names_and_notes_are_text_wherever_they_stand(opened, surface):
     scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
     figures = {**surface.record.metrics, "protective_stop": HOSTILE}
     record = replace(surface.record, scenario=scenario, metrics=figures)
@@ -258,7 +256,7 @@ def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Mad
 
 
 @in_browser
-def test_a_plan_plays_its_path_and_predicts_the_removal(opened: Open) -> None:
+def test_a_plan_plays_its_path_and_predicts_the_removal(opened):
     plan = shipped_plan("sphere_100")
     tab = opened(html_text(replace(plan, mesh=replace(plan.mesh, name=HOSTILE)), ExportSetup()))
     end = tab("window.page.now()")
@@ -275,7 +273,7 @@ def test_a_plan_plays_its_path_and_predicts_the_removal(opened: Open) -> None:
 
 
 @in_browser
-def test_two_runs_lie_over_each_other(opened: Open, surface: Made, harder: Made, tmp_path: Path) -> None:
+def test_two_runs_lie_over_each_other(opened, surface, harder, tmp_path):
     runs = [surface.record, replace(harder.record, name="harder")]
     for name, run in zip(("a", "b"), (surface, harder), strict=True):
         (tmp_path / name).mkdir()
@@ -297,7 +295,7 @@ def test_two_runs_lie_over_each_other(opened: Open, surface: Made, harder: Made,
 
 
 @in_browser
-def test_a_page_of_tables_alone_opens_at_any_width(opened: Open) -> None:
+def test_a_page_of_tables_alone_opens_at_any_width(opened):
     rows = [["case", "error"], *([f"case-{k}", f"{k} {HOSTILE}"] for k in range(30))]
     tab = opened(page_html(tables_page("score", "thirty cases", {"Cases": rows}, ["a note"])), width=390)
     assert tab("document.querySelectorAll('td').length") == 60
@@ -306,7 +304,7 @@ def test_a_page_of_tables_alone_opens_at_any_width(opened: Open) -> None:
     assert_clean(tab)
 
 
-def test_the_command_of_a_case_runs_its_very_scenario() -> None:
+def test_the_command_of_a_case_runs_its_very_scenario():
     for case in BATTERY:
         scenario, usual = case.scenario(user_entry("hybrid-adaptive"), 3), default_scenario(case.experiment)
         words = shlex.split(once_more(scenario, usual))
@@ -314,7 +312,7 @@ def test_the_command_of_a_case_runs_its_very_scenario() -> None:
         assert override(usual, words[4::2]) == scenario
 
 
-def test_a_page_is_read_back_as_it_was_written(surface: Made, tmp_path: Path) -> None:
+def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
     write_page(tmp_path, surface.record, surface.model)
     page = read_page(tmp_path / PAGE)
     log, removal = surface.record.log, surface.record.removal
@@ -334,7 +332,7 @@ def test_a_page_is_read_back_as_it_was_written(surface: Made, tmp_path: Path) ->
     assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
 
 
-def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, harder: Made) -> None:
+def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
     page = seeds_page([surface.record, harder.record], {"mean": surface.record.metrics})
     force = next(line for line in page.plots[0].lines if line.label == "exact force")
     assert force.low is not None
@@ -344,7 +342,7 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, hard
     assert np.median((force.high - force.low)[np.isfinite(page.motion.asked)]) == pytest.approx(6.0, abs=0.5)
 
 
-def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim: Callable[..., Any]) -> None:
+def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim):
     words = ["plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan"]
     code, out, err = polish_sim(*words, *UNPROVEN)
     assert code == 0, err

@@ -1,7 +1,5 @@
 """Runs as a user starts them: files, figures, exit codes, interrupts."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import metrics_of
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]
@@ -25,7 +23,7 @@ DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_
 
 
 @pytest.mark.pictures
-def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim, tmp_path):
     code, out, err = polish_sim(*FORCE)
     assert code == 0, err
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
@@ -44,7 +42,7 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim: 
     assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "versions"} <= figures.keys()
 
 
-def test_the_config_of_a_run_gives_the_same_log_again(polish_sim: Tool) -> None:
+def test_the_config_of_a_run_gives_the_same_log_again(polish_sim):
     _, toml, _ = polish_sim("config", "arc")
     Path("mine.toml").write_text(toml)
     assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "again")[0] == 0
@@ -57,7 +55,7 @@ def test_the_config_of_a_run_gives_the_same_log_again(polish_sim: Tool) -> None:
         np.testing.assert_array_equal(first[name], again[name])
 
 
-def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim: Tool) -> None:
+def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     assert polish_sim(*FORCE, "--check", "--out", "good")[0] == 0
     code, out, _ = polish_sim(*FORCE, *DEAF, "--check", "--out", "deaf")
     assert code == 1
@@ -77,7 +75,7 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim: Tool
     assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
 
 
-def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool) -> None:
+def test_a_protective_stop_names_limit_time_place_and_force(polish_sim):
     code, _, err = polish_sim(*FORCE, "--set", "faults.events=sensor-jump@contact+0.5", "--out", "stopped")
     assert code == 3, err
     figures = metrics_of("stopped")
@@ -105,7 +103,7 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool) ->
     assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor" in head
 
 
-def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool) -> None:
+def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim):
     assert polish_sim(*ARC, "--log-rate", "full", "--out", "full")[0] == 0
     assert polish_sim(*ARC, "--log-rate", "50", "--out", "coarse")[0] == 0
     full, coarse = read_log(Path("full/log.npz")), read_log(Path("coarse/log.npz"))
@@ -115,7 +113,7 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool) -> Non
     assert metrics_of("full")[same] == metrics_of("coarse")[same]
 
 
-def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool) -> None:
+def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     words = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
     code, out, err = polish_sim(*FORCE, *words)
     assert code == 0, err
@@ -128,7 +126,7 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool) -> Non
 
 
 @pytest.mark.pictures
-def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool) -> None:
+def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):
         assert polish_sim(*ARC, "--controller", controller, "--out", name)[0] == 0
     assert polish_sim("report", "a", "--out", "alone")[0] == 0
@@ -143,8 +141,8 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool) -> Non
 @pytest.mark.pictures
 @pytest.mark.parametrize("words", [(), ("--seeds", "1", "--on", "here")])
 def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
-) -> None:
+    polish_sim, tmp_path, monkeypatch, words
+):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -164,7 +162,7 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
         assert {"arc.png", "report.html"} <= {file.name for file in (tmp_path / "drawn").iterdir()}
 
 
-def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool) -> None:
+def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim):
     faults = ("--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60")
     code, _, err = polish_sim(*FORCE, *faults, "--out", "a")
     assert code == 3

@@ -1,9 +1,6 @@
 """Options in mm, deg, N and mm/s reach the scenario in SI, and say what is wrong in the user's words."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,7 +24,7 @@ def built(words: dict[str, Any], base: Scenario | None = None, **more: Any) -> S
     return build_scenario(base or Scenario(), given | more)
 
 
-def test_every_option_lands_in_its_key_in_si() -> None:
+def test_every_option_lands_in_its_key_in_si():
     landed = [
         ("--part", "plate", "part.file", "plate"),
         ("--part-pose", "-100,-500,50,0,0,90", "part.pose", (-0.1, -0.5, 0.05, 0.0, 0.0, math.pi / 2)),
@@ -52,7 +49,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
-def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
+def test_set_beats_options_and_options_beat_the_file(tmp_path):
     assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
     file = tmp_path / "mine.toml"
     file.write_text("[process]\nfeed_m_s = 0.002\ncontact_force_n = 5.0\n[pad]\npoints = 50\n")
@@ -85,12 +82,12 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
         ("--seed", "1.5", r"--seed '1\.5' is not a whole number"),
     ],
 )
-def test_a_bad_value_is_named_with_its_option(option: str, value: Any, said: str) -> None:
+def test_a_bad_value_is_named_with_its_option(option, value, said):
     with pytest.raises(PolishSimError, match=said):
         built({option: value})
 
 
-def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit() -> None:
+def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit():
     scalars = [key for key in KEYS.values() if isinstance(key.option.unit, Unit) and not key.spec["length"]]
     assert scalars
     for key in scalars:
@@ -101,7 +98,7 @@ def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit() -> N
         assert "[" not in str(raised.value)
 
 
-def test_of_the_options_of_a_path_those_pass_that_change_something() -> None:
+def test_of_the_options_of_a_path_those_pass_that_change_something():
     refuse_idle_options(experiment("surface"), ["--stepover", "--overlap", "--order", "--lead-in", "--start"])
     # Two robots cover a region where an even removal is asked for.
     with pytest.raises(InputError, match=r"--stepover .*'run dual'"):
@@ -114,7 +111,7 @@ def test_of_the_options_of_a_path_those_pass_that_change_something() -> None:
     refuse_idle_on_path(Scenario(plan=PlanConfig(axis_smoothing_m=0.01)), {}, {"--axis-deviation": 3.0})
 
 
-def test_a_user_s_files_are_named_from_the_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_s_files_are_named_from_the_root(tmp_path, monkeypatch):
     (tmp_path / "mine.py").touch()
     (tmp_path / "mine.toml").touch()
     monkeypatch.chdir(tmp_path)
@@ -129,7 +126,7 @@ def test_a_user_s_files_are_named_from_the_root(tmp_path: Path, monkeypatch: pyt
     assert built({}, **{"--set": [f"controller.name={controller.name}"]}).controller == controller
 
 
-def test_a_zero_is_given_and_a_switch_that_is_off_is_not() -> None:
+def test_a_zero_is_given_and_a_switch_that_is_off_is_not():
     @takes("--spindle-rpm", "--set", "--view")
     def command(given: dict[str, Any]) -> dict[str, Any]:
         return given

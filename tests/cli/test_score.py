@@ -1,7 +1,5 @@
 """`polish-sim score` as a user calls it, on a small part of the battery."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import time
@@ -11,7 +9,7 @@ from typing import Any
 import pytest
 
 from polish_sim.scoring.journal import Row, Task, measure_row
-from tests.cli.conftest import PROGRAM, Tool, metrics_of
+from tests.cli.conftest import PROGRAM, metrics_of
 
 HERE = ["--on", "here"]
 ONE = ["--case", "approach-20", "--seeds", "1", *HERE]
@@ -24,7 +22,7 @@ def read(file: Path) -> dict[str, Any]:
 
 
 @pytest.mark.pictures
-def test_two_controllers_stand_side_by_side(polish_sim: Tool) -> None:
+def test_two_controllers_stand_side_by_side(polish_sim):
     code, out, err = polish_sim("score", *ONE, "--against", "position", "--check", "--out", "s")
     assert code == 1, err  # hybrid-pi settles later than asked
     assert {file.name for file in Path("s").iterdir()} == FILES
@@ -51,9 +49,7 @@ def test_two_controllers_stand_side_by_side(polish_sim: Tool) -> None:
     assert Path("s/rows.jsonl").read_text() == lines
 
 
-def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(
-    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tmp_path, monkeypatch):
     words = ["score", "--case", "noise-1", *SHORT, *HERE]
     with subprocess.Popen([*PROGRAM, *words, "--seeds", "3", "--out", "killed"], cwd=tmp_path) as run:
         file = tmp_path / "killed" / "rows.jsonl"
@@ -81,7 +77,7 @@ def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(
     assert read(tmp_path / "killed/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 
 
-def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim: Tool) -> None:
+def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
     source = "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
     Path("mine.py").write_text(source)
     words = ["score", "--controller", "mine.py:Down", *HERE, "--out", "s"]

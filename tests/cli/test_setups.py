@@ -1,7 +1,5 @@
 """`plan --region all`: every side of a part in few setups, each a plan folder."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import UNPROVEN, Tool, metrics_of
+from tests.cli.conftest import UNPROVEN, metrics_of
 
 PLAN = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
 
@@ -27,7 +25,7 @@ def cube(tmp_path: Path) -> Path:
     return tmp_path / "cube.stl"
 
 
-def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool, cube: Path) -> None:
+def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim, cube):
     code, out, err = polish_sim("plan", cube, *PLAN)
     assert code == 0
     setups = metrics_of("all")["setups"]
@@ -49,7 +47,7 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool,
     assert "--path FOLDER/setup_N" in err
 
 
-def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool) -> None:
+def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim):
     trimesh.creation.box((100.0, 80.0, 10.0)).export("plate.stl")
     code, _, err = polish_sim("plan", "plate.stl", *PLAN)
     assert code == 0
@@ -58,7 +56,7 @@ def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool)
     assert metrics_of("all")["unreached_area_m2"] == pytest.approx(2 * (0.1 + 0.08) * 0.01)
 
 
-def test_a_setup_is_planned_again_from_its_own_words(polish_sim: Tool, cube: Path) -> None:
+def test_a_setup_is_planned_again_from_its_own_words(polish_sim, cube):
     region = ("--region", "all:4,1/z", "--up", "y", "--stepover", "20", *UNPROVEN)
     assert polish_sim("plan", cube, *region, "--out", "one")[0] == 0
     path = json.loads(Path("one/path.json").read_text())

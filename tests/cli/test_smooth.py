@@ -1,7 +1,5 @@
 """`polish-sim smooth` as a user calls it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from tests.cli.conftest import Tool, assert_refused, metrics_of, undrawn
+from tests.cli.conftest import assert_refused, metrics_of, undrawn
 
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
@@ -31,7 +29,7 @@ def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "one"
 
 
-def test_spline_keeps_tolerances_and_limits(smoothed: Path) -> None:
+def test_spline_keeps_tolerances_and_limits(smoothed):
     metrics = metrics_of(smoothed)
     assert {file.name for file in smoothed.iterdir()} == FILES
     assert (metrics["rule"], metrics["segments"]) == ("spline", 4)
@@ -52,7 +50,7 @@ def test_spline_keeps_tolerances_and_limits(smoothed: Path) -> None:
         assert written == pytest.approx(default)
 
 
-def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed: Path) -> None:
+def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed):
     archive = np.load(smoothed / "trajectory.npz")
     time, count = archive["time_s"], len(archive["time_s"])
     shapes = {"tip_m": (count, 3), "axis": (count, 3), "q_rad": (count, 6), "qd_rad_s": (count, 6)}
@@ -72,7 +70,7 @@ def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed
 
 
 @pytest.mark.pictures
-def test_the_tool_alone_needs_no_robot(polish_sim: Tool) -> None:
+def test_the_tool_alone_needs_no_robot(polish_sim):
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n2000,0,0,0,0,1\n2000,500,0,0,0,1\n")
     words = ("--no-joints", "--rate", 20, "--against", "joint-acceleration", "--out", "out")
     code, out, _ = polish_sim("smooth", "far.csv", *words)
@@ -86,7 +84,7 @@ def test_the_tool_alone_needs_no_robot(polish_sim: Tool) -> None:
     assert "q_rad" not in np.load("out/trajectory.npz")
 
 
-def test_no_tolerance_means_exact_stops(polish_sim: Tool) -> None:
+def test_no_tolerance_means_exact_stops(polish_sim):
     Path("path.csv").write_text(HEAD + "0,0,0,0,0,1\n5,0,0,0,0,1\n5,5,0,0,0,1\n")
     words = ("--tolerance", 0, "--axis-tolerance", 0, "--no-joints")
     assert polish_sim("smooth", "path.csv", *words, "--out", "out")[0] == 0
@@ -98,7 +96,7 @@ def test_no_tolerance_means_exact_stops(polish_sim: Tool) -> None:
     )
 
 
-def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
+def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim):
     Path("path.nc").write_text("G0 X0 Y0 Z50\nX50\nG1 X100 F600 U7\nX150 F1200\n")
     words = ("smooth", "path.nc", "--no-joints", "--rate", 1000, "--out", "out")
     assert "line 3, column 14: unknown word 'U7'" in polish_sim(*words)[2]
@@ -139,7 +137,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str) -> None:
+def test_bad_input_is_one_message_and_leaves_nothing(polish_sim, case):
     text, words, message = BAD[case]
     Path("path.csv").write_text(text)
     Path("zero.toml").write_text(LIMITS.format("50", "jerk_mm_s3 = 0"))
@@ -150,7 +148,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str
 
 
 @pytest.mark.pictures
-def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Tool) -> None:
+def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim):
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)
     assert "within reach" in polish_sim("run", "smooth", "--path", "path.csv", "--dry-run").out

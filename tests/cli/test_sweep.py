@@ -1,7 +1,5 @@
 """`polish-sim sweep`: one folder, which resumes whatever ended the command."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -15,7 +13,7 @@ from polish_sim.cli.sweep import check_values
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
-from tests.cli.conftest import PROGRAM, Tool, metrics_of
+from tests.cli.conftest import PROGRAM, metrics_of
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
@@ -42,7 +40,7 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
     return rows
 
 
-def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool) -> None:
+def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     Path("mine.py").write_text(MINE)
     vary = (
         "sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT,
@@ -69,7 +67,7 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool)
     assert "hello" not in done.out + more.out
 
 
-def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
     rows, begin = tmp_path / "s" / "rows.jsonl", [*PROGRAM, *asked, "--out", "s"]
     for ended_by, least, where in ((signal.SIGKILL, 2, ONE), (signal.SIGINT, 4, HERE)):
@@ -86,7 +84,7 @@ def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Pat
     assert len(rows_of(tmp_path / "s")) == 12
 
 
-def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(polish_sim: Tool) -> None:
+def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(polish_sim):
     force, limit = Axis("process.contact_force_n", "60", (60.0,)), Axis("safety.force_limit_n", "80", (80.0,))
     check_values(Study(default_scenario("force"), (force, limit)))
     with pytest.raises(PolishSimError):

@@ -1,20 +1,18 @@
 """`polish-sim run teach` as a user calls it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
-from tests.cli.conftest import UNPROVEN, Tool, metrics_of
+from tests.cli.conftest import UNPROVEN, metrics_of
 
 SHORT = ("--set", "hand.off_s=2")
 
 
 @pytest.mark.pictures
-def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> None:
+def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
     code, out, _ = polish_sim(
         "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
     )
@@ -31,7 +29,7 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> N
     assert polish_sim("report", "out", "out", "--out", "beside")[0] == 0
 
 
-def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: Tool) -> None:
+def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
     words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
     code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
     assert code == 3
@@ -41,7 +39,7 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
 
 
 @pytest.mark.pictures
-def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
+def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
     code, out, _ = polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")
     assert code == 0

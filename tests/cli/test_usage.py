@@ -1,7 +1,5 @@
 """Help, versions and wrong words on the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -10,13 +8,13 @@ from polish_sim import __version__
 from polish_sim.cell import FAULTS
 from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
-from tests.cli.conftest import Tool, assert_refused
+from tests.cli.conftest import assert_refused
 
 COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
 FLANGED = "--set head.flange.bandwidth_hz=20 --set controller.name=position"
 
 
-def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(polish_sim: Tool) -> None:
+def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(polish_sim):
     for command in COMMANDS:
         code, out, err = polish_sim(command, "--help")
         assert (code, err) == (0, "")
@@ -128,7 +126,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("calibrate payload --data gone.csv --poses 9", "--poses would change nothing with --data"),
     ],
 )
-def test_wrong_words_are_one_line_before_any_work(polish_sim: Tool, words: str, said: str) -> None:
+def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
     call = polish_sim(*words.split())
     assert_refused(call, said)
     assert call.err.count("\n") == 1  # no stage was begun
@@ -154,7 +152,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim: Tool, words: str, 
         ),
     ],
 )
-def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim: Tool, words: str, said: str) -> None:
+def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, said):
     assert_refused(polish_sim(*words.split()), said)
 
 
@@ -169,7 +167,7 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim: Tool, wor
         ("score --out other", "is not a score"),
     ],
 )
-def test_a_file_of_something_else_is_named_and_left_alone(polish_sim: Tool, words: str, said: str) -> None:
+def test_a_file_of_something_else_is_named_and_left_alone(polish_sim, words, said):
     Path("mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
     Path("empty.csv").touch()
     Path("binary.csv").write_bytes(bytes(range(256)))
@@ -179,7 +177,7 @@ def test_a_file_of_something_else_is_named_and_left_alone(polish_sim: Tool, word
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
 
 
-def test_list_says_what_ships_and_what_each_is(polish_sim: Tool) -> None:
+def test_list_says_what_ships_and_what_each_is(polish_sim):
     code, out, _ = polish_sim("list")
     assert code == 0
     for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):

@@ -2,9 +2,7 @@
 found."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -72,7 +70,7 @@ def logged() -> dict[str, np.ndarray]:
     }
 
 
-def test_a_simulated_log_is_its_own_replay_if_its_payload_is_named(logged, tmp_path: Path) -> None:
+def test_a_simulated_log_is_its_own_replay_if_its_payload_is_named(logged, tmp_path):
     log = read_robot_recording(write_csv(tmp_path / "log.csv", logged, ",", NAMES), ("q_rad",))
     assert compare_joints(UR10E, log, CarriedPayload()).figures["nrms"][1] > 0.02
     found = compare_joints(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
@@ -84,7 +82,7 @@ def test_a_simulated_log_is_its_own_replay_if_its_payload_is_named(logged, tmp_p
     )
 
 
-def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> None:
+def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path):
     """It holds no commands: what the servos lag behind and the low-pass are left."""
     pytest.importorskip("rosbags")
     log = read_robot_recording(write_bag(tmp_path / "bag", logged, "mcap"))
@@ -94,7 +92,7 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> Non
     assert max(found.figures["nrms"]) < 0.1
 
 
-def test_rigid_torques_hold_a_payload_at_its_lever() -> None:
+def test_rigid_torques_hold_a_payload_at_its_lever():
     still = np.zeros((1, 6))
     with_load = rigid_torques(UR10E, still, still, still, CarriedPayload(5.0, (0.0, 0.0, 0.1)))
     without = rigid_torques(UR10E, still, still, still, CarriedPayload())
@@ -102,14 +100,14 @@ def test_rigid_torques_hold_a_payload_at_its_lever() -> None:
     assert abs((with_load - without)[0, 1]) == pytest.approx(5.0 * 9.81 * lever, rel=2e-3)
 
 
-def test_the_flange_carries_what_is_named() -> None:
+def test_the_flange_carries_what_is_named():
     model = bare_arm(UR10E, CarriedPayload(3.0, (0.01, 0.0, 0.02)))
     assert model.body("tool_mount").mass[0] == pytest.approx(3.0)
     np.testing.assert_allclose(model.body("tool_mount").ipos, [0.01, 0.0, 0.02])
 
 
 @pytest.mark.parametrize("cycles", [101.0, 202.0])
-def test_planted_ripple_is_found(cycles: float) -> None:
+def test_planted_ripple_is_found(cycles):
     t = np.arange(0.0, 40.0, 0.01)
     q, qd = 2.0 * np.sin(0.3 * t), 0.6 * np.cos(0.3 * t)
     noise = np.random.default_rng(500).normal(0.0, 0.3, len(t))
@@ -118,7 +116,7 @@ def test_planted_ripple_is_found(cycles: float) -> None:
     assert line.amplitude == pytest.approx(0.7, rel=0.1)
 
 
-def test_planted_friction_is_found_by_speed_and_load() -> None:
+def test_planted_friction_is_found_by_speed_and_load():
     t = np.arange(0.0, 60.0, 0.01)
     qd, rigid = 0.8 * np.cos(0.5 * t), 40.0 * np.sin(0.31 * t)
     share = np.where(rigid * qd > 0.0, 0.09, 0.04)
@@ -128,7 +126,7 @@ def test_planted_friction_is_found_by_speed_and_load() -> None:
     assert 5.0 < curve[0] < curve[8] < 5.0 + 8.0 * 0.8 + 0.09 * 40.0
 
 
-def test_a_planted_delay_and_error_are_found() -> None:
+def test_a_planted_delay_and_error_are_found():
     t = np.arange(0.0, 20.0, 0.004)
     a = np.sin(2.0 * t)[:, None] * np.ones(6)
     late = np.sin(2.0 * (t - 0.0123))[:, None] * np.ones(6)
@@ -136,7 +134,7 @@ def test_a_planted_delay_and_error_are_found() -> None:
     np.testing.assert_allclose(nrms(a, a + 0.02), 0.01, rtol=1e-3)
 
 
-def test_a_step_is_measured_by_its_closed_form() -> None:
+def test_a_step_is_measured_by_its_closed_form():
     """20 N (1 - exp(-t / 0.2 s) cos): the last time it leaves 10 N is where the envelope is 10 N."""
     t = np.arange(-1.0, 4.0, 0.001)
     force = np.where(t < 0.0, 0.0, 20.0 * (1.0 - np.exp(-t / 0.2)))
@@ -159,9 +157,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_csv(tmp_path_factory.mktemp("log") / "log.csv", made | {"qd_rad_s": 0.3 * made["qd_rad_s"]})
 
 
-def test_the_command_writes_figures_picture_and_page(
-    log: Path, polish_sim: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
     code, said, _ = polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", "out")
     assert code == 0
     assert "ur10e" in said
@@ -183,7 +179,5 @@ def test_the_command_writes_figures_picture_and_page(
         ("--to 0.0001", "fewer than two"),
     ],
 )
-def test_what_cannot_be_done_is_one_message(
-    log: Path, polish_sim: Callable[..., Any], words: str, what: str
-) -> None:
+def test_what_cannot_be_done_is_one_message(log, polish_sim, words, what):
     assert_refused(polish_sim("compare", log, *words.split(), "--out", "out"), what)

@@ -1,7 +1,5 @@
 """Measurements and targets for the laws, from a few words."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """The force loop and its low-pass against their closed forms."""
 
-from __future__ import annotations
-
 import cmath
 import math
 
@@ -45,7 +43,7 @@ def closed_form(t: Array, p: float, i: float) -> Array:
 
 
 @pytest.mark.parametrize(("p", "i"), [(0.004, 0.012), (0.001, 0.03), (0.002, 0.0)])
-def test_a_step_of_force_follows_the_second_order_response(p: float, i: float) -> None:
+def test_a_step_of_force_follows_the_second_order_response(p, i):
     errors = []
     for dt in (2e-4, 1e-4):
         forces = press(PiGains(p, i, 10.0, UNFILTERED), dt, 1.5)
@@ -55,7 +53,7 @@ def test_a_step_of_force_follows_the_second_order_response(p: float, i: float) -
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)  # first order in the step
 
 
-def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
+def test_ten_seconds_in_the_air_do_not_wind_the_integral_up():
     gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory()
     for _ in range(10_000):
         assert force_pi(FORCE, 0.0, 1e9, gains, 0.001, state) == gains.limit
@@ -63,7 +61,7 @@ def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
     np.testing.assert_array_equal(press(gains, 0.001, 1.0, state=state), press(gains, 0.001, 1.0))
 
 
-def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> None:
+def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit():
     gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory(20.0)
     rate = force_pi(FORCE, FORCE + 5.0, 1e9, gains, 0.001, state)
     assert rate == gains.limit
@@ -71,9 +69,7 @@ def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> Non
 
 
 @pytest.mark.parametrize(("dt", "corner_hz"), [(1e-4, 80.0), (0.02, 1.0)])
-def test_the_low_pass_answers_a_step_exactly_and_starts_at_the_first_reading(
-    dt: float, corner_hz: float
-) -> None:
+def test_the_low_pass_answers_a_step_exactly_and_starts_at_the_first_reading(dt, corner_hz):
     first = force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, corner_hz), dt, PiMemory())
     assert first == pytest.approx(0.004 * 2.0)
     output = 0.0
@@ -95,22 +91,22 @@ def felt(stiffness: float, tool: float = 0.02, part: float = 0.0, state: FeltMem
 
 
 @pytest.mark.parametrize("times", [0.2, 1.4])
-def test_on_springs_as_drawn_or_softer_the_gains_are_as_set(times: float) -> None:
+def test_on_springs_as_drawn_or_softer_the_gains_are_as_set(times):
     assert (felt(times * STIFFNESS) == 1.0).all()
 
 
 @pytest.mark.parametrize("times", [2.0, 8.0])
-def test_on_stiffer_springs_the_gains_fall_to_one_and_a_half_times_the_drawn_crossover(times: float) -> None:
+def test_on_stiffer_springs_the_gains_fall_to_one_and_a_half_times_the_drawn_crossover(times):
     shares = felt(times * STIFFNESS, tool=0.005)
     assert shares[0] == 1.0
     assert shares[-1] * times == pytest.approx(1.5, rel=0.02)
 
 
-def test_a_part_that_comes_towards_a_tool_at_rest_leaves_the_least_share() -> None:
+def test_a_part_that_comes_towards_a_tool_at_rest_leaves_the_least_share():
     assert felt(STIFFNESS, tool=0.0, part=0.02)[-1] == LEAST_SHARE
 
 
-def test_after_landing_a_part_that_rises_is_no_stiffness() -> None:
+def test_after_landing_a_part_that_rises_is_no_stiffness():
     state = FeltMemory()
     felt(STIFFNESS, state=state)
     while not state.landed:

@@ -1,8 +1,6 @@
 """Which axis answers to what: force takes tool z and nothing else, moment takes the turn about tool y; and
 force-mode, which differs from hybrid-pi along tool z alone."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable
@@ -40,9 +38,7 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
-def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(
-    seed: int, hybrid: str, law: int
-) -> None:
+def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed, hybrid, law):
     m, t = drawn(seed)
     linear, _ = in_tool(m, controller(hybrid).step(m, t))
     error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
@@ -64,7 +60,7 @@ def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: int) -> None:
+def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed):
     m, t = drawn(seed)
     t.rotation[:] = Rotation.from_rotvec([0.003, -0.002, 0.004]).as_matrix() @ m.rotation
     _, angular = in_tool(m, controller("hybrid-pi").step(m, t))
@@ -76,7 +72,7 @@ def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: 
     assert angular[1] == pytest.approx(planned + limited, abs=1e-12)
 
 
-def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force() -> None:
+def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force():
     m, t = drawn(0, contact=0.0)
     np.testing.assert_array_equal(controller("hybrid-pi").step(m, t), controller("position").step(m, t))
     m, t = drawn(0)
@@ -96,9 +92,7 @@ def leaning(made: CompiledController, steps: int, moment: Callable[[float], floa
 
 
 @pytest.mark.parametrize(("p", "i"), [(0.1, 0.0), (0.2, 0.5)])
-def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(
-    p: float, i: float
-) -> None:
+def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(p, i):
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     stiffness, lean = 3.0, -0.01
     made = controller(
@@ -112,7 +106,7 @@ def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order
     np.testing.assert_allclose(angles, lean - error, atol=0.005 * abs(lean))
 
 
-def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit() -> None:
+def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit():
     # A moment no tilt relieves: the pad hangs over an edge.
     angles = leaning(controller("hybrid-pi"), 4000, lambda _angle: -5.0)
     assert max(angles) < CONFIG.moment_tilt_limit_rad + 1e-6
@@ -120,7 +114,7 @@ def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
-def test_reset_forgets_everything(name: str) -> None:
+def test_reset_forgets_everything(name):
     rng = np.random.default_rng(0)
     readings = [measurement_from(rng) for _ in range(20)]
     targets = [target_near(m, rng, contact=1.0) for m in readings]
@@ -131,7 +125,7 @@ def test_reset_forgets_everything(name: str) -> None:
     np.testing.assert_array_equal(first, again)
 
 
-def test_leaving_contact_forgets_the_force_integral() -> None:
+def test_leaving_contact_forgets_the_force_integral():
     rng = np.random.default_rng(0)
     m = measurement_from(rng)
     t, free = target_near(m, rng, contact=1.0), target_near(m, rng, contact=0.0)
@@ -142,7 +136,7 @@ def test_leaving_contact_forgets_the_force_integral() -> None:
     assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
 
 
-def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up() -> None:
+def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up():
     rng = np.random.default_rng(0)
     m = measurement_from(rng)
     m.twist[:], m.wrench[:] = 0.0, 0.0
@@ -172,7 +166,7 @@ def speeds(damping: float, force: float, speed: float, count: int = 20) -> Array
     return np.array([law.step(m, t)[2] for _ in range(count)])
 
 
-def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_share_of_its_speed() -> None:
+def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_share_of_its_speed():
     answer = speeds(0.0, force=15.0, speed=0.0)
     np.testing.assert_array_equal(answer[1::2][:-1], answer[2::2])
     mass = CONFIG.baselines.mode_mass_kg / CONFIG.baselines.mode_gain_scaling
@@ -183,12 +177,12 @@ def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_sha
 
 
 @pytest.mark.parametrize("speed", [-0.02, 0.02])
-def test_force_control_begins_at_the_speed_the_tool_has(speed: float) -> None:
+def test_force_control_begins_at_the_speed_the_tool_has(speed):
     law, (m, t) = controller("force-mode"), pressing(20.0, speed)
     assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)
 
 
-def test_the_speed_stays_within_its_limit_and_does_not_wind_up() -> None:
+def test_the_speed_stays_within_its_limit_and_does_not_wind_up():
     law, (m, t) = controller("force-mode"), pressing(-500.0)
     pushed = [law.step(m, t)[2] for _ in range(500)]
     assert max(pushed) == pytest.approx(CONFIG.force_limit_m_s)
@@ -197,7 +191,7 @@ def test_the_speed_stays_within_its_limit_and_does_not_wind_up() -> None:
     assert (back < 0.0).argmax() < 20
 
 
-def test_everything_but_tool_z_is_as_in_hybrid_pi() -> None:
+def test_everything_but_tool_z_is_as_in_hybrid_pi():
     rng = np.random.default_rng(0)
     m = measurement_from(rng)
     for contact in (0.0, 1.0):
@@ -208,7 +202,7 @@ def test_everything_but_tool_z_is_as_in_hybrid_pi() -> None:
         np.testing.assert_array_equal(ours[3:], hybrid[3:])
 
 
-def test_a_second_contact_begins_afresh() -> None:
+def test_a_second_contact_begins_afresh():
     law, (m, t) = controller("force-mode"), pressing(0.0)
     first = [law.step(m, t)[2] for _ in range(100)]
     t.contact = False

@@ -1,7 +1,5 @@
 """The position and orientation loops against their equations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -18,7 +16,7 @@ from polish_sim.control.loops import (
 )
 
 
-def test_equations_6_and_7_add_the_pid_of_the_velocity_error() -> None:
+def test_equations_6_and_7_add_the_pid_of_the_velocity_error():
     gains, dt = VelocityGains(0.1, p=0.2, d=0.01, i=0.5), 0.001
     state, out = VelocityMemory(), np.zeros(3)
     wanted, first, second = np.random.default_rng(3).normal(size=(3, 3))
@@ -44,7 +42,7 @@ def random_axes(n: int, seed: int = 0) -> np.ndarray:
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def test_small_errors_are_the_exact_rotation_vector_to_third_order() -> None:
+def test_small_errors_are_the_exact_rotation_vector_to_third_order():
     frames = Rotation.random(50, random_state=0).as_matrix()
     worst = []
     for angle in (0.2, 0.1):
@@ -58,14 +56,14 @@ def test_small_errors_are_the_exact_rotation_vector_to_third_order() -> None:
 
 
 @pytest.mark.parametrize("angle", [1e-9, 0.3, 3.1])
-def test_turns_about_an_own_axis_are_exact_at_any_angle(angle: float) -> None:
+def test_turns_about_an_own_axis_are_exact_at_any_angle(angle):
     R = Rotation.random(random_state=4).as_matrix()
     for turn in angle * R.T:
         found = error_between(R, Rotation.from_rotvec(turn).as_matrix() @ R)
         np.testing.assert_allclose(found, turn, rtol=1e-6, atol=1e-15)
 
 
-def test_an_axis_onto_its_opposite_takes_half_a_turn_about_a_perpendicular() -> None:
+def test_an_axis_onto_its_opposite_takes_half_a_turn_about_a_perpendicular():
     for axis in random_axes(20):
         spare = np.cross(axis, random_axes(1, seed=9)[0])
         spare /= np.linalg.norm(spare)
@@ -76,7 +74,7 @@ def test_an_axis_onto_its_opposite_takes_half_a_turn_about_a_perpendicular() -> 
         np.testing.assert_allclose(Rotation.from_rotvec(out).apply(axis), -axis, atol=1e-12)
 
 
-def test_an_axis_turns_into_the_other_the_short_way() -> None:
+def test_an_axis_turns_into_the_other_the_short_way():
     for first, second in zip(random_axes(50), random_axes(50, seed=1), strict=True):
         out = np.zeros(3)
         add_axis_rotation(first, second, np.zeros(3), out)
@@ -84,7 +82,7 @@ def test_an_axis_turns_into_the_other_the_short_way() -> None:
         assert np.linalg.norm(out) == pytest.approx(math.acos(first @ second), abs=1e-7)
 
 
-def test_turning_by_the_error_brings_any_two_frames_together() -> None:
+def test_turning_by_the_error_brings_any_two_frames_together():
     """From random frames, and from frames exactly half a turn away."""
     half_turns = [Rotation.from_rotvec(math.pi * axis).as_matrix() for axis in [*np.eye(3), *random_axes(5)]]
     for R in (*Rotation.random(20, random_state=2).as_matrix(), *half_turns):

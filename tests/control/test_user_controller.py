@@ -1,7 +1,5 @@
 """A user's class from a file: loaded by FILE.py:CLASS, refused with a reason."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib
@@ -71,7 +69,7 @@ FAILS = "class Mine:\n    def __init__(self):\n        raise RuntimeError('no li
         (FAILS, "{file}:Mine", "no licence (mine.py, line 3)"),
     ],
 )
-def test_what_cannot_be_loaded_says_why(file: Path, source: str, name: str, told: str) -> None:
+def test_what_cannot_be_loaded_says_why(file, source, name, told):
     file.write_text(source, encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(told)):
         build_controller(ControllerConfig(name=name.format(file=file)))
@@ -81,7 +79,7 @@ def tuned(file: Path, **own: float | str) -> object:
     return build_controller(ControllerConfig(name=f"{file}:Tuned", own=own))
 
 
-def test_a_class_declares_its_parameters_and_is_made_with_those_given(file: Path) -> None:
+def test_a_class_declares_its_parameters_and_is_made_with_those_given(file):
     made = tuned(file, gain=0.02, mode="glide", late=True)
     assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
     known = own_parameters(f"{file}:Tuned")
@@ -100,14 +98,14 @@ def test_a_class_declares_its_parameters_and_is_made_with_those_given(file: Path
         ({"mode": 3}, "own.mode' must be text"),
     ],
 )
-def test_wrong_parameters_are_refused_by_name(file: Path, own: dict[str, float | str], told: str) -> None:
+def test_wrong_parameters_are_refused_by_name(file, own, told):
     with pytest.raises(PolishSimError, match=re.escape(told)):
         tuned(file, **own)
     with pytest.raises(InputError, match=r"controller\.own\.\w+ "):
         build_controller(ControllerConfig(own=own))
 
 
-def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file: Path, tmp_path: Path) -> None:
+def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
     usual = default_scenario("force")
     own = ["controller.own.gain=0.02", "controller.own.late=true"]
     chosen = override(usual, [f"controller.name={file}:Tuned", *own])
@@ -125,7 +123,7 @@ def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file: Pat
             override(usual, [f"controller.{value}"])
 
 
-def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file: Path) -> None:
+def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file):
     made = tuned(file, gain=0.02)
     scenario = override(default_scenario("arc"), ["process.feed_m_s=0.4", "process.max_feed_s=0.2"])
     by_object = run_experiment(scenario, controller=made)  # type: ignore[arg-type]

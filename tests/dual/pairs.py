@@ -1,7 +1,5 @@
 """Two robots for tests: the follower presses or stands still where the master carries a part."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,8 +1,5 @@
 """Plant bases and arms before a laser tracker, turn axes or hold poses, recover them."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -30,7 +27,6 @@ from polish_sim.dual.calibrate_bases import (
 )
 from polish_sim.dual.calibration.arm import held_out_rms
 from polish_sim.dual.calibration.circle import (
-    BaseFrame,
     SweptCircle,
     base_from_circles,
     base_from_meeting_axes,
@@ -69,7 +65,7 @@ def step_from(true: Array, T: Array) -> Array:
 @pytest.mark.parametrize(
     "offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]]
 )
-def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array) -> None:
+def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets):
     """Encoder offsets of the joints beyond: the target runs other circles about the same axes."""
     found = base_from_circles(fit_circle(arc(0, offsets=offsets)), fit_circle(arc(1, offsets=offsets)))
     np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
@@ -86,9 +82,7 @@ def drawn_circles() -> list[tuple[SweptCircle, SweptCircle]]:
 @pytest.mark.parametrize(
     ("rule", "origin", "tilt"), [(base_from_circles, 2.1e-5, 1.1e-3), (base_from_meeting_axes, 1.7e-5, 1e-3)]
 )
-def test_the_base_is_as_good_as_asked_and_as_stated(
-    rule: Callable[..., BaseFrame], origin: float, tilt: float
-) -> None:
+def test_the_base_is_as_good_as_asked_and_as_stated(rule, origin, tilt):
     found = [rule(*circles) for circles in drawn_circles()]
     errors, covariance = np.array([step_from(T_TRACKER_BASE, base.T) for base in found]), found[0].covariance
     # Mahalanobis distances average to the number of unknowns.
@@ -100,7 +94,7 @@ def test_the_base_is_as_good_as_asked_and_as_stated(
     assert np.degrees(np.sqrt(np.mean(sine**2))) <= tilt
 
 
-def test_axes_that_do_not_meet_are_not_made_to() -> None:
+def test_axes_that_do_not_meet_are_not_made_to():
     shifted = arc(1) + 5e-4 * T_TRACKER_BASE[:3, 0]
     rng = np.random.default_rng(4)
     circles = fit_circle(noisy(arc(0), rng)), fit_circle(noisy(shifted, rng))
@@ -120,7 +114,7 @@ def test_axes_that_do_not_meet_are_not_made_to() -> None:
         (arc(0, sector=(0.0, 20.0)), arc(1), "arc of 20 deg is too short"),
     ],
 )
-def test_points_of_no_circles_and_arcs_of_no_ur5e_are_refused(first: Array, second: Array, said: str) -> None:
+def test_points_of_no_circles_and_arcs_of_no_ur5e_are_refused(first, second, said):
     with pytest.raises(CalibrationError, match=said):
         base_from_circles(fit_circle(first), fit_circle(second))
 
@@ -137,14 +131,14 @@ CLOUD = np.random.default_rng(8).uniform(-0.6, 0.6, (12, 3))
         (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
     ],
 )
-def test_exact_points_give_the_frame_and_others_are_refused(seen: Array, own: Array, said: str) -> None:
+def test_exact_points_give_the_frame_and_others_are_refused(seen, own, said):
     with pytest.raises(CalibrationError, match=said):
         check_matched(seen, own)
     for some in (CLOUD, CLOUD[:3]):
         np.testing.assert_allclose(kabsch(apply(T_TRACKER_BASE, some), some), T_TRACKER_BASE, atol=1e-12)
 
 
-def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
+def test_covariance_of_a_base_in_another_is_that_of_the_errors():
     rng = np.random.default_rng(10)
     T_b = from_pose([1.0, 1.5, -0.3, 0.0, 0.1, -1.0])
     root = [1e-5 * rng.standard_normal((6, 6)) for _ in range(2)]
@@ -163,7 +157,7 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
 POINT = np.array([0.01, -0.02, 0.1])
 
 
-def test_slopes_of_the_table_are_those_of_differences() -> None:
+def test_slopes_of_the_table_are_those_of_differences():
     rng, step = np.random.default_rng(2), 1e-6
     q, table = rng.uniform(LOW, HIGH, (40, 6)), NOMINAL + 0.01 * rng.standard_normal((4, 6))
 
@@ -178,7 +172,7 @@ def test_slopes_of_the_table_are_those_of_differences() -> None:
         )
 
 
-def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
+def test_gears_that_wind_up_and_err_are_found_along_with_the_table():
     rng = np.random.default_rng(31)
     sizes = np.repeat([[3e-5] * 3 + [1.5e-4] * 4, [2e-4] * 3 + [2e-4] * 4], 3, axis=0)
     table, T = NOMINAL + 2e-4 * rng.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
@@ -200,14 +194,14 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
     assert np.all(np.abs(beyond[:, 2] - beyond[:, 1]) < np.repeat([2e-5, 12e-5], 3))
 
 
-def test_arms_as_their_table_says_are_not_made_worse() -> None:
+def test_arms_as_their_table_says_are_not_made_worse():
     exact = ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
     figures = run_arm_calibration(ArmTrial(tolerance=exact)).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones(seed: int) -> None:
+def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones(seed):
     """Wind-up by pose is no error of a table."""
     trial = ArmTrial(seed=seed, gears=lone_arms(seed, Q_NEAR).gears)
     done = run_arm_calibration(trial)
@@ -218,7 +212,7 @@ def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones(seed: int) ->
     assert held_out_rms(rigid, figures["residual_rms_m"], trial.tolerance) > 3.0 * figures["heldout_rms_m"]
 
 
-def test_bases_of_arms_with_gears_err_by_more_than_independent_noise_says_and_within_the_bound() -> None:
+def test_bases_of_arms_with_gears_err_by_more_than_independent_noise_says_and_within_the_bound():
     shares, sigmas = [], []
     for seed in range(6):
         flanges = lone_arms(seed, Q_NEAR).standing(np.random.default_rng([seed, 18]))

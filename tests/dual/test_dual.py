@@ -1,8 +1,6 @@
 """Two robots on one hub: what calibration does to the tool on the part, the force on a moving rim, what is
 refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -85,7 +83,7 @@ def pressed() -> RunResult:
     return run_experiment(dual(f"process.max_feed_s={PRESSED_S}"))
 
 
-def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free: RunResult, pressed: RunResult) -> None:
+def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free, pressed):
     assert len(free.figures["tracking_error_max_m"]) == 3
     assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
     for run, claims, feed, panels in ((free, FREE_CLAIMS, 0.05, 1), (pressed, PRESSING_CLAIMS, 0.01, 2)):
@@ -100,7 +98,7 @@ def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free: RunResult, pr
         assert sum("of the part" in line.get_label() for line in figure.axes[0].lines) == 3
 
 
-def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: RunResult) -> None:
+def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free):
     assert free.figures["chain_residual_m"] < 1e-9
     process = np.flatnonzero(free.trace.fed)
     # max_feed_s ends the feed four times as hard as a path ends: that is left out.
@@ -111,7 +109,7 @@ def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: R
     assert free.figures["relative_error_rms_m"] < 6e-5
 
 
-def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free: RunResult) -> None:
+def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free):
     """The engine's own kinematics of the scene, fed with the log: the tool is where the path has it on the
     part."""
     true, log, path = true_chain(free.scenario.dual), free.log, free.path
@@ -132,7 +130,7 @@ def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free
         assert np.linalg.norm(R_work_base @ tool.xmat.reshape(3, 3)[:, 2] + axis) < 1e-3
 
 
-def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch):
     seen: list[tuple[Array, Held]] = []
 
     def build(scenario: Scenario, T_follower_master: Array, held: Held) -> mujoco.MjModel:
@@ -151,7 +149,7 @@ def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch
         assert np.abs(held.T_flange_part - true.T_flange_gripper @ true.T_gripper_work).max() > 1e-6
 
 
-def test_arms_off_their_tables_are_brought_back_by_their_calibration(free: RunResult) -> None:
+def test_arms_off_their_tables_are_brought_back_by_their_calibration(free):
     off = ("dual.arm_length_error_m=5e-4", "dual.arm_angle_error_rad=3.49e-4", "dual.closing_touches=0")
     short = (*FREE, *EXACT, *off, "process.max_feed_s=1")
     nominal, found = (run_experiment(dual(*short, *more)).figures for more in ((), ("dual.arm_poses=60",)))
@@ -165,13 +163,13 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free: RunRe
         assert figures["chain_residual_m"] < 1e-9
 
 
-def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it() -> None:
+def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it():
     run = run_experiment(dual("process.max_feed_s=1.2", "faults.events=part-shift@contact+0.8"))
     assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
     assert run.figures["tracking_error_worst_m"] < 1e-4
 
 
-def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_path: Path) -> None:
+def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_path):
     file = base_file(tmp_path, off_m=MILLIMETRE)
     run = run_experiment(dual(*FREE, *EXACT, f"dual.bases_file={file}"))
     off = run.log["relative_error_m"].astype(float)[run.log.fed][-200:-100]
@@ -180,7 +178,7 @@ def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_pat
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
-def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
+def test_the_force_is_held_on_the_moving_rim(pressed):
     figures = pressed.figures
     assert figures["protective_stop"] is None
     assert figures["force_max_deviation_n"] <= 1.5
@@ -190,7 +188,7 @@ def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
     assert figures["master_way_m"] == pytest.approx(0.005 * (PRESSED_S - 0.25), abs=0.001)
 
 
-def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed: RunResult) -> None:
+def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed):
     dual_run = pressed.scenario
     plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
     alone = override(
@@ -205,13 +203,13 @@ def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed:
     assert pressed.log["exposure_nm"][-1] == pytest.approx(taken, rel=1e-9)
 
 
-def test_the_same_seed_gives_the_same_log(free: RunResult) -> None:
+def test_the_same_seed_gives_the_same_log(free):
     again = run_experiment(free.scenario)
     for name in again.log.names:
         np.testing.assert_array_equal(again.log[name], free.log[name])
 
 
-def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within_reach() -> None:
+def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within_reach():
     path, reach, _ = check_experiment(dual())
     points = path.positions_work[path.process]
     np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1), 0.08, atol=2e-5)
@@ -222,7 +220,7 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within
     assert reach.smallest_singular_value > 0.1
 
 
-def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part() -> None:
+def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part():
     even = ("plan.removal=even", "plan.stepover_m=0.012", "process.feed_m_s=0.04", "process.max_feed_s=6")
     run = run_experiment(dual(*even))
     path, trace = run.path, run.trace
@@ -238,7 +236,7 @@ def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part
     assert np.diff(s) / np.diff(time) == pytest.approx(planned, rel=0.03)
 
 
-def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes() -> None:
+def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes():
     task = prepare_dual(dual(*EXACT))
     chain, start = task.frames.believed, task.reach
 
@@ -281,14 +279,14 @@ def two_stretches() -> PlanResult:
         ("plan.removal=even", ConfigError, r"leave it or plan\.removal out"),
     ],
 )
-def test_what_cannot_be_done_is_refused(change: str, kind: type[Exception], said: str) -> None:
+def test_what_cannot_be_done_is_refused(change, kind, said):
     above = ("dual.standoff_m=0.005",) if "removal" in change else ()
     fast = ("dual.master_speed_m_s=0.25",) if "travel" in change else ()
     with pytest.raises(kind, match=said):
         check_experiment(dual(change, *above, *fast))
 
 
-def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
+def test_the_calibration_of_other_robots_is_refused(tmp_path):
     file = base_file(tmp_path, off_m=0.1, true=False)
     with pytest.raises(CalibrationError, match=r"100\.0 mm .*--set dual\.follower_pose="):
         prepare_dual(dual(f"dual.bases_file={file}"))
@@ -303,12 +301,12 @@ def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
         (["dual.arm_poses=5"], "dual.arm_poses = 5 .*: 0, or 20 or more"),
     ],
 )
-def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes: list[str], said: str) -> None:
+def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes, said):
     with pytest.raises(ConfigError, match=said):
         pair_arms(dual(*changes).dual, "none", {}, np.random.default_rng(0))
 
 
-def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed: RunResult) -> None:
+def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed):
     task, run = task_and_run(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
     figures = run.figures
     assert figures["protective_stop"] is None
@@ -326,7 +324,7 @@ def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed: 
         assert np.linalg.norm(task.arms.flanges(robot, q[None])[0, :3, 3] - forward(q)[:3, 3]) > 5e-4
 
 
-def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones() -> None:
+def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones():
     """Rigid gears without error and an exact table: all that is left are rotors, friction and encoder
     steps."""
     rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]

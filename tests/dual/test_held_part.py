@@ -1,7 +1,5 @@
 """Where two robots hold a part: chain, gripper, marks, rim."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -55,7 +53,7 @@ def motion(count: int) -> tuple[Array, Array]:
     return transform(np.tile(R_master_work, (count, 1, 1)), places), transform(R_work_tool, points)
 
 
-def test_the_chain_of_the_followed_joints_closes_to_a_nanometre_and_out_of_reach_names_the_arm() -> None:
+def test_the_chain_of_the_followed_joints_closes_to_a_nanometre_and_out_of_reach_names_the_arm():
     T_master_work, T_work_tool = motion(60)
     q_master = follow_joints(CHAIN.master_flange(T_master_work), Q_MASTER, "master")
     q_follower = follow_joints(CHAIN.follower_flange(T_master_work, T_work_tool), Q_FOLLOWER, "follower")
@@ -68,7 +66,7 @@ def test_the_chain_of_the_followed_joints_closes_to_a_nanometre_and_out_of_reach
         follow_joints(CHAIN.master_flange(away), Q_MASTER, "master")
 
 
-def test_a_wrong_chain_shows_as_it_is() -> None:
+def test_a_wrong_chain_shows_as_it_is():
     T_master_work, T_work_tool = motion(5)
     first, second = CHAIN.master_flange(T_master_work), CHAIN.follower_flange(T_master_work, T_work_tool)
     moved = CHAIN._replace(T_flange_tool=CHAIN.T_flange_tool @ from_pose([0.0, 0.0, 1e-3, 0.0, 2e-3, 0.0]))
@@ -91,7 +89,7 @@ def fitted(mesh: trimesh.Trimesh) -> Surface:
 
 
 @pytest.mark.parametrize("pose", [[0.0] * 6, [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
-def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose: list[float]) -> None:
+def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose):
     T_file_hub = from_pose(pose)
     moved = part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
     seat = seat_part(fit_surface(moved, ANGLE), T_file_hub[:3, 2])
@@ -101,7 +99,7 @@ def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose: list[floa
     assert seat.nose == pytest.approx(0.008, abs=2e-4)  # the gripper reaches to the hub's web
 
 
-def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:
+def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it():
     ring = fitted(trimesh.creation.annulus(0.06, 0.09, 0.03))
     with pytest.raises(ReachError, match=r"\(0, 0, -15\) mm .*part_on_gripper"):
         seat_part(ring, UP)
@@ -119,7 +117,7 @@ def beside_wall(distance: float) -> ToolPath:
     return ToolPath(points, np.tile(UP, (41, 1)), y - y[0], np.zeros(41, dtype=np.int64), kind, np.zeros(41))
 
 
-def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None:
+def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad():
     """The shaft's radius is 9 mm: beside a wall it keeps its distance less that."""
     profile = np.array([[-20, -10], [60, -10], [60, 0], [0, 0], [0, 80], [-20, 80]]) * 1e-3
     solid = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(profile), 0.1)
@@ -139,7 +137,7 @@ def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
 
 
 @pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])
-def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it(name: str) -> None:
+def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it(name):
     region, surface = part(name)
     for count in (3, 7):
         T = spread_marks(region, surface, count)
@@ -159,7 +157,7 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it
         np.testing.assert_allclose(np.diff([*angles, angles[0] + 360.0]), 120.0, atol=4.0)
 
 
-def test_a_narrow_strip_is_found_by_marks_all_over_the_part() -> None:
+def test_a_narrow_strip_is_found_by_marks_all_over_the_part():
     region, surface = part("plate", "box:-100,-2,-50,100,2,50")
     points = spread_marks(region, surface, 3)[:, :3, 3]
     assert np.ptp(points[:, 1]) > 0.03
@@ -173,7 +171,7 @@ def rim(radius: float, count: int = 12) -> Array:
     return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
 
 
-def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre() -> None:
+def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre():
     spline = fit_closed_spline(rim(RADIUS))
     u = np.linspace(0.0, length_of(spline), 4001)
     assert np.abs(np.linalg.norm(spline(u), axis=1) - RADIUS).max() <= 3.2e-7
@@ -183,7 +181,7 @@ def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre() -> No
         fit_closed_spline(twice)
 
 
-def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes() -> None:
+def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes():
     spline = fit_closed_spline(rim(RADIUS) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
     knots = np.unique(spline.t[5:-5])
     for derivative in range(5):

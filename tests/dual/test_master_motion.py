@@ -1,8 +1,6 @@
 """How the master may move the part: turned against the feed, along files, by strokes in the air; what is
 refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +19,7 @@ from polish_sim.dual.master import MasterMotion, master_motion, read_master_path
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.task import DualTask, prepare_dual
-from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
+from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.experiments import RunResult, run_experiment
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.motion import forward
@@ -40,7 +38,7 @@ def poses_of(run: RunResult, column: str) -> Array:
     return forward(np.ascontiguousarray(run.log[column], dtype=np.float64))
 
 
-def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
+def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still():
     run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
     trace = run.trace
     fed = np.flatnonzero(trace.fed)
@@ -57,7 +55,7 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
     assert run.figures["relative_error_rms_m"] < 6e-5
 
 
-def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits() -> None:
+def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits():
     q = prepare_dual(dual(*ABOVE, *AGAINST)).master.q
     assert np.ptp(q[:, 5]) > 2.0 * math.pi
     assert np.abs(q[:, 5]).max() < 2.0 * math.pi
@@ -76,7 +74,7 @@ def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
     return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
 
 
-def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_them() -> None:
+def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_them():
     moving = ("dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
     task, run = task_and_run(dual(*ABOVE, *moving), two_stretches())
     assert len(task.strokes) == 2
@@ -108,9 +106,7 @@ def check(short: DualTask) -> MotionCheck:
     return MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
 
 
-def test_a_few_moments_out_of_reach_between_those_tried_are_found(
-    short: DualTask, check: MotionCheck
-) -> None:
+def test_a_few_moments_out_of_reach_between_those_tried_are_found(short, check):
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")
@@ -121,9 +117,7 @@ def test_a_few_moments_out_of_reach_between_those_tried_are_found(
         check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
-def test_bending_and_beginning_at_once_take_the_acceleration_of_both(
-    short: DualTask, check: MotionCheck
-) -> None:
+def test_bending_and_beginning_at_once_take_the_acceleration_of_both(short, check):
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
     # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be released.
@@ -155,9 +149,7 @@ def turning() -> DualTask:
 
 
 @pytest.mark.parametrize("flange", [False, True])
-def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
-    turning: DualTask, tmp_path: Path, flange: bool
-) -> None:
+def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning, tmp_path, flange):
     times = 7.0 + np.linspace(0.0, 3.0, 31)
     poses = turning.work.way(turning.reach.T_master_work, times - times[0])
     given = turning.frames.believed.master_flange(poses) if flange else poses
@@ -174,7 +166,7 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
 
 
-def test_an_arc_of_negative_radius_bends_to_the_right_of_its_direction(short: DualTask) -> None:
+def test_an_arc_of_negative_radius_bends_to_the_right_of_its_direction(short):
     bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
     way = master_motion(bent, short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
     places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
@@ -219,9 +211,7 @@ def shifted(rows: object, by: list[float]) -> Change:
         (shaking, ReachError, r" 4\d\d mm/s\^2 .* line \d+\): .* 300"),
     ],
 )
-def test_a_motion_that_cannot_be_done_is_refused(
-    tmp_path: Path, short: DualTask, change: Change, kind: type[PolishSimError], said: str
-) -> None:
+def test_a_motion_that_cannot_be_done_is_refused(tmp_path, short, change, kind, said):
     times = np.linspace(0.0, 3.0, 31)
     poses = short.work.way(short.reach.T_master_work, times)
     change(times, poses)
@@ -243,7 +233,7 @@ def test_a_motion_that_cannot_be_done_is_refused(
         ),
     ],
 )
-def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, head: str, said: str) -> None:
+def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
     file = tmp_path / "way.csv"
     row = ["1" if name == "qw" else "0" for name in head.split(",")]
     file.write_text(f"{head}\n{','.join(row)}\n", encoding="utf-8")
@@ -260,6 +250,6 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, head: str, said: st
         (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(changes: list[str], said: str, short: DualTask) -> None:
+def test_settings_that_do_not_fit_are_refused(changes, said, short):
     with pytest.raises(ConfigError, match=said):
         master_motion(dual(*changes), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed)

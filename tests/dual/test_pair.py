@@ -1,8 +1,6 @@
 """Two robots in one cell: the part goes where the master's flange goes, the pad feels it, the host believes
 its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -76,7 +74,7 @@ def carried(**changes: float) -> PairCell:
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-3])  # of each arm from the nominal table [m], [rad]
-def test_both_robots_stand_where_they_are_put_as_their_own_table_says(off: float) -> None:
+def test_both_robots_stand_where_they_are_put_as_their_own_table_says(off):
     tables = NOMINAL + off * np.random.default_rng(5).standard_normal((2, 4, 6))
     arms = {"follower": np.eye(4), "master": T_FOLLOWER_MASTER}
     held = Held(hub(), 2700.0, ON_GRIPPER)
@@ -93,7 +91,7 @@ def test_both_robots_stand_where_they_are_put_as_their_own_table_says(off: float
         np.testing.assert_allclose(data.body("master_part").xpos, (wanted @ ON_GRIPPER)[:3, 3], atol=1e-9)
 
 
-def test_the_master_carries_the_parts_mass() -> None:
+def test_the_master_carries_the_parts_mass():
     model = scene()
     mass = 2700.0 * volume_and_center(hub())[0]
     assert mass == pytest.approx(2.03, abs=0.01)
@@ -106,7 +104,7 @@ def test_the_master_carries_the_parts_mass() -> None:
         check_load(replace(hub(), faces=hub().faces[:, ::-1]), 1000.0)
 
 
-def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes() -> None:
+def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes():
     cell, master, seen = carried(), rows(), []
     carrier, T_start = cell.master.state, T_FOLLOWER_MASTER @ forward(Q_MASTER)
 
@@ -135,7 +133,7 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
     assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
 
 
-def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None:
+def test_speeds_of_part_and_target_are_the_derivatives_of_their_places():
     cell = carried()
     motion, target = cell.state.motion, cell.state.target
     _, (*places, speed, twist) = watched(
@@ -151,7 +149,7 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
         assert np.abs(found).max() > 0.01
 
 
-def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> None:
+def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest():
     cell = carried(spacing=0.007)
     _, (seen,) = watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
@@ -182,7 +180,7 @@ def pressed(
     return cell.run(EachStep(look) if look else SILENT)
 
 
-def test_the_masters_joints_carry_what_is_pressed_on_the_part() -> None:
+def test_the_masters_joints_carry_what_is_pressed_on_the_part():
     """Statics: what servos, bearings and weight leave over at the master's joints is J^T F of 20 N where the
     pad is."""
     left: list[Array] = []
@@ -208,7 +206,7 @@ def test_the_masters_joints_carry_what_is_pressed_on_the_part() -> None:
     np.testing.assert_allclose(np.mean(left[-100:], axis=0), torques, atol=0.02 * np.abs(torques).max())
 
 
-def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> None:
+def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest():
     still, moving = pressed(0.0), pressed(0.5)
     assert moving.stop_reason is None
     assert np.linalg.norm(moving.trace.part_shift_m[-1]) > 0.01
@@ -225,7 +223,7 @@ def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> N
         ("controller-nan", CONTROLLER_NAN, 0.0),
     ],
 )
-def test_whichever_arm_fails_both_stand_off_the_part(fault: str, code: float, delay: float) -> None:
+def test_whichever_arm_fails_both_stand_off_the_part(fault, code, delay):
     run = pressed(0.5, f"faults.events={fault}@contact+1", lift=0.01)
     assert run.stop_reason == PairCell.reasons[code]
     assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.002)
@@ -242,7 +240,7 @@ def test_whichever_arm_fails_both_stand_off_the_part(fault: str, code: float, de
     assert np.linalg.norm(way[stopped + 60] - way[stopped]) < v * 0.004 + v**2 / 8.0
 
 
-def test_the_host_foretells_a_master_that_gains_speed() -> None:
+def test_the_host_foretells_a_master_that_gains_speed():
     """Against where the master really is, and how fast it is once a request acts, 8 ms later; its ramps
     included."""
     cell = carried(delay=0.003, period=0.002, lead=0.008)
@@ -259,7 +257,7 @@ def test_the_host_foretells_a_master_that_gains_speed() -> None:
     assert np.std(coming[:-8] - qd[8:]) < 0.4 * np.std(qd[12:] - qd[:-12])
 
 
-def test_a_master_that_slows_down_is_followed() -> None:
+def test_a_master_that_slows_down_is_followed():
     usual, slow = pressed(0.5), pressed(0.5, "faults.events=master-slow@contact+0.5")
     assert slow.stop_reason is None
     ways = [np.linalg.norm(np.ptp(run.trace.part_shift_m[-300:], axis=0)) for run in (usual, slow)]
@@ -275,7 +273,7 @@ def real_pair(*changes: str, share: float = 0.0) -> PairCell:
     return pair_cell(scenario, scene(), rows(share), free_stroke(TOOL, hold=1.2))
 
 
-def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_where_the_statics_say() -> None:
+def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_where_the_statics_say():
     cell = real_pair()
     starts = ((FOLLOWER_ARM, joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
     for place, q in starts:
@@ -291,7 +289,7 @@ def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_wher
     np.testing.assert_allclose(cell.data.qpos, before, atol=1e-6)
 
 
-def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_side_not_at_all() -> None:
+def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_side_not_at_all():
     """Half of it either way; of a pose reached from both sides, on average, less."""
     cell, rng, most = real_pair(), np.random.default_rng(2), 0.5 * 2.9e-4
     resting = resting_arm(cell.scenario.robot.real, cell.scenario.seed, cell.model, MASTER_ARM)
@@ -309,7 +307,7 @@ def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_
     np.testing.assert_array_equal(linked.arrive(q, rng), q[None])
 
 
-def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_leave() -> None:
+def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_leave():
     """Planted: twists there and back, and what spring and hysteresis carry with them."""
     real, arm = real_pair().scenario.robot.real, real_pair().real_arm
     twists = 1e-3 * np.sin(np.linspace(0.0, 5.0, 400)) * np.linspace(0.2, 1.0, 400)
@@ -325,7 +323,7 @@ def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_le
     np.testing.assert_allclose(found, left, atol=0.02 * arm.lost_torque.min())
 
 
-def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot() -> None:
+def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot():
     cell = real_pair()
     real, seed = cell.scenario.robot.real, cell.scenario.seed
     alone = build_scene(cell.scenario)
@@ -337,7 +335,7 @@ def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_rob
     assert np.abs(tables[1] - tables[0]).max() > 1e-4
 
 
-def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it() -> None:
+def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it():
     """0.08 rad/s for up to 6 ms are 5e-4 rad without the host's carrying on."""
     cell = real_pair("robot.real.kinematics=exact", "robot.real.missed_every_s=0.05", share=1.0)
     run, (told, read) = watched(cell, lambda: cell.master.state.q, lambda: cell.master_arm.read)

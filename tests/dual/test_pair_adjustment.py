@@ -1,7 +1,5 @@
 """Bases, tool and part adjusted to each other, and how large the remaining error is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +76,7 @@ def unknowns(found: PairAdjustment) -> Array:
     return np.concatenate([bases, found.tip - TIP, step_from(T_FLANGE_WORK, found.T_flange_work)])
 
 
-def test_exact_touches_put_a_wrong_base_right() -> None:
+def test_exact_touches_put_a_wrong_base_right():
     """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide, the rest is
     exact."""
     rng = np.random.default_rng(1)
@@ -93,7 +91,7 @@ def test_exact_touches_put_a_wrong_base_right() -> None:
     assert np.abs(unknowns(found)).max() < 1e-10
 
 
-def test_it_is_the_least_squares_of_an_independent_solver() -> None:
+def test_it_is_the_least_squares_of_an_independent_solver():
     """The same residuals written down in another way and left to scipy's finite differences."""
     rng = np.random.default_rng(3)
     parts, closing = measured(true_parts(rng), true_touches(rng), rng)
@@ -123,7 +121,7 @@ def test_it_is_the_least_squares_of_an_independent_solver() -> None:
     np.testing.assert_allclose(found.T_flange_work, T_fw, atol=2e-8)
 
 
-def test_errors_are_the_cramer_rao_bound_and_each_source_adds_its_share() -> None:
+def test_errors_are_the_cramer_rao_bound_and_each_source_adds_its_share():
     """Whitened errors of 400 draws have variance 1: a chi-square of 15 x 400 is known to 1.8%."""
     rng = np.random.default_rng(4)
     parts, closing = true_parts(rng), true_touches(rng)
@@ -141,9 +139,7 @@ def test_errors_are_the_cramer_rao_bound_and_each_source_adds_its_share() -> Non
     ("variances", "freedoms"),
     [((1.0, 1.0, 1.0), 3), ((1.0, 1.0, 0.0), 2), ((0.0, 1.0, 0.0), 1), ((0.0, 0.0, 0.0), 0)],
 )
-def test_errors_alike_in_some_directions_are_a_chi_with_as_many_degrees_of_freedom(
-    variances: tuple[float, ...], freedoms: int
-) -> None:
+def test_errors_alike_in_some_directions_are_a_chi_with_as_many_degrees_of_freedom(variances, freedoms):
     covariances = 1e-10 * np.diag(variances)[None]
     truth = chi(freedoms, scale=1e-5) if freedoms else None
     wanted = truth.ppf(0.95) if truth else 0.0
@@ -153,7 +149,7 @@ def test_errors_alike_in_some_directions_are_a_chi_with_as_many_degrees_of_freed
         np.testing.assert_allclose(length_probability(covariances, lengths), truth.cdf(lengths), atol=1e-12)
 
 
-def test_errors_of_several_places_are_what_is_drawn_of_them() -> None:
+def test_errors_of_several_places_are_what_is_drawn_of_them():
     """A turned, uneven covariance and a small one; a million draws determine a share of 0.95 to 0.0002."""
     rng = np.random.default_rng(3)
     root = rng.standard_normal((2, 3, 3)) * np.array([1e-5, 2e-6])[:, None, None]
@@ -163,7 +159,7 @@ def test_errors_of_several_places_are_what_is_drawn_of_them() -> None:
     assert np.mean(np.linalg.norm(drawn, axis=1) <= quantile) == pytest.approx(0.95, abs=8e-4)
 
 
-def test_a_sum_of_equal_squares_is_a_chi_square() -> None:
+def test_a_sum_of_equal_squares_is_a_chi_square():
     weight = np.diag([2.0, 2.0, 2.0, 2.0])
     for limit in (1.0, 8.0, 30.0):
         assert quadratic_tail(0.5 * np.eye(4), weight, limit) == pytest.approx(chi2.sf(limit, 4), abs=1e-8)
@@ -192,9 +188,7 @@ def drawn() -> dict[str, Array]:
     return {name: np.stack([one[name] for one in draws]) for name in draws[0]}
 
 
-def test_each_source_alone_and_all_together_are_drawn_as_predicted(
-    prediction: Prediction, drawn: dict[str, Array]
-) -> None:
+def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction, drawn):
     """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source
     shows. Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
     shares = compare_shares(TRIAL, prediction.covariances, drawn)
@@ -214,7 +208,7 @@ def test_each_source_alone_and_all_together_are_drawn_as_predicted(
     assert shares[TOGETHER].predicted_p95_m <= 1e-4
 
 
-def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone: Prediction) -> None:
+def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone):
     """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
     rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
     np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
@@ -222,9 +216,7 @@ def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone: P
 
 
 @pytest.mark.parametrize("touch_noise_m", [0.0, 5e-5])
-def test_exact_instruments_put_the_tool_where_it_is_wanted(
-    touch_noise_m: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_exact_instruments_put_the_tool_where_it_is_wanted(touch_noise_m, monkeypatch):
     monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
     config = DualConfig(tracker_noise_m=0.0, touch_noise_m=touch_noise_m, closing_touches=0)
     exact = replace(TRIAL, draws=2, dual=config)
@@ -237,15 +229,13 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted(
     np.testing.assert_allclose(covariances[TOGETHER], covariances["tool"] + covariances["part"])
 
 
-def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(
-    prediction: Prediction, alone: Prediction
-) -> None:
+def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(prediction, alone):
     """Found one by one it is one in six; touches of what is to be worked on mend that."""
     assert alone.above_share(6e-5) > 0.1
     assert prediction.above_share(6e-5) < 0.02
 
 
-def test_the_share_of_calibrations_beyond_a_limit_is_that_of_gaussian_draws(prediction: Prediction) -> None:
+def test_the_share_of_calibrations_beyond_a_limit_is_that_of_gaussian_draws(prediction):
     C = np.sum(list(prediction.shares.values()), axis=0)
     x = np.random.default_rng(0).multivariate_normal(np.zeros(15), C, 40_000)
     e = np.einsum("pij,dj->dpi", prediction.slopes, x)

@@ -1,7 +1,5 @@
 """What two robots must not touch: arm against arm and pad against gripper, beforehand and while they run."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mujoco
@@ -44,7 +42,7 @@ def gripper_before(gap: float, aside: float) -> Array:
 
 
 @pytest.mark.parametrize(("gap", "named"), [(-0.003, True), (0.0045, True), (0.0055, False)])
-def test_the_pad_keeps_its_clearance_from_the_gripper(gap: float, named: bool) -> None:
+def test_the_pad_keeps_its_clearance_from_the_gripper(gap, named):
     # Beside the cube, which the pad may touch: only the gripper's face is before it.
     T_follower_master = gripper_before(gap, aside=GRIPPER_RADIUS)
     contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
@@ -52,7 +50,7 @@ def test_the_pad_keeps_its_clearance_from_the_gripper(gap: float, named: bool) -
     assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
 
 
-def test_the_pad_may_come_to_the_part_and_the_housing_may_not() -> None:
+def test_the_pad_may_come_to_the_part_and_the_housing_may_not():
     contacts = PairContacts(scene(gripper_before(SIDE, aside=0.0), CLEARANCES), CLEARANCES)
     assert contacts.first(Q_MASTER[None], joints_at(TOOL)[None]) == ""
     # The cube's middle beside the spindle, the gripper below it.
@@ -96,7 +94,7 @@ def base_distance_for(apart: float) -> float:
     return float(brentq(too_far, 0.8, 1.5, xtol=1e-4))
 
 
-def test_arms_keep_their_clearance_as_they_are_drawn() -> None:
+def test_arms_keep_their_clearance_as_they_are_drawn():
     near = base_distance_for(CLEARANCES.arms - 0.002)
     q = ELBOW_AHEAD[None]
     found = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q)
@@ -108,7 +106,7 @@ def test_arms_keep_their_clearance_as_they_are_drawn() -> None:
     assert PairContacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES).first(q, q) == ""
 
 
-def test_the_run_stops_when_the_pad_is_driven_into_the_gripper() -> None:
+def test_the_run_stops_when_the_pad_is_driven_into_the_gripper():
     T_follower_master = gripper_before(0.01, aside=GRIPPER_RADIUS)
     T = T_follower_master @ forward(Q_MASTER) @ ON_GRIPPER
     rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))

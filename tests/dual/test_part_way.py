@@ -1,7 +1,5 @@
 """How the master moves the part, and the follower's strokes above it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -24,7 +22,7 @@ VELOCITY = np.array([0.02, -0.01, 0.005])
 
 
 @pytest.mark.parametrize("bend", [0.7, -0.4, 1e-9])
-def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend: float) -> None:
+def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend):
     shift = along_arc(VELOCITY, bend)(TIMES)
     speed = np.linalg.norm(VELOCITY[:2])
     left = np.array([-VELOCITY[1], VELOCITY[0]]) / speed
@@ -36,7 +34,7 @@ def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend: float) -> None:
     np.testing.assert_allclose((shift[1] - shift[0])[:2] / 0.05, VELOCITY[:2], atol=5e-4)
 
 
-def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_rest() -> None:
+def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_rest():
     leg, times = 5.0, np.linspace(0.0, 60.0, 60_001)
     turned = along_arc(VELOCITY, 0.2, leg)(times)
     straight = times <= leg
@@ -53,7 +51,7 @@ def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_re
     assert np.abs(np.diff(change)).max() < 0.01 * RAMP_PEAK
 
 
-def test_a_turn_leaves_every_point_of_its_axis_where_it_is() -> None:
+def test_a_turn_leaves_every_point_of_its_axis_where_it_is():
     axis, center = np.array([0.6, 0.0, 0.8]), np.array([0.03, -0.02, 0.04])
     poses = PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
     for place in (center, center + 0.1 * axis):
@@ -88,7 +86,7 @@ def motion_of(path: ToolPath, *changes: str) -> TimedPath:
     return stroke.motion
 
 
-def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance() -> None:
+def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance():
     motion, corner = motion_of(square()), np.array([0.1, 0.0, 0.0])
     change = np.linalg.norm(np.gradient(motion.velocities, motion.spacing, axis=0), axis=1)
     assert change.max() <= 1.02 * air_limits(FEED).tip_acceleration
@@ -98,7 +96,7 @@ def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance()
 
 
 @pytest.mark.parametrize("standoff", [0.0, 0.005])
-def test_what_is_not_come_to_before_the_feed_ends_is_not_planned(standoff: float) -> None:
+def test_what_is_not_come_to_before_the_feed_ends_is_not_planned(standoff):
     changes = ("process.max_feed_s=1", f"dual.standoff_m={standoff}")
     motion = motion_of(square(), *changes)
     assert 1.0 * FEED + 0.02 < motion.places[-1] < 2.0 * FEED + 0.003

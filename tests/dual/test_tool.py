@@ -1,9 +1,5 @@
 """Plant a tool, touch a point and move along its axes, recover tip and axes; read the touches from a file."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -44,7 +40,7 @@ def planned(count: int = 10, cone: float = 45.0) -> Array:
 
 
 @pytest.mark.parametrize("count", [4, 10])
-def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_named(count: int) -> None:
+def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_named(count):
     for R in (planned(count), Rotation.random(count, random_state=count).as_matrix()):
         found = fit_tool_point(touches(R))
         np.testing.assert_allclose(found.point, TIP, atol=1e-12)
@@ -54,7 +50,7 @@ def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_name
         touches(R)
 
 
-def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance() -> None:
+def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance():
     """The mean square of 4000 draws gives the rms to 0.65%."""
     rng, R = np.random.default_rng(1), planned()
     found = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
@@ -69,7 +65,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
 
 
 @pytest.mark.parametrize("cone", [30.0, 45.0, 62.0, 90.0])
-def test_the_planner_reaches_the_best_a_cone_allows(cone: float) -> None:
+def test_the_planner_reaches_the_best_a_cone_allows(cone):
     for count in range(4, 21):
         best = SIGMA * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
         assert point_error_bound(planned(count, cone), SIGMA) == pytest.approx(best, rel=1e-9)
@@ -98,7 +94,7 @@ def coning(count: int, sense: float) -> Array:
         (np.tile(np.eye(3), (6, 1, 1)), "stands nearly the same in all 6 touches"),
     ],
 )
-def test_orientations_that_cannot_tell_are_refused(R: Array, said: str) -> None:
+def test_orientations_that_cannot_tell_are_refused(R, said):
     with pytest.raises(CalibrationError, match=said):
         fit_tool_point(touches(R))
     # Spun the other way the cone shows it.
@@ -107,7 +103,7 @@ def test_orientations_that_cannot_tell_are_refused(R: Array, said: str) -> None:
 
 
 @pytest.mark.parametrize("wrong", [[], *([k] for k in range(10)), [2, 7]])
-def test_touches_two_millimetres_off_are_named_and_left_out_and_no_others(wrong: list[int]) -> None:
+def test_touches_two_millimetres_off_are_named_and_left_out_and_no_others(wrong):
     errors = SIGMA * np.random.default_rng(sum(wrong[:1])).standard_normal((10, 3))
     errors[wrong] += 2e-3 * np.array([0.6, -0.64, 0.48])
     found = fit_tool_point_without_outliers(touches(planned(), errors))
@@ -119,7 +115,7 @@ R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
 MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
 
 
-def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little() -> None:
+def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little():
     turns = Rotation.from_rotvec([[0.5, 0.2, 1.0], [0.51, 0.2, 1.0], [0.5, 0.22, 1.01]]).as_matrix()
     tips = (MOVES @ R_FLANGE_TOOL.T) @ turns[0].T + [0.4, 0.2, 0.1]
     T_base_flange = transform(turns, tips - turns @ TIP)
@@ -134,7 +130,7 @@ def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little() -
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.04])
-def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so_stated(tilt: float) -> None:
+def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so_stated(tilt):
     rng, moves = np.random.default_rng(1), MOVES + np.array([[0.0], [0.0], [1.0]]) * [tilt, 0.0, 0.0]
     errors = []
     for _ in range(3000):
@@ -156,7 +152,7 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
         (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
     ],
 )
-def test_moves_that_cannot_tell_are_refused(moves: Array, said: str) -> None:
+def test_moves_that_cannot_tell_are_refused(moves, said):
     with pytest.raises(CalibrationError, match=said):
         orientation_from_three_points(moves, SIGMA)
 
@@ -176,7 +172,7 @@ MEASURED = ToolMeasurements(
 )
 
 
-def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_path: Path) -> None:
+def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_path):
     file = tmp_path / "moves.csv"
     text = tool_table(MEASURED, fit_tool_frame(MEASURED))
     file.write_text(text, encoding="utf-8")
@@ -187,7 +183,7 @@ def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_pa
         read_tool_measurements(file)
 
 
-def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path: Path) -> None:
+def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path):
     rows = ["X_m, y_m, z_m, rx_rad, ry_rad, rz_rad"]
     for T in MEASURED.touches.T_base_flange:
         values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
@@ -200,7 +196,7 @@ def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_tip_touched_with_an_arm_that_winds_up_is_as_good_as_its_residuals_say(seed: int) -> None:
+def test_a_tip_touched_with_an_arm_that_winds_up_is_as_good_as_its_residuals_say(seed):
     read = lone_arms(seed, Q_NEAR).reading("follower", np.random.default_rng([seed, 18]))
     figures = run_tcp_calibration(TcpTrial(seed=seed, read=read)).figures
     assert figures["residual_rms_m"] > 1e-4

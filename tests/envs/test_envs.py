@@ -1,14 +1,11 @@
 """The environments: Gymnasium's own checks, seeds, ends, rewards; a controller as policy is the
 controller."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,7 +61,7 @@ def play(env: Any, actions: Any, seed: int | None = 0) -> tuple[list[Any], dict[
 
 @pytest.mark.parametrize("action", ACTIONS)
 @pytest.mark.filterwarnings("error")
-def test_gymnasiums_checker_finds_nothing(action: str) -> None:
+def test_gymnasiums_checker_finds_nothing(action):
     from gymnasium.utils.env_checker import check_env
 
     with warnings.catch_warnings():
@@ -72,7 +69,7 @@ def test_gymnasiums_checker_finds_nothing(action: str) -> None:
         check_env(make(action=action).unwrapped, skip_render_check=True)
 
 
-def test_the_same_seed_gives_the_same_bytes_whatever_came_before(env: Any) -> None:
+def test_the_same_seed_gives_the_same_bytes_whatever_came_before(env):
     actions = (0.3 * np.random.default_rng(1).uniform(-1.0, 1.0, (300, 3))).astype(np.float32)
     first, _ = play(env, actions, 5)
     trace = env.unwrapped._recorder.trace[: env.unwrapped.steps].tobytes()
@@ -86,7 +83,7 @@ def test_the_same_seed_gives_the_same_bytes_whatever_came_before(env: Any) -> No
     assert play(env, actions, 7)[0][0][0].tobytes() != first[0][0].tobytes()
 
 
-def test_an_episode_ends_by_its_time_settled_and_a_command_of_two_newtons_presses_two_more(env: Any) -> None:
+def test_an_episode_ends_by_its_time_settled_and_a_command_of_two_newtons_presses_two_more(env):
     steps, info = play(env, REST)
     assert steps[-1][2:] == [False, True]
     assert (info["success"], info["stop_reason"]) == (True, "")
@@ -103,13 +100,13 @@ def test_an_episode_ends_by_its_time_settled_and_a_command_of_two_newtons_presse
 
 
 @pytest.mark.parametrize(("action", "success"), [(REST, 1.0), (TWO_NEWTON, 0.0)])
-def test_sparse_reward_is_the_success_of_the_last_step(action: Any, success: float) -> None:
+def test_sparse_reward_is_the_success_of_the_last_step(action, success):
     steps, info = play(make(reward="sparse"), action)  # 2 N too much is outside ±1 N
     assert [reward for _, reward, *_ in steps] == [0.0] * (len(steps) - 1) + [success]
     assert info["success"] == bool(success)
 
 
-def test_servo_holds_its_offset_in_free_space() -> None:
+def test_servo_holds_its_offset_in_free_space():
     env = make(action="servo")
     seen, _ = env.reset(seed=0)
     # 2 mm, -1 mm, 5 mm back; 0.01 rad about y
@@ -122,7 +119,7 @@ def test_servo_holds_its_offset_in_free_space() -> None:
     np.testing.assert_allclose(turned, [0.0, -0.01, 0.0], atol=5e-4)
 
 
-def test_a_time_limit_truncates_and_a_planned_fault_stops_the_robot() -> None:
+def test_a_time_limit_truncates_and_a_planned_fault_stops_the_robot():
     steps, info = play(make(time_limit_s=1.0), REST)
     assert len(steps) == pytest.approx(0.6 * 125, abs=1)
     assert (steps[-1][3], info["success"]) == (True, False)
@@ -131,7 +128,7 @@ def test_a_time_limit_truncates_and_a_planned_fault_stops_the_robot() -> None:
     assert "frozen" in info["stop_reason"]
 
 
-def test_pulling_the_tool_off_is_lost_contact_and_pushing_it_in_a_stop() -> None:
+def test_pulling_the_tool_off_is_lost_contact_and_pushing_it_in_a_stop():
     env = make(action="twist")
     land = ControllerPolicy(env)
     for away, reason in ((-0.1, REASONS[LOST]), (1.0, "")):
@@ -147,7 +144,7 @@ def test_pulling_the_tool_off_is_lost_contact_and_pushing_it_in_a_stop() -> None
         assert reason in info["stop_reason"]
 
 
-def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force() -> None:
+def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force():
     """Actions are rounded to single precision, of which friction of the joints would make 0.2 N."""
     env = make(action="twist", rate_hz=500, settings=(*SHORT, *SMOOTH))
     own, policy = env.unwrapped, ControllerPolicy(env)
@@ -164,7 +161,7 @@ def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force() -> None:
     assert 0.2 < row["settling_1n_s"] < 0.4
 
 
-def test_set_forces_change_during_the_hold_and_each_is_scored() -> None:
+def test_set_forces_change_during_the_hold_and_each_is_scored():
     env = make(force_steps=2, force_range_n=(16.0, 24.0), settings=("process.hold_s=6",))
     _, info = play(env, REST)
     forces = [force for _, force in env.unwrapped._set]
@@ -174,7 +171,7 @@ def test_set_forces_change_during_the_hold_and_each_is_scored() -> None:
     assert all(16.0 <= force <= 24.0 for force in forces[1:])
 
 
-def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path: Path) -> None:
+def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path):
     file = tmp_path / "ranges.toml"
     file.write_text('"sensor.force_noise_n" = [0.1, 0.2]\n"robot.real.cold_friction" = [0.0, 0.3]\n')
     env = make(ranges=file, bodies=2)
@@ -200,18 +197,18 @@ def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path: Path) -> None:
         ({"force_steps": 1, "force_range_n": (10.0, 60.0)}, "safety.force_limit_n"),
     ],
 )
-def test_what_cannot_be_is_refused(kwargs: dict[str, Any], words: str) -> None:
+def test_what_cannot_be_is_refused(kwargs, words):
     with pytest.raises((InputError, ConfigError), match=words):
         make(**kwargs)
 
 
-def test_without_gymnasium_one_error_says_what_to_install() -> None:
+def test_without_gymnasium_one_error_says_what_to_install():
     program = "import sys; sys.modules['gymnasium'] = None; import polish_sim.envs"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert "pip install 'polish-sim[gym]'" in run.stderr
 
 
-def test_a_path_is_followed_to_its_time_and_its_feed_is_the_actions() -> None:
+def test_a_path_is_followed_to_its_time_and_its_feed_is_the_actions():
     env = make("PolishSurface-v1", settings=(*PLATE, "process.max_feed_s=1", "process.feed_m_s=0.03"))
     assert env.action_space.shape == (4,)
     steps, info = play(env, np.array([[0.0, 0.0, 0.0, 1.0]], np.float32))
@@ -225,7 +222,7 @@ def test_a_path_is_followed_to_its_time_and_its_feed_is_the_actions() -> None:
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
-def test_gymnasiums_vectors_give_what_each_gives_alone(env: Any, mode: str) -> None:
+def test_gymnasiums_vectors_give_what_each_gives_alone(env, mode):
     many = gym.make_vec("PolishForce-v1", 2, mode, settings=SHORT, action="force-and-feed")
     first, infos = many.reset(seed=[4, 5])
     action = np.full((2, 3), 0.02, np.float32)
@@ -242,7 +239,7 @@ def test_gymnasiums_vectors_give_what_each_gives_alone(env: Any, mode: str) -> N
     many.close()
 
 
-def test_a_linear_policy_is_the_same_in_the_environment_and_as_controller(tmp_path: Path) -> None:
+def test_a_linear_policy_is_the_same_in_the_environment_and_as_controller(tmp_path):
     env = make(settings=(*SHORT, "robot.real.missed_every_s=0"))
     weights = np.zeros((3, SEEN + 4))
     weights[0, PLACES["force_error"]] = 0.5

@@ -1,8 +1,6 @@
 """APT/CLDATA and G-code: what other systems write is read, what we write comes back, what cannot be read is
 named."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

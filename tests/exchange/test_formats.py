@@ -1,8 +1,6 @@
 """Exports: every format once, the same bytes for one plan, the robot's tool, the command line, remarks, ROS
 YAML."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -46,7 +44,7 @@ def test_a_path_that_touches_nothing_is_no_robot_program(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_line_writes_what_is_asked_for(polish_sim: Polish) -> None:
+def test_the_command_line_writes_what_is_asked_for(polish_sim):
     words = ("--export", "urscript", "--export", "html", "--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]")
     assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 3
     assert {"path.script", "path.html", "path.csv", "path.png"} <= {
@@ -58,7 +56,7 @@ def test_the_command_line_writes_what_is_asked_for(polish_sim: Polish) -> None:
     assert "global force_n = 12 " in script
 
 
-def test_an_unknown_export_is_one_message_and_nothing_is_written(polish_sim: Polish) -> None:
+def test_an_unknown_export_is_one_message_and_nothing_is_written(polish_sim):
     code, _, err = polish_sim("plan", "sphere_100", "--export", "step", "--out", "plan")
     assert code == 2
     assert "unknown export format 'step'" in err

@@ -1,8 +1,6 @@
 """Plan folders and other programs' CSVs: written, read back, refused with the place; damaged files of every
 format."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import fields

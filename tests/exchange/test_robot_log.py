@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,19 +20,19 @@ def check(read: RobotRecording, *names: str, tolerance: float = 1e-9) -> None:
 
 
 @pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
-def test_csv_of_recorders(tmp_path: Path, separator: str) -> None:
+def test_csv_of_recorders(tmp_path, separator):
     file = write_csv(tmp_path / "log.csv", LOG, separator)
     read = read_robot_recording(file, ("q_rad", "current_a"))
     check(read, "q_rad", "qd_rad_s", "current_a", "torque_desired_nm")
 
 
-def test_our_own_columns_of_identify(tmp_path: Path) -> None:
+def test_our_own_columns_of_identify(tmp_path):
     names = {"time_s": "time_s", "q_rad": "q{j}_rad", "torque_nm": "torque{j}_nm"}
     check(read_robot_recording(write_csv(tmp_path / "log.csv", LOG, ",", names)), "q_rad", "torque_nm")
 
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite"])
-def test_ros_bags(tmp_path: Path, kind: str) -> None:
+def test_ros_bags(tmp_path, kind):
     pytest.importorskip("rosbags")
     read = read_robot_recording(write_bag(tmp_path / "bag", LOG, kind))
     check(read, "q_rad", "qd_rad_s", "torque_nm", "wrench")
@@ -44,7 +43,7 @@ def test_ros_bags(tmp_path: Path, kind: str) -> None:
             read_robot_recording(file)
 
 
-def test_npz_with_runs_in_it(tmp_path: Path) -> None:
+def test_npz_with_runs_in_it(tmp_path):
     file = write_npz(tmp_path / "log.npz", {f"b/{name}": values for name, values in LOG.items()})
     check(read_robot_recording(file, run="b"), "q_rad", "force_n")
     with pytest.raises(InputError, match="--run"):
@@ -53,7 +52,7 @@ def test_npz_with_runs_in_it(tmp_path: Path) -> None:
         read_robot_recording(file, run="c")
 
 
-def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
+def test_a_mapping_names_columns_and_units(tmp_path):
     names = {"time_s": "clock", "q_rad": "Joint {i} angle"}
     odd = LOG | {"time_s": 1e3 * LOG["time_s"], "q_rad": np.degrees(LOG["q_rad"])}
     file = write_csv(tmp_path / "log.csv", odd, ",", names)
@@ -77,13 +76,13 @@ def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
         ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"),
     ],
 )
-def test_a_wrong_mapping_is_refused(tmp_path: Path, text: str, what: str) -> None:
+def test_a_wrong_mapping_is_refused(tmp_path, text, what):
     (tmp_path / "map.toml").write_text(text)
     with pytest.raises(InputError, match=what):
         read_column_map(tmp_path / "map.toml")
 
 
-def test_a_window_leaves_out_the_rest_and_a_gap_in_it(tmp_path: Path) -> None:
+def test_a_window_leaves_out_the_rest_and_a_gap_in_it(tmp_path):
     torn = {name: np.delete(values, slice(500, 700), 0) for name, values in LOG.items()}
     file = write_csv(tmp_path / "log.csv", torn)
     read = read_robot_recording(file, window=(1.5, 3.0))
@@ -108,13 +107,13 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_log_is_refused_by_its_place(tmp_path: Path, name: str) -> None:
+def test_a_bad_log_is_refused_by_its_place(tmp_path, name):
     change, what = BAD[name]
     with pytest.raises(InputError, match=what):
         read_robot_recording(write_csv(tmp_path / "log.csv", change(LOG)))
 
 
-def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path: Path) -> None:
+def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
     names = {name: CSV_NAMES[name] for name in ("time_s", "qd_rad_s")}
     few = write_csv(tmp_path / "few.csv", LOG, ",", names)
     for share in (0.3, 0.9):
@@ -132,7 +131,7 @@ def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path: Pa
         read_robot_recording(few, ("q_rad",))
 
 
-def test_a_large_file_takes_the_memory_of_its_window(tmp_path: Path) -> None:
+def test_a_large_file_takes_the_memory_of_its_window(tmp_path):
     """60 MB of text; what is read of it grows with the window, not with the file."""
     file = write_csv(tmp_path / "log.csv", LOG)
     header, *lines = file.read_text().splitlines()

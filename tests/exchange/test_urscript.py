@@ -1,7 +1,5 @@
 """The robot program is run by our URScript machine: what it does to the tool is what the plan says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files to look at: PLY, glTF, HTML."""
 
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import replace

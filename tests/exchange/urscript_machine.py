@@ -1,8 +1,6 @@
 """Our robot programs, run by the URScript machine of `serve`, on a robot that is at once where it is sent and
 writes down what it was told."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs shared by the tests of the experiments: short feeds, each simulated once."""
 
-from __future__ import annotations
-
 import pytest
 
 from polish_sim.config import Scenario

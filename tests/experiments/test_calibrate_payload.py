@@ -1,10 +1,6 @@
 """The robot visits its poses, and finds the tool it really carries; every run believes what such a
 calibration says."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -36,7 +32,7 @@ def calibrated() -> PayloadCalibration:
     return run_payload_calibration(PAYLOAD_SCENARIO)
 
 
-def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
+def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log():
     """The log keeps wrenches and orientations in single precision, and the arm creeps by nanometres."""
     figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["robot.arm=ideal", *IDEAL_SENSOR])).figures
     assert figures["mass_error_relative"] < 1e-5
@@ -44,7 +40,7 @@ def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
     assert figures["compensation_error_max_n"] < 1e-4
 
 
-def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
+def test_a_steady_drift_is_found_where_it_is_asked_for():
     """A walk of 0.1 N/sqrt(s): nothing else is that large, so the return to the first pose shows it."""
     scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "sensor.force_drift_n_s=0.1"])
     found = run_payload_calibration(scenario, drift=True)
@@ -58,7 +54,7 @@ def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
 
 
 @pytest.mark.parametrize("count", [6, 12])
-def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_way(count: int) -> None:
+def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_way(count):
     assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
     scenario = default_scenario("force")
     model = prepare_force(scenario)[1].model  # the part's cell has the table
@@ -72,7 +68,7 @@ def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_w
             assert data.site("tool").xpos[2] > 0.25
 
 
-def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: PayloadCalibration) -> None:
+def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated):
     """What every run does without moving the arm, and what the arm does: the same tool, the same accuracy."""
     cell = cell_for(PAYLOAD_SCENARIO, free_stroke(HERE))
     readings = readings_at_rest(cell, np.random.default_rng(0))
@@ -84,7 +80,7 @@ def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: P
     np.testing.assert_allclose(readings.R_base_sensor, still, atol=2e-3)
 
 
-def test_the_belief_of_a_run_is_as_good_as_the_calibration() -> None:
+def test_the_belief_of_a_run_is_as_good_as_the_calibration():
     errors = []
     for seed in range(8):
         cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_stroke(HERE))
@@ -99,7 +95,7 @@ def test_the_belief_of_a_run_is_as_good_as_the_calibration() -> None:
     assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
 
 
-def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp_path: Path) -> None:
+def test_a_run_believes_the_file_it_is_given(calibrated, tmp_path):
     file = tmp_path / "calibration.toml"
     write_calibration(file, calibrated.estimate)
     cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
@@ -118,7 +114,7 @@ def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp
         ("kind = \n", "not valid TOML"),
     ],
 )
-def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_a_file_that_is_no_calibration_is_refused(tmp_path, text, said):
     file = tmp_path / "calibration.toml"
     file.write_text(text, encoding="utf-8")
     cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
@@ -126,7 +122,7 @@ def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, sai
         believe_tool(cell, np.random.default_rng(0))
 
 
-def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
+def test_the_noise_of_a_run_does_not_hang_on_its_calibration():
     """A generator of its own: the sensor's bias and noise stay what they are."""
     asked = [override(default_scenario("force"), [f"payload.poses={count}"]) for count in (4, 20)]
     one, two = (prepare_force(scenario)[1] for scenario in asked)
@@ -135,13 +131,13 @@ def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
     assert one.state.payload.mass != two.state.payload.mass
 
 
-def test_a_saturated_sensor_is_named() -> None:
+def test_a_saturated_sensor_is_named():
     with pytest.raises(CalibrationError, match=r"torque . .*sensor\.torque_range_nm"):
         run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
 
 
 @pytest.mark.parametrize(("seed", "table"), [(1, "uncalibrated"), (2, "calibrated")])
-def test_every_claim_is_met_by_the_frames_the_host_believes(seed: int, table: str) -> None:
+def test_every_claim_is_met_by_the_frames_the_host_believes(seed, table):
     asked = ["robot.arm=ur5e", f"robot.real.kinematics={table}", f"seed={seed}"]
     found = run_payload_calibration(override(PAYLOAD_SCENARIO, asked))
     assert {claim.figure for claim in PAYLOAD_CLAIMS} <= set(found.figures)

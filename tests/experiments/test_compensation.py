@@ -1,10 +1,7 @@
 """A host that knows its arm: what it sees at rest, on the circle, with two arms; files and refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +32,7 @@ def circle(*changes: str) -> RunResult:
     return run_experiment(arc(*changes))
 
 
-def test_the_arm_found_is_the_arm_built() -> None:
+def test_the_arm_found_is_the_arm_built():
     scenario = arc(KNOWN)
     use_arm(scenario.robot.arm)
     start = prepare_arc(scenario).reach.q_start
@@ -56,7 +53,7 @@ def test_the_arm_found_is_the_arm_built() -> None:
     assert np.linalg.norm(found.gears[:5, 3:] - errors[:5]) < 0.25 * np.linalg.norm(errors[:5])
 
 
-def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_run(tmp_path: Path) -> None:
+def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_run(tmp_path):
     first, unknown = circle(KNOWN), circle()
     error = first.figures["tracking_error_max_m"]
     assert error < 0.1e-3
@@ -69,7 +66,7 @@ def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_r
     assert unknown.files == {}
 
 
-def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Path) -> None:
+def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path):
     file = tmp_path / "arm.toml"
     text = circle(KNOWN).files["compensation.toml"]
     file.write_text(text, encoding="utf-8")
@@ -90,7 +87,7 @@ def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Pa
         ("arc", ("robot.compensation={file}",), "compensation.toml"),
     ],
 )
-def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, named, tmp_path: Path) -> None:
+def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, named, tmp_path):
     file = tmp_path / "other.toml"
     file.write_text('kind = "arm"\n', encoding="utf-8")
     words = [change.format(file=file) for change in changes]
@@ -98,7 +95,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
         check_settings(override(default_scenario(experiment), words))
 
 
-def test_two_arms_that_know_their_gears_put_the_tool_on_the_part() -> None:
+def test_two_arms_that_know_their_gears_put_the_tool_on_the_part():
     asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=2.5", "simulation.log_rate_hz=0"]
     figures = run_experiment(override(default_scenario("dual"), asked)).figures
     assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know

@@ -1,7 +1,5 @@
 """Feed and force that even the removal out, on the part as drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -47,7 +45,7 @@ def ramp(file: Path, top: float = 2.0) -> Path:
     return file
 
 
-def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult, monkeypatch: pytest.MonkeyPatch):
+def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     feed = plan.path.feed
     assert feed is not None
     usual = EVEN.process.feed_m_s
@@ -73,7 +71,7 @@ def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult, monkeypatch
     assert axis_kept(Scenario()) == Scenario()
 
 
-def test_no_feed_nearby_is_better(plan: PlanResult):
+def test_no_feed_nearby_is_better(plan):
     """The optimum of a convex problem: small changes of the dwell at any knot lower neither deviation nor
     time without raising the other by more."""
     problem = _Problem(EVEN, plan)
@@ -92,12 +90,12 @@ def test_no_feed_nearby_is_better(plan: PlanResult):
         assert distance(other) > best
 
 
-def test_force_by_turns_does_not_make_it_worse(plan: PlanResult):
+def test_force_by_turns_does_not_make_it_worse(plan):
     both = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal_force=0.3)))
     assert both.figures["planned_removal_cv"] < plan.figures["planned_removal_cv"] + 1e-3
 
 
-def test_a_ramp_of_one_to_two_is_followed(tmp_path: Path):
+def test_a_ramp_of_one_to_two_is_followed(tmp_path):
     plan = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal=str(ramp(tmp_path / "ramp.ply")))))
     assert plan.figures["planned_removal_cv"] < 0.06
     path, x = plan.path, plan.path.positions_work[:, 0]
@@ -107,12 +105,12 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path: Path):
 
 
 @pytest.mark.parametrize("change", [{"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}])
-def test_what_cannot_be_followed_is_refused(change: dict[str, object]):
+def test_what_cannot_be_followed_is_refused(change):
     with pytest.raises(PolishSimError):
         plan_removal(replace(EVEN, plan=replace(EVEN.plan, **change)))  # type: ignore[arg-type]
 
 
-def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path: Path):
+def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path):
     ready = without_removal().ready
     mesh = ready.ground.mesh
     x = mesh.vertices[:, 0]
@@ -128,7 +126,7 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
     assert np.mean(exposure[nearest[away < 0.002]] == 1.0) > 0.95
 
 
-def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(plan: PlanResult):
+def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(plan):
     """As the proof mends a path: its force and largest feeds are given; 95% of what can be is made up for."""
     path = plan.path
     assert path.feed is not None
@@ -168,7 +166,7 @@ def test_another_feed_in_the_same_process_is_planned_anew():
     assert slow.mean() < 0.7 * fast.mean()
 
 
-def test_a_changed_map_is_another_place(tmp_path: Path):
+def test_a_changed_map_is_another_place(tmp_path):
     asked = replace(EVEN, plan=replace(EVEN.plan, removal=str(tmp_path / "map.ply")))
     keys = []
     for text in ("one", "two more"):

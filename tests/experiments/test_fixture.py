@@ -1,7 +1,5 @@
 """A fixture in the cell: the part is placed with it, and tool and arm that touch it stop the robot."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -45,7 +43,7 @@ def plan(with_fixture: bool) -> PlanResult:
     return plan_part(of.part, of.plan, of.process, of.pad)
 
 
-def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_the_fixture_above_the_table() -> None:
+def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_the_fixture_above_the_table():
     result = plan(True)
     low = [mesh.vertices[:, 2].min() for mesh in (result.mesh, result.standing[0])]
     assert low == pytest.approx([-0.02, -0.03])
@@ -54,13 +52,13 @@ def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_the_fixture_abov
     assert apply(T, result.standing[0].vertices)[:, 2].min() > -1e-3
 
 
-def test_a_path_planned_with_the_fixture_is_run_beside_it() -> None:
+def test_a_path_planned_with_the_fixture_is_run_beside_it():
     run = run_experiment(scenario(True), plan(True))
     assert run.stop_reason is None
     assert np.median(run.log["normal_force_n"][run.log.fed]) == pytest.approx(20.0, abs=1.0)
 
 
-def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_the_wall() -> None:
+def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_the_wall():
     of = scenario(True)
     blind = measure_given_path(plan(False).path, of.part, of.plan, of.process, of.pad)
     with pytest.raises(PlanError, match="into the fixture"):
@@ -76,6 +74,6 @@ def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_t
     assert place[2] == pytest.approx(0.010 + NEAR_M, abs=0.2e-3)
 
 
-def test_a_fixture_is_refused_where_it_would_not_be_seen() -> None:
+def test_a_fixture_is_refused_where_it_would_not_be_seen():
     with pytest.raises(InputError, match=r"part\.fixture_file .*'run surface'"):
         check_settings(merge(scenario(True), {"experiment": "force"}, ""))

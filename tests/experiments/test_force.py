@@ -1,7 +1,5 @@
 """Experiment force: steps with every law, rigid blocks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from polish_sim.scenario_file import override
 
 
 @pytest.mark.parametrize("every", [1, 2])
-def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds(every: int) -> None:
+def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds(every):
     """Sensor noise and bias, part displaced, turned and bent; the host at 1000 and 500 Hz."""
     asked = ["seed=101", f"simulation.control_every={every}"]
     result = run_experiment(override(default_scenario("force"), asked))
@@ -30,14 +28,14 @@ def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds(eve
     assert 0.0005 < abs(trace.tcp_position_m[first, 2] - nominal) < 0.0013
 
 
-def test_springs_stiffer_than_drawn_do_not_make_it_swing() -> None:
+def test_springs_stiffer_than_drawn_do_not_make_it_swing():
     changes = ["head.spring_scale=5", "seed=531", "process.hold_s=2"]
     result = run_experiment(override(default_scenario("force"), changes))
     assert result.figures["settling_time_1n_s"] < 0.6
     assert np.ptp(result.trace.normal_force_n[-1000:]) < 1.0
 
 
-def test_half_the_physics_step_gives_the_same_response() -> None:
+def test_half_the_physics_step_gives_the_same_response():
     quiet = [
         "sensor.force_noise_n=0",
         "sensor.torque_noise_nm=0",
@@ -67,7 +65,7 @@ def pressed(*settings: str) -> RunResult:
         ("seed=1", "spindle.speed_rpm=6000.0", "spindle.imbalance_m_s=0.0063"),
     ],
 )
-def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra: tuple[str, ...]) -> None:
+def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra):
     figures = pressed(*extra).figures
     assert figures["settling_time_1n_s"] < 0.25
     assert figures["overshoot_n"] < 1.0
@@ -78,7 +76,7 @@ def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra: tuple[str, 
 @pytest.mark.parametrize(
     ("scale", "sensor", "command"), [(0.2, 0.005, 0.015), (5.0, 0.001, 0.001), (5.0, 0.005, 0.015)]
 )
-def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, command: float) -> None:
+def test_springs_and_latency_it_was_not_told_of(scale, sensor, command):
     result = pressed(
         f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}"
     )
@@ -104,7 +102,7 @@ def late(stiffer: float, *changes: str) -> np.ndarray:
     return np.asarray(run.trace.normal_force_n)[-4000:]
 
 
-def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_damping_lowers_it() -> None:
+def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_damping_lowers_it():
     force = late(10.0, LITTLE)
     assert force.max() > 20.0
     assert 0.25 < np.mean(force < 0.01) < 0.6

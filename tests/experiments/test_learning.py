@@ -1,7 +1,5 @@
 """`--learn`: what one run found along the path is fed forward in the next."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +34,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return kept(tmp_path_factory.mktemp("passes") / "first", scenario())
 
 
-def test_the_second_pass_errs_less_than_the_first_with_another_noise(first: Path, tmp_path: Path) -> None:
+def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_path):
     before = read_record(first)
     second = read_record(kept(tmp_path / "second", scenario(f"process.learn={first}")))
     assert second.metrics["learned_from"] == 1
@@ -62,7 +60,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first: Path
         ("part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
     ],
 )
-def test_another_job_is_refused_by_what_differs(first: Path, change: str, named: str) -> None:
+def test_another_job_is_refused_by_what_differs(first, change, named):
     with pytest.raises(InputError, match=named):
         run_experiment(scenario(f"process.learn={first}", change))
 
@@ -75,6 +73,6 @@ def test_another_job_is_refused_by_what_differs(first: Path, change: str, named:
         ("experiment=arc", "run surface"),
     ],
 )
-def test_what_cannot_learn_is_refused_before_planning(first: Path, change: str, named: str) -> None:
+def test_what_cannot_learn_is_refused_before_planning(first, change, named):
     with pytest.raises(InputError, match=named):
         check_settings(scenario(f"process.learn={first}", change))

@@ -1,8 +1,6 @@
 """The part stands where the arm does the whole path; a pose asked for is checked, and a refused one says what
 fits."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache
@@ -45,7 +43,7 @@ def reached(scenario: Scenario, plan: PlanResult) -> Reach:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(side: str) -> None:
+def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(side):
     scenario, plan = planned(f"point:{SIDES[side]}")
     reach, path = reached(scenario, plan), plan.path
     part = no_part()._replace(position=reach.T_base_work[:3, 3], rotation=reach.T_base_work[:3, :3].copy())
@@ -74,7 +72,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("fault", BAD)
-def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault: str) -> None:
+def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault):
     scenario, plan = planned("auto")
     with pytest.raises(ReachError, match=fault) as raised:
         reached(posed(scenario, BAD[fault]), plan)
@@ -83,7 +81,7 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault:
     assert reached(posed(scenario, fitting[1]), plan).smallest_singular_value > 0.08
 
 
-def test_a_path_that_is_not_pressed_in_is_followed_as_it_is() -> None:
+def test_a_path_that_is_not_pressed_in_is_followed_as_it_is():
     scenario, plan = planned("auto")
     placed = scenario, plan.mesh, plan.surface, plan.path
     placings = [PartPlacing(*placed, pressed_in) for pressed_in in (False, True)]
@@ -95,7 +93,7 @@ def test_a_path_that_is_not_pressed_in_is_followed_as_it_is() -> None:
     np.testing.assert_allclose(placings[0].reach().T_base_work, in_front, atol=2e-3)
 
 
-def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration() -> None:
+def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration():
     scenario, plan = planned("auto")
     pose = posed(scenario, "300,-300,200,17,11,29")
     placing = PartPlacing(pose, plan.mesh, plan.surface, plan.path)
@@ -115,7 +113,7 @@ def posed(scenario: Scenario, text: str) -> Scenario:
     return replace(scenario, part=replace(scenario.part, pose=tuple(numbers)))
 
 
-def test_the_maps_value_is_the_least_determinant_along_the_path() -> None:
+def test_the_maps_value_is_the_least_determinant_along_the_path():
     scenario, plan = planned("point:0,50,0")
     placing = PartPlacing(scenario, plan.mesh, plan.surface, plan.path)
     found = placing.map()

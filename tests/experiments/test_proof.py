@@ -1,12 +1,9 @@
 """A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn
 parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,7 +71,7 @@ def runs_on_drawn_parts(proven: Proven) -> None:
         assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
 
 
-def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_without() -> None:
+def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_without():
     path, scenario = straight((-0.02, 0.0), (0.02, 0.0)), pressing()
     own = replace(path, force=np.full(120, 30.0), feed=np.linspace(0.01, 0.02, 120))
     proof = prove(scenario, planned(scenario, own)).plan.proof
@@ -85,9 +82,7 @@ def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_wi
 @pytest.mark.parametrize(
     ("changes", "shares"), [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])]
 )
-def test_where_the_corner_carries_a_share_of_the_force_it_is_pressed_with_that(
-    changes: tuple[str, ...], shares: list[float]
-) -> None:
+def test_where_the_corner_carries_a_share_of_the_force_it_is_pressed_with_that(changes, shares):
     scenario, plan = into_the_corner(*changes)
     assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None
     proven = prove(scenario, plan)
@@ -103,7 +98,7 @@ def test_where_the_corner_carries_a_share_of_the_force_it_is_pressed_with_that(
 
 
 @pytest.mark.parametrize(("removal", "shares"), [("", [0.5]), ("even", [0.5, 0.25])])
-def test_a_place_that_fails_is_eased_before_it_is_left_out(removal: str, shares: list[float]) -> None:
+def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
     """Also where the force comes down to a place that was eased before."""
     scenario = pressing(f"plan.removal={removal}")
     plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
@@ -115,7 +110,7 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal: str, shares:
     assert [mend.share for mend in prover.mends[:-1]] == shares
 
 
-def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
     scenario = pressing()
     prover = _Prover(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))), Silent())
     measure = PreparedRegion.measure
@@ -138,7 +133,7 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     assert prove(scenario, prover.task_now().plan).plan.figures["proven"]
 
 
-def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts() -> None:
+def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts():
     (scenario, plan), proven = soft_corner(), proven_at_the_corner()
     assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None
     cut = np.concatenate([mend.places for mend in proven.plan.mends if mend.what == LEFT_OUT])
@@ -148,14 +143,14 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     runs_on_drawn_parts(proven)
 
 
-def test_a_force_that_falls_along_the_path_is_no_surface_that_rises() -> None:
+def test_a_force_that_falls_along_the_path_is_no_surface_that_rises():
     """From 40 to 10 N the springs give way by 6 mm; the surface stays where it is."""
     scenario, path = pressing(), straight((0.0, 0.0), (0.06, 0.0))
     path = replace(path, force=np.interp(path.s, [0.02, 0.05], [40.0, 10.0]))
     assert run_experiment(scenario, planned(scenario, path)).stop_reason is None
 
 
-def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning() -> None:
+def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning():
     """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
     scenario = pressing(*SOFT)
     plan = planned(scenario, straight((0.0995, 0.0995), (0.0, 0.0)))
@@ -168,7 +163,7 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
     assert run.stop_reason is None
 
 
-def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings() -> None:
+def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     proven = proven_at_the_corner()
     proof, path = proven.plan.proof, proven.plan.path
     assert proof is not None
@@ -179,7 +174,7 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings() 
     assert not is_proven(proven.scenario, soft_corner()[1].path, proof)
 
 
-def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path: Path) -> None:
+def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path):
     proven = proven_at_the_corner()
     write_plan(tmp_path, proven.plan)
     asked = (proven.scenario.part, proven.scenario.plan, proven.scenario.process, proven.scenario.pad)
@@ -193,7 +188,7 @@ def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_pa
         assert sum(rows[reason].area_m2 for reason in some) == pytest.approx(lost, rel=0.05)
 
 
-def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> None:
+def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its transmission error shakes the
     sensor."""
     changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
@@ -206,7 +201,7 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> No
     assert run.stop_reason is None
 
 
-def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused() -> None:
+def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused():
     scenario, plan = soft_corner()
     corner = planned(scenario, straight((0.0965, 0.0965), (0.0999, 0.0999)))
     with pytest.raises(PlanError, match="--pad-diameter"):

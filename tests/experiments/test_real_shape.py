@@ -1,9 +1,6 @@
 """A part unlike its drawing: the path comes from the drawing, the contact from the part as it is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -48,7 +45,7 @@ def distances(scenario: Scenario, *lines: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ["plate_step", "plate_ramp"])
-def test_the_pad_meets_the_real_part_not_the_drawing(name: str) -> None:
+def test_the_pad_meets_the_real_part_not_the_drawing(name):
     y = np.linspace(-0.02, 0.02, 13)
     truth = part(name).shape.evaluate(np.column_stack([ACROSS, y]))
     points = np.column_stack([ACROSS, y, truth.height])
@@ -59,7 +56,7 @@ def test_the_pad_meets_the_real_part_not_the_drawing(name: str) -> None:
     np.testing.assert_allclose(above[away], slanted[away], atol=5e-5)
 
 
-def test_a_real_part_higher_than_the_band_is_still_met(tmp_path: Path) -> None:
+def test_a_real_part_higher_than_the_band_is_still_met(tmp_path):
     """15 mm higher than drawn, beyond the 8 mm of the field and its margin."""
     solid = trimesh.load(workpiece_path("plate"))
     solid.vertices[solid.vertices[:, 2] > 10.0] += [0.0, 0.0, 15.0]
@@ -71,14 +68,14 @@ def test_a_real_part_higher_than_the_band_is_still_met(tmp_path: Path) -> None:
     np.testing.assert_allclose(below, -0.003, atol=1e-6)
 
 
-def test_the_drawing_given_as_the_real_part_changes_nothing() -> None:
+def test_the_drawing_given_as_the_real_part_changes_nothing():
     short = ("process.hold_s=1", "process.approach_speed_m_s=0.05", "part.displacement_m=0.001")
     drawn = run_experiment(on_plate(*short))
     same = run_experiment(on_plate("part.real_file=plate", *short))
     np.testing.assert_allclose(same.log["normal_force_n"], drawn.log["normal_force_n"], atol=1e-3)
 
 
-def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies_from_the_drawing() -> None:
+def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies_from_the_drawing():
     scenario = on_plate("part.real_file=plate_ramp")
     model = prepare_force(scenario)[1].model
     data = mujoco.MjData(model)
@@ -100,9 +97,7 @@ def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies
         (0.1, [0.0, 0.0, -40.0], "20 x 20 x 2 mm .* 200 x 200 x 20 mm"),
     ],
 )
-def test_a_real_part_elsewhere_or_in_another_unit_is_refused(
-    tmp_path: Path, scale: float, shift: list[float], message: str
-) -> None:
+def test_a_real_part_elsewhere_or_in_another_unit_is_refused(tmp_path, scale, shift, message):
     solid = trimesh.load(workpiece_path("plate"))
     solid.apply_scale(scale)
     solid.apply_translation(shift)

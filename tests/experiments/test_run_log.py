@@ -1,9 +1,5 @@
 """Logs: the contract's columns, and the same bytes again."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -23,7 +19,7 @@ def column(result: RunResult, name: str) -> np.ndarray:
     return np.asarray(result.log[name], dtype=float)
 
 
-def test_every_column_of_the_contract_is_there_and_figures_say_what_was_run(freeform: RunResult) -> None:
+def test_every_column_of_the_contract_is_there_and_figures_say_what_was_run(freeform):
     for name, (width, _unit) in COLUMNS.items():
         values = freeform.log[name]
         assert values.shape == ((len(freeform.log), width) if width else (len(freeform.log),)), name
@@ -43,7 +39,7 @@ def test_every_column_of_the_contract_is_there_and_figures_say_what_was_run(free
     assert figures["real_time_factor"] == pytest.approx(figures["simulated_s"] / figures["wall_s"])
 
 
-def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics() -> None:
+def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics():
     """Of the ideal arm, whose table is the nominal one."""
     run = run_experiment(override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=1"]))
     q, qd = column(run, "q_rad"), column(run, "qd_rad_s")
@@ -55,7 +51,7 @@ def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics() -> None:
     np.testing.assert_allclose(np.linalg.norm(twist[:, :3], axis=1), column(run, "tcp_speed_m_s"), atol=1e-6)
 
 
-def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform: RunResult) -> None:
+def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform):
     error = column(freeform, "target_position_m") - column(freeform, "tcp_position_m")
     tool, target = (
         Rotation.from_quat(column(freeform, f"{name}_quaternion_wxyz"), scalar_first=True)
@@ -75,7 +71,7 @@ def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform: 
     np.testing.assert_array_equal(trace.tcp_position_m[rows], freeform.log["tcp_position_m"])
 
 
-def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freeform: RunResult) -> None:
+def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freeform):
     """The pad's travel carries the force through the head's spring; the turn of the path is counted."""
     fed = freeform.log.fed
     travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
@@ -105,9 +101,7 @@ def short_force() -> RunResult:
     return run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
 
 
-def test_the_same_seed_gives_the_same_bytes_another_others(
-    cap: Cap, cap_run: RunResult, tmp_path: Path
-) -> None:
+def test_the_same_seed_gives_the_same_bytes_another_others(cap, cap_run, tmp_path):
     scenario, plan = cap
     other = run_experiment(override(scenario, ["seed=1"]), plan)
     assert not same(cap_run.log, other.log)
@@ -126,7 +120,7 @@ class Onlooker(Silent):
     frame_every_s = 0.011
 
 
-def test_who_looks_on_changes_nothing_also_when_strokes_follow_each_other(short_force: RunResult) -> None:
+def test_who_looks_on_changes_nothing_also_when_strokes_follow_each_other(short_force):
     assert same(short_force.log, run_experiment(short_force.scenario, observer=Onlooker()).log)
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
@@ -140,7 +134,7 @@ def test_who_looks_on_changes_nothing_also_when_strokes_follow_each_other(short_
     assert same(runs[0].log, runs[1].log)
 
 
-def test_rows_thinned_out_keep_the_least_and_largest_force_between_them(short_force: RunResult) -> None:
+def test_rows_thinned_out_keep_the_least_and_largest_force_between_them(short_force):
     rates = {0: 1, 50: 20}
     asked = {rate: override(short_force.scenario, [f"simulation.log_rate_hz={rate}"]) for rate in rates}
     runs = {rate: run_experiment(scenario) for rate, scenario in asked.items()} | {250: short_force}

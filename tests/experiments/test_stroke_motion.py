@@ -1,11 +1,8 @@
 """Strokes: one for every stretch in contact, and how each rule follows it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ from polish_sim.spatial import rotation_to_axis, transform
 FEED = 0.06
 
 
-def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise() -> None:
+def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their own noise
     hardly any."""
     rng, s = np.random.default_rng(1), np.linspace(0.0, 0.1, 201)
@@ -63,7 +60,7 @@ def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
     return motion
 
 
-def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows() -> None:
+def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows():
     gentle = follow("spline", 0.025)
     inner = (gentle.places > 0.01) & (gentle.places < gentle.places[-1] - 0.01)
     np.testing.assert_allclose(gentle.speeds[inner], FEED, rtol=1e-3)
@@ -86,7 +83,7 @@ def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows(
         ({"limits_file": "none.toml"}, "limits"),
     ],
 )
-def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any], said: str) -> None:
+def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
     asked = Scenario(part=PartConfig("none.stl"), smoothing=replace(Scenario().smoothing, **wrong))
     with pytest.raises(PolishSimError, match=said):
         check_experiment(asked)
@@ -117,7 +114,7 @@ def strokes(plan: PlanResult, force: np.ndarray | None = None, feed_s: float = 0
     return placed_strokes(Scenario(process=asked), path, placed_tool(path, REACH), 0.0, LIFT)
 
 
-def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(islands: PlanResult) -> None:
+def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(islands):
     first, second = strokes(islands)
     assert first.travel.duration == 0.0
     assert second.travel.places[-1] > 0.1
@@ -131,7 +128,7 @@ def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(is
     assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
 
 
-def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands: PlanResult) -> None:
+def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands):
     force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
     for stroke in strokes(islands, force):
         end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth

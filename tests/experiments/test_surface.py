@@ -1,7 +1,5 @@
 """The main job, its first seconds: a part polished along a planned path, whose force and feed may change."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -22,7 +20,7 @@ from tests.cell.cells import IDEAL_ARM, IDEAL_SENSOR
 Cap = tuple[Scenario, PlanResult]
 
 
-def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freeform: RunResult) -> None:
+def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freeform):
     assert freeform.stop_reason is None
     assert freeform.figures["force_max_deviation_n"] < 4.0
     assert freeform.figures["force_mean_n"] == pytest.approx(20.0, abs=0.3)
@@ -39,7 +37,7 @@ def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freefor
     assert np.sqrt((sosfiltfilt(band, off, axis=0) ** 2).sum(axis=1).mean()) < 12e-6
 
 
-def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform: RunResult) -> None:
+def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform):
     T_base_work = np.array(freeform.figures["T_base_work"])
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
@@ -48,7 +46,7 @@ def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform: R
     assert np.linalg.norm(tool - prepared.plan.surface.closest(tool).positions, axis=1).max() < 0.006
 
 
-def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
+def test_with_the_spindle_off_the_force_is_held_as_well(cap):
     """On the ideal arm, whose tool strays by less than 0.3 mm."""
     force, moment = {}, {}
     for name, change in (("on", "seed=0"), ("off", "spindle.speed_rpm=0")):
@@ -77,9 +75,7 @@ def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[d
     return measure_surface(trace, plan.path, scenario.process.contact_force_n), float(trace.path_s_m.max())
 
 
-def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
-    cap: Cap, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, monkeypatch):
     """The tool keeps its direction in the base, so it is turned against part and arm: the pad is alike.
 
     Its heavy sides are not, so they are left out: the spindle's imbalance and the connector of its cable.
@@ -100,7 +96,7 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
     assert way_there == pytest.approx(way, rel=1e-12)
 
 
-def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(freeform: RunResult) -> None:
+def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(freeform):
     removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
     assert removal is not None
     assert (np.diff(running) >= 0.0).all()
@@ -138,7 +134,7 @@ def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:
     return feeding & (run.trace.time_s > run.trace.time_s[feeding][0] + after_s)
 
 
-def test_the_force_follows_the_path_s(rising: RunResult) -> None:
+def test_the_force_follows_the_path_s(rising):
     rows = fed(rising)
     wanted = np.interp(rising.trace.path_s_m[rows], rising.path.s, rising.path.force)
     assert np.ptp(wanted) > 9.0
@@ -149,7 +145,7 @@ def test_the_force_follows_the_path_s(rising: RunResult) -> None:
     assert rising.figures["force_max_deviation_n"] < 4.0
 
 
-def test_the_feed_follows_the_path_s(rising: RunResult) -> None:
+def test_the_feed_follows_the_path_s(rising):
     rows = fed(rising)
     place, time = rising.trace.path_s_m[rows], rising.trace.time_s[rows]
     speed = np.gradient(place, time)
@@ -158,7 +154,7 @@ def test_the_feed_follows_the_path_s(rising: RunResult) -> None:
     assert speed == pytest.approx(np.interp(place, rising.path.s, rising.path.feed), rel=0.02)
 
 
-def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising: RunResult) -> None:
+def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising):
     rows = rising.log.fed
     along = np.asarray(rising.log["path_s_m"][rows], dtype=float)
     T_base_work = np.array(rising.figures["T_base_work"])
@@ -178,9 +174,7 @@ def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising: 
         ("feed", 0.0, r"feed of 0 m/s: .* 0\.0001 to 0\.5 m/s"),
     ],
 )
-def test_values_no_robot_should_follow_are_refused_with_their_place(
-    cap: Cap, column: str, value: float, said: str
-) -> None:
+def test_values_no_robot_should_follow_are_refused_with_their_place(cap, column, value, said):
     scenario, plan = cap
     values = np.full(len(plan.path.s), 0.01 if column == "feed" else 20.0)
     row = int(np.flatnonzero(plan.path.process)[7])

@@ -1,8 +1,6 @@
 """Meshes whose truth is known in closed form: points on them, normals and curvatures; solids, parts and
 regions."""
 
-from __future__ import annotations
-
 import struct
 import tracemalloc
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 """The fitted surface against closed forms: position, normal and curvature, and their order in the facet size;
 creases stay sharp, flat faces flat, the skin closed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

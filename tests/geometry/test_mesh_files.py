@@ -1,8 +1,6 @@
 """Parts from files and arrays: the same part whatever the format, its unit, one clear message for what is no
 mesh."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,9 +1,6 @@
 """Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
 
-from __future__ import annotations
-
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,7 +246,7 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
     assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02
 
 
-def test_a_file_that_lost_a_byte_in_the_middle_takes_no_more_memory_than_a_whole(tmp_path: Path) -> None:
+def test_a_file_that_lost_a_byte_in_the_middle_takes_no_more_memory_than_a_whole(tmp_path):
     whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
     broken = np.frombuffer(whole[84:500_084] + whole[500_085:] + b"\0", dtype="V50")
     # Numbers that are not finite are refused as such: let all be finite.
@@ -260,7 +257,7 @@ def test_a_file_that_lost_a_byte_in_the_middle_takes_no_more_memory_than_a_whole
     assert memory_to_load(tmp_path / "broken.stl") < 60
 
 
-def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
+def test_triangles_without_neighbours_are_no_surface(tmp_path):
     corners = np.random.default_rng(1).uniform(-60.0, 60.0, (14_400, 3, 3))
     (tmp_path / "soup.stl").write_bytes(stl_bytes(corners))
     with pytest.raises(MeshError, match=r"14400 of 14400 facets .* facet 0"):

@@ -1,8 +1,6 @@
 """The region to polish: what a person would pick, cleanly cut, in pieces that each have their own border; the
 margin along it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The surface: closest points are exact on the patches; properties looked for by hypothesis, which tries the
 same examples in every run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """Laws of hand guiding on plain arrays: one joint with known inertia, weight and friction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -63,7 +61,7 @@ def limits(**changed: float) -> GuidingLimits:
     return GuidingLimits(**usual, lent=Lent())
 
 
-def test_each_mode_gives_back_its_share_of_weight_friction_and_inertia(belief: Belief) -> None:
+def test_each_mode_gives_back_its_share_of_weight_friction_and_inertia(belief):
     weight = MASS * 9.81 * ARM * math.cos(0.3)
     friction = 0.95 * (COULOMB + VISCOUS * 1.0)
     moving = [torque_at(belief, mode, 0.3, 1.0, 5.0) for mode in ("none", "gravity", "classical", "inertia")]
@@ -89,7 +87,7 @@ def pushed(
 
 
 @pytest.mark.parametrize("share", [0.8, 0.96])
-def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief: Belief, share: float) -> None:
+def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief, share):
     """Also where the inertia is taken for a fifth more than it is."""
     law = gains("inertia", inertia_share=share)
 
@@ -101,7 +99,7 @@ def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief: Belief, sha
     assert felt == pytest.approx((1.0 - share) * INERTIA, rel=0.05)
 
 
-def test_the_observer_finds_the_torque_of_the_hand(belief: Belief) -> None:
+def test_the_observer_finds_the_torque_of_the_hand(belief):
     def rubbing(qd: float) -> float:
         return COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd
 
@@ -109,7 +107,7 @@ def test_the_observer_finds_the_torque_of_the_hand(belief: Belief) -> None:
     assert memory.external[0] == pytest.approx(2.0, rel=0.05)
 
 
-def test_without_a_hand_friction_is_left_to_the_joint(belief: Belief) -> None:
+def test_without_a_hand_friction_is_left_to_the_joint(belief):
     memory, law = build_memory(1), gains("assist")
     memory.q[0], memory.qd[0], memory.grip[0] = 0.3, 1.0, 1.0
     memory.impulse[0] = INERTIA * 1.0
@@ -121,7 +119,7 @@ def test_without_a_hand_friction_is_left_to_the_joint(belief: Belief) -> None:
     assert memory.torque[0] == pytest.approx(MASS * 9.81 * ARM * math.cos(0.3))
 
 
-def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief: Belief) -> None:
+def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief):
     """Also while it stands."""
     memory, law = build_memory(1), gains("assist", hand_felt=0.0)._replace(start=1e-5)
     for speed, way in ((0.02, 1.0), (0.0, 1.0), (-0.02, -1.0)):
@@ -141,7 +139,7 @@ def lend(belief: Belief, law: GuidingGains, seconds: float) -> tuple[GuidingMemo
     return memory, watched, code
 
 
-def test_compensating_more_than_friction_takes_is_counted_and_stopped(belief: Belief) -> None:
+def test_compensating_more_than_friction_takes_is_counted_and_stopped(belief):
     law = gains("classical", coulomb_share=1.5, viscous_share=1.5)
     _, watched, code = lend(belief, law, 1.0)
     assert code == 0
@@ -155,9 +153,7 @@ def test_compensating_more_than_friction_takes_is_counted_and_stopped(belief: Be
     ("qd", "tool", "share", "code"),
     [(1.0, 0.5, 1.0, 0), (2.85, 0.5, 0.5, 0), (1.0, 1.6, 0.0, TOOL_SPEED), (3.1, 0.1, 0.0, JOINT_SPEED)],
 )
-def test_compensation_fades_towards_speed_limits_and_beyond_them_the_arm_stops(
-    belief: Belief, qd: float, tool: float, share: float, code: int
-) -> None:
+def test_compensation_fades_towards_speed_limits_and_beyond_them_the_arm_stops(belief, qd, tool, share, code):
     memory = build_memory(1)
     memory.qd[0] = qd
     assert watch_guiding(limits(), belief, gains("gravity"), memory, tool, DT) == code

@@ -1,9 +1,6 @@
 """Hand guiding: moves in every mode, and a path taught by dragging the tool."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,7 +44,7 @@ def assert_light(figures: dict[str, float], direction: str) -> None:
     assert figures["drift_rad"] < np.radians(0.01)
 
 
-def test_each_step_of_compensation_lightens_the_move(trial: RunResult) -> None:
+def test_each_step_of_compensation_lightens_the_move(trial):
     for direction in "xy":
         assert_light(trial.figures, direction)
         felt = [trial.figures[f"{mode}_{direction}_slow_hand_force_rms_n"] for mode in MODES]
@@ -55,7 +52,7 @@ def test_each_step_of_compensation_lightens_the_move(trial: RunResult) -> None:
     assert trial.figures["drift_time_s"] == pytest.approx(4.0, abs=0.01)
 
 
-def test_every_move_is_in_the_log_with_the_hand_s_force(trial: RunResult) -> None:
+def test_every_move_is_in_the_log_with_the_hand_s_force(trial):
     case, force = np.asarray(trial.log["case"]), np.linalg.norm(np.asarray(trial.log["hand_force_n"]), axis=1)
     moving = np.asarray(trial.log["phase"]) == PROCESS_PHASE
     for number, name in enumerate(trial.figures["moves"]):
@@ -63,7 +60,7 @@ def test_every_move_is_in_the_log_with_the_hand_s_force(trial: RunResult) -> Non
         assert force[moving & (case == number)].max() == pytest.approx(peak, rel=0.02)
 
 
-def test_the_move_is_minimum_jerk() -> None:
+def test_the_move_is_minimum_jerk():
     way, speed = minimum_jerk(np.array([-1.0, 0.0, 0.5, 1.0, 2.0]))
     np.testing.assert_allclose(way, [0.0, 0.0, 0.5, 1.0, 1.0])
     np.testing.assert_allclose(speed, [0.0, 0.0, 1.875, 0.0, 0.0])
@@ -73,7 +70,7 @@ def test_the_move_is_minimum_jerk() -> None:
     ("wrong", "stops"),
     [({"friction_scale": 0.8}, False), ({"friction_scale": 1.6}, True), ({"inertia_share": 0.96}, False)],
 )
-def test_wrong_friction_or_inertia_never_runs_away(wrong: dict[str, float], stops: bool) -> None:
+def test_wrong_friction_or_inertia_never_runs_away(wrong, stops):
     asked = scenario(GRIP, mode="inertia", direction="x", duration_s=0.6, **wrong)
     run = run_experiment(asked)
     speeds = np.abs(np.asarray(run.log["qd_rad_s"]))
@@ -83,7 +80,7 @@ def test_wrong_friction_or_inertia_never_runs_away(wrong: dict[str, float], stop
     assert stops or run.figures["drift_rad"] < np.radians(0.01)
 
 
-def test_a_law_that_drives_by_itself_is_stopped_by_its_energy() -> None:
+def test_a_law_that_drives_by_itself_is_stopped_by_its_energy():
     wild = {"mode": "classical", "direction": "x", "duration_s": 0.6, "coulomb_share": 1.8}
     run = run_experiment(scenario(GRIP, **wild, energy_limit_j=1.0))
     assert run.stop_reason is not None
@@ -113,14 +110,14 @@ def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
         (cut(2400, stop_step=1900), True),
     ],
 )
-def test_only_a_whole_move_has_a_force(play: PlayedMove, whole: bool) -> None:
+def test_only_a_whole_move_has_a_force(play, whole):
     """The hand moves from 1.1 s to 1.7 s; what brakes record of it after a stop is not the hand's move."""
     figures = figures_of_moves(scenario(), [play], 1, 1.0)
     assert np.isfinite([figures["hand_force_peak_n"], figures["hand_force_rms_n"]]).tolist() == [whole] * 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_one_move_cut_short_leaves_its_mode_without_a_peak(order: int) -> None:
+def test_one_move_cut_short_leaves_its_mode_without_a_peak(order):
     """The largest of a known and an unknown force is unknown, whichever came first."""
     played = [cut(2400), cut(1400, interrupted=True)][::order]
     assert np.isnan(figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
@@ -130,7 +127,7 @@ def test_one_move_cut_short_leaves_its_mode_without_a_peak(order: int) -> None:
     assert np.isnan([modes["classical_peak_n"], modes["slow_peak_n"]]).all()
 
 
-def test_an_identified_model_is_as_good_as_the_true_one(tmp_path: Path) -> None:
+def test_an_identified_model_is_as_good_as_the_true_one(tmp_path):
     file = tmp_path / "identified.xml"
     parameters = own_parameters(torque_arm(Scenario()), ARM_JOINTS)
     file.write_text(identified_xml(ARM_JOINTS, IdentifiedJoints(parameters)))
@@ -153,7 +150,7 @@ def run() -> RunResult:
     return run_experiment(dragged())
 
 
-def test_every_figure_that_is_shown_is_measured(trial: RunResult, run: RunResult) -> None:
+def test_every_figure_that_is_shown_is_measured(trial, run):
     for result, kind in ((trial, "trial"), (run, "path")):
         assert kind_of(result.scenario) == kind
         assert {claim.figure for claim in CLAIMS[kind]} <= set(result.figures)
@@ -161,7 +158,7 @@ def test_every_figure_that_is_shown_is_measured(trial: RunResult, run: RunResult
     assert trial.figures["path_done"] == 1.0
 
 
-def test_a_taught_path_is_no_worse_than_the_hand_that_showed_it(run: RunResult) -> None:
+def test_a_taught_path_is_no_worse_than_the_hand_that_showed_it(run):
     """What is left is the slow wander within the surface; what left the surface and the tremor are gone."""
     hand = np.sqrt(3.0 * (run.scenario.drag.wander_m**2 + run.scenario.drag.tremor_m**2))
     assert run.figures["recorded_deviation_rms_m"] == pytest.approx(hand, rel=0.35)
@@ -173,20 +170,20 @@ def test_a_taught_path_is_no_worse_than_the_hand_that_showed_it(run: RunResult) 
         assert taught.figures["taught_axis_error_max_rad"] < 0.5 * run.scenario.drag.wobble_rad
 
 
-def test_a_steady_hand_teaches_the_rim_but_for_what_its_own_spring_gives() -> None:
+def test_a_steady_hand_teaches_the_rim_but_for_what_its_own_spring_gives():
     figures = run_experiment(override(dragged(**STEADY), ["part.file=sphere_50"])).figures
     assert figures["taught_deviation_max_m"] < figures["hand_force_peak_n"] / HandConfig().stiffness_n_m
     assert figures["taught_missed_max_m"] < 2e-3
 
 
-def test_the_same_seed_teaches_the_same_path() -> None:
+def test_the_same_seed_teaches_the_same_path():
     small = override(dragged(), ["part.file=sphere_50"])
     paths = [run_experiment(replace(small, seed=seed)).path.positions_work for seed in (0, 0, 1)]
     assert np.array_equal(paths[0], paths[1])
     assert not np.array_equal(paths[0], paths[2])
 
 
-def test_wander_and_tremor_have_the_size_and_band_asked_for() -> None:
+def test_wander_and_tremor_have_the_size_and_band_asked_for():
     line = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 50)
     upright = np.tile(np.eye(3), (50, 1, 1))
     rng, hand, dt = np.random.default_rng(3), HandConfig(), 0.001
@@ -206,7 +203,7 @@ def test_wander_and_tremor_have_the_size_and_band_asked_for() -> None:
         assert np.abs(np.diff(made.meant.velocities[:, 0])).max() / dt < 0.2
 
 
-def test_an_arm_that_stops_itself_teaches_no_path() -> None:
+def test_an_arm_that_stops_itself_teaches_no_path():
     asked = dragged(speed_m_s=0.2)
     run = run_experiment(replace(asked, guide=replace(asked.guide, tool_speed_limit_m_s=0.06)))
     assert run.stop_reason is not None
@@ -218,13 +215,13 @@ def on_real_arm(asked: Scenario, *settings: str) -> Scenario:
     return override(asked, ["robot.arm=ur5e", *settings])
 
 
-def test_inertia_compensation_does_the_same_for_elastic_joints_heard_on_the_link_s_side() -> None:
+def test_inertia_compensation_does_the_same_for_elastic_joints_heard_on_the_link_s_side():
     real_trial = run_experiment(on_real_arm(scenario(direction="x")))
     assert real_trial.stop_reason is None
     assert_light(real_trial.figures, "x")
 
 
-def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -> None:
+def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped():
     """Above the resonance a rotor is alone: less inertia than is compensated. Rigid gears are stable."""
     move = scenario(mode="inertia", direction="x", duration_s=1.0)
     run = run_experiment(on_real_arm(move, "guide.encoder_side=motor"))
@@ -233,7 +230,7 @@ def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -
     assert run_experiment(on_real_arm(move, "guide.encoder_side=motor", *rigid)).stop_reason is None
 
 
-def test_the_hand_pulls_the_link_and_winds_up_the_gear() -> None:
+def test_the_hand_pulls_the_link_and_winds_up_the_gear():
     """A hand that pulls at standing motors sees the gears' compliance between read and true joint angles."""
     move = scenario(mode="gravity", direction="x", duration_s=1.0)
     exact = [f"robot.real.{name}_rad=[0,0,0,0,0,0]" for name in ("gear_error", "lost_motion")]
@@ -245,6 +242,6 @@ def test_the_hand_pulls_the_link_and_winds_up_the_gear() -> None:
     assert np.abs(twist - twist[0]).max() > 1e-4
 
 
-def test_an_unknown_side_of_the_encoders_is_refused() -> None:
+def test_an_unknown_side_of_the_encoders_is_refused():
     with pytest.raises(InputError, match=r"guide.encoder_side 'both'.*link, motor"):
         run_experiment(on_real_arm(scenario(mode="gravity"), "guide.encoder_side=both"))

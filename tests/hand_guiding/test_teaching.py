@@ -1,7 +1,5 @@
 """A recorded way of the tool becomes a path: tremor goes, the shape stays, points lie on the part."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -36,7 +34,7 @@ def off_circle(points: Array) -> Array:
 
 
 @pytest.mark.parametrize("tremor", [0.0, 0.0005])
-def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate: Surface, tremor: float) -> None:
+def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate, tremor):
     hand = circle(tremor)
     taught = teach_path(hand, plate, 4.0, 0.0003, 0.002)
     off = off_circle(taught.path.positions_work)[3:-3]
@@ -46,13 +44,13 @@ def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate: Sur
     assert np.diff(taught.path.s).max() < 0.0025
 
 
-def test_standing_still_at_the_ends_is_no_path(plate: Surface) -> None:
+def test_standing_still_at_the_ends_is_no_path(plate):
     taught = teach_path(circle(still=3.0), plate, 4.0, 0.0003, 0.002)
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=0.02)
     assert np.diff(taught.path.s).min() > 0.001
 
 
-def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals() -> None:
+def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals():
     mesh = load_part(workpiece_path("sphere_300"))
     surface, low, high = fit_surface(mesh), mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     record = circle(height=float(high[2]) - 0.3 + np.sqrt(0.3**2 - RADIUS**2) + 0.002)
@@ -65,14 +63,14 @@ def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals() -> None:
     np.testing.assert_allclose(np.sum(again.normals * found.path.axes_work, axis=1), 1.0, atol=1e-6)
 
 
-def test_no_point_is_further_from_the_simplified_line_than_asked() -> None:
+def test_no_point_is_further_from_the_simplified_line_than_asked():
     points, tolerance = circle(tremor=0.0005).positions, 1e-3
     corners = simplified(points, tolerance)
     assert len(corners) < 0.02 * len(points)
     assert to_polyline(points, points[corners]).max() <= tolerance + 1e-12
 
 
-def test_a_tool_that_was_hardly_moved_teaches_nothing(plate: Surface) -> None:
+def test_a_tool_that_was_hardly_moved_teaches_nothing(plate):
     record = circle()
     with pytest.raises(PlanError, match="too little to teach a path"):
         teach_path(record._replace(positions=0.01 * record.positions), plate, 4.0, 0.0003, 0.002)

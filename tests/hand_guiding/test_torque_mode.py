@@ -1,9 +1,6 @@
 """The arm with motors for hand guiding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -46,7 +43,7 @@ def guide(
     )
 
 
-def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
+def test_the_model_is_the_cell_s_with_motors_for_servos():
     model = torque_arm(IDEAL)
     assert model.nu == 6
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
@@ -57,7 +54,7 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
     assert not model.body_gravcomp.any()
 
 
-def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> None:
+def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing():
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
     plate = LaidPart(load_part(workpiece_path("plate")), T_base_part)
     alone, beside = torque_arm(IDEAL), torque_arm(IDEAL, plate)
@@ -73,7 +70,7 @@ def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> N
     np.testing.assert_array_equal(*weights)
 
 
-def test_the_wrist_sensor_feels_the_hand() -> None:
+def test_the_wrist_sensor_feels_the_hand():
     """Between a pull of 8 N and none the sensor's plane sees 8 N less carried by the arm, in base axes."""
     pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
     np.testing.assert_allclose(pulled.rows["force"][0], [8.0, 0.0, 0.0], atol=1e-6)
@@ -83,7 +80,7 @@ def test_the_wrist_sensor_feels_the_hand() -> None:
     np.testing.assert_allclose(change, -pulled.rows["force"][-1], atol=0.05)
 
 
-def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
+def test_what_the_model_lacks_is_tared_while_the_servos_hold():
     """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the
     tare."""
     moved = []
@@ -96,7 +93,7 @@ def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
+def test_the_brakes_end_the_motion_in_every_mode(mode):
     """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held
     then."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
@@ -107,7 +104,7 @@ def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
     assert np.isfinite(run.rows["torque"]).all()
 
 
-def test_links_that_touch_stop_the_arm_and_are_named() -> None:
+def test_links_that_touch_stop_the_arm_and_are_named():
     """A soft hand pulls the tool slowly home to the foot of the arm; it is braked half a second after the
     touch."""
     run = guide(np.array([0.0, 0.6, -0.2]), 3.5, "inertia", Hand(200.0, 300.0, 0.0, 0.0))
@@ -118,7 +115,7 @@ def test_links_that_touch_stop_the_arm_and_are_named() -> None:
 PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
 
 
-def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path):
     file = tmp_path / "identified.xml"
     for rest, said in (("", "not a robot's MJCF"), (PENDULUM, "no joint")):
         file.write_text("<mujoco>" + rest)

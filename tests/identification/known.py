@@ -1,7 +1,5 @@
 """Robots, motions and logs of which everything is known."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Regressor and base parameters against the engine, Pinocchio and the papers' counts."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest
@@ -23,9 +21,7 @@ TERMS = ("viscous", "armature")
 
 
 @pytest.mark.parametrize(("engine", "joints"), [(arm_model(), ARM_JOINTS), (odd_model(), None)])
-def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(
-    engine: mujoco.MjModel, joints: tuple[str, ...] | None
-) -> None:
+def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(engine, joints):
     model = TorqueModel(read_chain(engine, joints), TERMS)
     states = random_states(model.joints, 200, np.random.default_rng(0))
     torque = model.torque(states, model.truth())
@@ -33,7 +29,7 @@ def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_
     assert np.abs(torque).max() > 50.0
 
 
-def test_the_regressor_is_pinocchios() -> None:
+def test_the_regressor_is_pinocchios():
     pin = pytest.importorskip("pinocchio")
     theirs = pin.buildModelFromMJCF(str(robot_model_path()))
     assert theirs.nv == 7
@@ -48,7 +44,7 @@ def test_the_regressor_is_pinocchios() -> None:
         np.testing.assert_allclose(ours[row], full[:6], atol=1e-9)
 
 
-def test_derivatives_are_the_slopes_of_central_differences() -> None:
+def test_derivatives_are_the_slopes_of_central_differences():
     geometry, step = arm_chain().geometry, 1e-6
     states = random_states(6, 4, np.random.default_rng(3))
     slopes = regressor_derivatives(geometry, *states)
@@ -79,7 +75,7 @@ BELT = '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" c
         (PAIR + BELT, r"tendon \(belt\) ties joint 'a'"),
     ],
 )
-def test_what_is_no_serial_chain_is_refused_by_name(xml: str, said: str) -> None:
+def test_what_is_no_serial_chain_is_refused_by_name(xml, said):
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     with pytest.raises(InputError, match=said):
         read_chain(model)
@@ -98,7 +94,7 @@ RNG = np.random.default_rng
         (("viscous", "coulomb", "armature", "offset"), 58),
     ],
 )
-def test_the_rank_is_the_papers(terms: tuple[str, ...], papers: int) -> None:
+def test_the_rank_is_the_papers(terms, papers):
     assert base_of(TorqueModel(arm_chain(), terms)).rank == papers
 
 
@@ -110,7 +106,7 @@ def rank(rows: np.ndarray) -> int:
     return base_of_rows(rows.reshape(-1, rows.shape[2])).rank
 
 
-def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifteen() -> None:
+def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifteen():
     q = random_states(6, 100, RNG(1)).q
     assert rank(RIGID.regressor(States(q, 0.0 * q, 0.0 * q))) == 10
     states = random_states(6, 200, RNG(2))
@@ -120,7 +116,7 @@ def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifte
     assert rank(RIGID.regressor(states)[:, :3]) == 15
 
 
-def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_space_none() -> None:
+def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_space_none():
     model = TorqueModel(arm_chain())
     base, states = base_of(model), random_states(6, 50, RNG(4))
     torque = model.regressor(states)[:, :, base.columns] @ (base.combination @ model.truth())
@@ -129,7 +125,7 @@ def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_spa
     assert np.abs(model.torque(states, hidden)).max() < 1e-8
 
 
-def test_what_is_identifiable_is_said_parameter_by_parameter() -> None:
+def test_what_is_identifiable_is_said_parameter_by_parameter():
     model = TorqueModel(arm_chain(), ("viscous", "coulomb", "armature"))
     said = dict(zip(model.names, identifiable(base_of(model)), strict=True))
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")

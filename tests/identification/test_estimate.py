@@ -1,7 +1,5 @@
 """Estimates at the Cramér-Rao bound, intervals that hold the truth, whatever the noise's colour."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -27,13 +25,13 @@ def sums_of(torque: np.ndarray) -> JointSums:
     return sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque)
 
 
-def test_torques_without_noise_give_the_parameters_back() -> None:
+def test_torques_without_noise_give_the_parameters_back():
     found = estimate(sums_of(KNOWN.torque))
     np.testing.assert_allclose(found.theta, KNOWN.truth, atol=1e-8)
     np.testing.assert_allclose(found.r_squared, 1.0, atol=1e-9)
 
 
-def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> None:
+def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth():
     rng = np.random.default_rng(0)
     squares, covered = [], []
     for _draw in range(50):
@@ -48,7 +46,7 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> No
     assert 0.93 <= float(np.mean(covered)) <= 0.97
 
 
-def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_it() -> None:
+def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_it():
     other = known_robot(seed=5)
     found = estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
     np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
@@ -63,7 +61,7 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
         (slice(1, 6), r"of 58 base parameters"),
     ],
 )
-def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still: slice, said: str) -> None:
+def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said):
     states = KNOWN.with_still(still)(np.arange(1000) / 100.0)
     sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
     with pytest.raises(IdentificationError, match=said):
@@ -80,7 +78,7 @@ def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.nda
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.9])
-def test_the_inefficiency_is_that_of_the_noise(keep: float) -> None:
+def test_the_inefficiency_is_that_of_the_noise(keep):
     rng = np.random.default_rng(0)
     told = rng.random((100_000, 6)) > 0.1
     found = inefficiency(_noise(keep, rng, 100_000) * [1.0, 2.0, 3.0, 1.0, 1.0, 1.0], told)
@@ -88,7 +86,7 @@ def test_the_inefficiency_is_that_of_the_noise(keep: float) -> None:
 
 
 @pytest.mark.parametrize(("keep", "white_covers"), [(0.0, 0.93), (0.9, 0.0)])
-def test_intervals_hold_the_truth_whatever_the_noises_colour(keep: float, white_covers: float) -> None:
+def test_intervals_hold_the_truth_whatever_the_noises_colour(keep, white_covers):
     rng = np.random.default_rng(1)
     white, widened = [], []
     for _draw in range(20):

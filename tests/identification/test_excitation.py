@@ -1,7 +1,5 @@
 """Exciting motions, and the motions an identified model is for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +31,7 @@ ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
 TASK = ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
 
 
-def test_gradients_are_the_slopes_of_the_cost() -> None:
+def test_gradients_are_the_slopes_of_the_cost():
     search = ExcitationCost(replace(TASK, clearance=ROBOT.measure))
     x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
     _, gradient = search.cost(x)
@@ -56,7 +54,7 @@ def found() -> Excitation:
     return designed(TASK)
 
 
-def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(found: Excitation) -> None:
+def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(found):
     states = found.motion(np.linspace(0.0, 10.0, 997))
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     assert LIMITS.holds(states, torque)
@@ -64,7 +62,7 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(f
     assert np.exp(found.value) < 0.6 * min(variance(next(random), USE) for _ in range(5))
 
 
-def test_a_motion_designed_for_a_task_tells_that_task_better(found: Excitation) -> None:
+def test_a_motion_designed_for_a_task_tells_that_task_better(found):
     """The task: poses along a line, hardly moving."""
     t = np.linspace(-1.0, 1.0, 100)[:, None]
     q = 0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0]
@@ -74,7 +72,7 @@ def test_a_motion_designed_for_a_task_tells_that_task_better(found: Excitation) 
     assert own < 0.8 * variance(found.motion, for_task.use)
 
 
-def test_clearance_is_known_where_the_arm_stands_straight_up_and_its_slopes_are_those_of_distance() -> None:
+def test_clearance_is_known_where_the_arm_stands_straight_up_and_its_slopes_are_those_of_distance():
     up, folded = (np.array([[0.0, -np.pi / 2, elbow, 0.0, 0.0, 0.0]]) for elbow in (0.0, 3.1))
     assert ROBOT.measure(up)[0].min() > 0.04
     assert ROBOT.measure(folded)[0].min() < 0.0
@@ -88,7 +86,7 @@ def test_clearance_is_known_where_the_arm_stands_straight_up_and_its_slopes_are_
         np.testing.assert_allclose(slope[plain, joint], ((ends[0] - ends[1]) / (2 * step))[plain], atol=5e-3)
 
 
-def test_the_motion_is_entered_and_left_from_rest_without_jumps() -> None:
+def test_the_motion_is_entered_and_left_from_rest_without_jumps():
     t = np.linspace(0.0, 14.0, 14001)
     states = started_and_stopped(KNOWN.motion, t, 2.0, 14.0)
     assert np.abs(states.qd[[0, -1]]).max() < 1e-12
@@ -97,7 +95,7 @@ def test_the_motion_is_entered_and_left_from_rest_without_jumps() -> None:
     np.testing.assert_allclose(states.q[2000], KNOWN.motion(np.zeros(1)).q[0], atol=1e-12)
 
 
-def test_a_joint_motion_comes_back_with_its_speeds(tmp_path: Path) -> None:
+def test_a_joint_motion_comes_back_with_its_speeds(tmp_path):
     known = known_robot(200)
     states = played(known.motion, 1)
     for use in (
@@ -110,7 +108,7 @@ def test_a_joint_motion_comes_back_with_its_speeds(tmp_path: Path) -> None:
         assert np.abs(use.q[0] - states.q[0]).max() < 1e-3
 
 
-def test_along_a_path_the_tool_goes_at_the_feed(tmp_path: Path) -> None:
+def test_along_a_path_the_tool_goes_at_the_feed(tmp_path):
     file = tmp_path / "line.csv"
     rows = [f"{x},0,0,0,0,1" for x in np.linspace(0.0, 100.0, 41)]
     file.write_text("\n".join(["x,y,z,i,j,k", *rows]), encoding="utf-8")
@@ -122,7 +120,7 @@ def test_along_a_path_the_tool_goes_at_the_feed(tmp_path: Path) -> None:
         assert speed == pytest.approx(0.01, rel=0.05)
 
 
-def test_every_move_of_a_teaching_run_counts(tmp_path: Path) -> None:
+def test_every_move_of_a_teaching_run_counts(tmp_path):
     t = np.arange(500) / RATE
     first, second = np.zeros((500, 6)), np.ones((500, 6))
     first[:, 0], second[:, 1] = 0.5 * t, 1.0 - 0.25 * t
@@ -137,7 +135,7 @@ def test_every_move_of_a_teaching_run_counts(tmp_path: Path) -> None:
         assert np.abs(np.delete(states.qd, joint, axis=1)).max() < 1e-6
 
 
-def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_motion_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     np.savez(tmp_path / "wide.npz", time_s=np.arange(99.0), q_rad=np.zeros((99, 7)))
     _npz(tmp_path / "short.npz", np.zeros((1, 6)))

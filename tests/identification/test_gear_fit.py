@@ -1,7 +1,5 @@
 """Plant gears, move the arm, find their stiffness from both sides' encoders and the motors' torques."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -63,7 +61,7 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     return Planted(folder, code, figures, {row["name"]: row for row in rows})
 
 
-def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(planted: Planted) -> None:
+def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(planted):
     K, std, truth = (planted.gears(column) for column in ("value", "std", "true_value"))
     np.testing.assert_array_equal(truth[:, 0], [24e3, 26e3, 22e3, 4e3, 4.4e3, 4.7e3])
     off = np.abs(K - truth)
@@ -88,7 +86,7 @@ def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(pl
     assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
 
 
-def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted: Planted) -> None:
+def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted):
     assert planted.rows["Ka6"]["identifiable"] == "no"
     row = planted.rows["Ka2"]
     assert (row["unit"], row["identifiable"]) == ("N m/rad", "gear")
@@ -102,7 +100,7 @@ def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted: Plan
     assert len(planted.figures["nrms_heldout"]) == 6
 
 
-def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(planted: Planted) -> None:
+def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(planted):
     figures = planted.figures
     assert figures["nrms_heldout_mean"] < 0.006
     assert figures["nrms_heldout_drawing_mean"] > 4.0 * figures["nrms_heldout_mean"]
@@ -112,7 +110,7 @@ def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(pl
     assert figures["interval_coverage"] > 0.88
 
 
-def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways() -> None:
+def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways():
     robot = override(SCENARIO, ["robot.arm=ur5e", "robot.real.gear_error_rad=[0,0,0,0,0,0]"]).robot
     found = run_identification(IdentifySettings(periods=1, iterations=5, robot=robot, seed=1)).figures
     driving, driven = np.array(found["friction_by_load"])[:5].T
@@ -122,7 +120,7 @@ def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike
     assert found["nrms_heldout_mean"] < 0.006
 
 
-def test_spring_and_hysteresis_are_those_of_the_simulated_gears() -> None:
+def test_spring_and_hysteresis_are_those_of_the_simulated_gears():
     arm = joints_at(HOME).arm
     twists = np.linspace(-3e-3, 3e-3, 301)
     knees = (float(arm.knees[1, 0]), float(arm.knees[1, 1]))
@@ -136,7 +134,7 @@ def test_spring_and_hysteresis_are_those_of_the_simulated_gears() -> None:
     np.testing.assert_allclose(4.5 * _hysteresis(way, 1e-4), found, atol=1e-9)
 
 
-def test_a_head_on_its_spring_follows_a_slow_arm_and_leaves_a_quick_one() -> None:
+def test_a_head_on_its_spring_follows_a_slow_arm_and_leaves_a_quick_one():
     head, dt = SprungHead(0.3, 20_000 / 3, 60.0, np.array([0.0, 0.0, 0.175])), 1e-3
     t = np.arange(4000) * dt
     torques = {}

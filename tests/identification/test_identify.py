@@ -1,7 +1,5 @@
 """Plant a robot, move it, identify it: simulated, and from its log."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +26,7 @@ def identified() -> Identification:
     return run_identification(IdentifySettings(periods=1, iterations=15, robot=IDEAL, payload=1.0, seed=1))
 
 
-def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_is_weighed(
-    identified: Identification,
-) -> None:
+def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_is_weighed(identified):
     figures = identified.figures
     assert figures["nrms_heldout_mean"] <= 0.0013
     assert figures["nrms_heldout_drawing_mean"] > 5.0 * figures["nrms_heldout_mean"]
@@ -48,7 +44,7 @@ def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_
 
 
 @pytest.mark.parametrize(("settings", "off"), [([], 1e-3), (HELD_BY_LINKS, 1e-2)])
-def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings: list[str], off: float) -> None:
+def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings, off):
     arm = build_arm(FULL, override(SCENARIO, ["robot.arm=ideal", *settings]).robot)
     pose = np.array([0.3, -1.2, 1.0, -0.8, 0.7, 0.2])
     q = np.tile(pose, (round(0.05 / STEP_S), 1))
@@ -68,7 +64,7 @@ def _identified(folder: Path, states: States) -> Identification:
     return identify_from_log(ROBOT, log, spline_states(log))
 
 
-def test_a_planted_robot_is_recovered_from_its_log(tmp_path: Path) -> None:
+def test_a_planted_robot_is_recovered_from_its_log(tmp_path):
     found = _identified(tmp_path, MOTION)
     off = (found.found.theta - KNOWN.base.combination @ PLANTED) / found.found.std
     # The rms of fifty-eight errors in their own standard deviations, plus what splines smooth away.
@@ -77,7 +73,7 @@ def test_a_planted_robot_is_recovered_from_its_log(tmp_path: Path) -> None:
     assert max(found.figures["residual_over_noise_heldout"]) < 1.1
 
 
-def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> None:
+def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path):
     rests = States(*(part.copy() for part in MOTION))
     end = slice(len(rests.q) // 2, None)
     rests.q[end, 2], rests.qd[end, 2], rests.qdd[end, 2] = rests.q[end, 2][0], 0.0, 0.0
@@ -103,7 +99,7 @@ def _geared_log(seed: int, carried: float = 0.0) -> tuple[RobotLog, States]:
     return RobotLog(time, MOTION.q, GEARED.model.torque(MOTION, planted) + noise), MOTION
 
 
-def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alone() -> None:
+def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alone():
     assert used_arm() is BEFORE  # a make that is only looked at is not used
     found = identify_from_log(GEARED, *_geared_log(901))
     columns = [found.model.names.index(f"fl{joint}") for joint in range(1, 7)]
@@ -116,7 +112,7 @@ def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alo
     assert max(figures["residual_over_noise_heldout"]) < 1.1
 
 
-def test_what_geared_joints_carry_is_weighed_within_its_interval() -> None:
+def test_what_geared_joints_carry_is_weighed_within_its_interval():
     empty, loaded = _geared_log(902), _geared_log(903, CARRIED)
     figures = weigh_from_logs(GEARED, empty, loaded).figures
     assert abs(figures["payload_mass_kg"] - CARRIED) < 3.0 * figures["payload_mass_std_kg"]

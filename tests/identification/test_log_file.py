@@ -1,7 +1,5 @@
 """Logs that would spoil an identification are refused, each by name and place."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +34,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("how", SPOILT)
-def test_a_spoilt_log_is_refused(how: str, tmp_path: Path) -> None:
+def test_a_spoilt_log_is_refused(how, tmp_path):
     where, values, said = SPOILT[how]
     table = TABLE.copy()
     table[where] = values
@@ -44,7 +42,7 @@ def test_a_spoilt_log_is_refused(how: str, tmp_path: Path) -> None:
         read_robot_log(_write(tmp_path, table))
 
 
-def test_coarse_steps_of_a_torque_are_no_saturation(tmp_path: Path) -> None:
+def test_coarse_steps_of_a_torque_are_no_saturation(tmp_path):
     table = TABLE.copy()
     table[:, 7:] = np.round(table[:, 7:] / 2.0) * 2.0
     assert np.mean(table[:, 8] == table[:, 8].max()) > 0.01
@@ -53,7 +51,7 @@ def test_coarse_steps_of_a_torque_are_no_saturation(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.q, KNOWN.states.q)
 
 
-def test_a_slide_is_logged_in_metres_and_newtons(tmp_path: Path) -> None:
+def test_a_slide_is_logged_in_metres_and_newtons(tmp_path):
     names = ["time_s", "q1_rad", "q2_m", "torque1_nm", "force2_n"]
     file = _write(tmp_path, TABLE[:, [0, 1, 2, 7, 8]] * [1.0, 1.0, 9.0, 1.0, 1.0], names)
     assert np.abs(read_robot_log(file, (HINGE, SLIDE)).q[:, 1]).max() > 7.0
@@ -61,14 +59,14 @@ def test_a_slide_is_logged_in_metres_and_newtons(tmp_path: Path) -> None:
         read_robot_log(file, (HINGE, HINGE))
 
 
-def test_missing_columns_and_a_log_that_is_too_short_are_refused(tmp_path: Path) -> None:
+def test_missing_columns_and_a_log_that_is_too_short_are_refused(tmp_path):
     with pytest.raises(InputError, match="lacks the columns torque5_nm, torque6_nm"):
         read_robot_log(_write(tmp_path, TABLE[:, :-2], NAMES[:-2]))
     with pytest.raises(InputError, match="holds 100 samples"):
         read_robot_log(_write(tmp_path, TABLE[:100]))
 
 
-def test_a_period_that_does_not_fit_the_log_is_refused_and_the_shortest_has_a_series(tmp_path: Path) -> None:
+def test_a_period_that_does_not_fit_the_log_is_refused_and_the_shortest_has_a_series(tmp_path):
     file = _write(tmp_path, TABLE)
     for period, said in ((0.01, "too few in a period"), (0.4, "0.41 or more"), (1e5, "less than one")):
         with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):
@@ -76,7 +74,7 @@ def test_a_period_that_does_not_fit_the_log_is_refused_and_the_shortest_has_a_se
     assert np.isfinite(periodic_states(read_robot_log(file, period=0.42), 0.42).qdd).all()
 
 
-def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path: Path) -> None:
+def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path):
     file = _write(tmp_path, TABLE)
     joints = [*"abcdef", "pad"]
     with pytest.raises(InputError, match=r"of pad\. .* --joints a,b,c,d,e,f"):
@@ -85,13 +83,13 @@ def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path: P
         read_robot_log(file, (HINGE,) * 6 + (SLIDE,))
 
 
-def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path: Path) -> None:
+def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path):
     table = np.delete(TABLE, slice(300, 380), axis=0)
     log = read_robot_log(_write(tmp_path, table), period=10.0)
     states = periodic_states(log, 10.0)
     assert np.abs(states.qdd - KNOWN.motion(log.time).qdd).max() < 1e-6
 
 
-def test_splines_give_the_accelerations_of_any_motion() -> None:
+def test_splines_give_the_accelerations_of_any_motion():
     states = spline_states(RobotLog(TABLE[:, 0], KNOWN.states.q, KNOWN.torque), knots=0.1)
     assert np.abs(states.qdd - KNOWN.states.qdd)[20:-20].max() < 0.02

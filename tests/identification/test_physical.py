@@ -1,7 +1,5 @@
 """Bodies: identified parameters that can exist, and payloads."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest
@@ -29,7 +27,7 @@ from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 KNOWN = known_robot()
 
 
-def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not() -> None:
+def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not():
     parameters = arm_chain().parameters.copy()
     J = pseudo_inertia(parameters[2])
     assert [J[3, 3], *J[3, :3]] == [*parameters[2, :4]]
@@ -40,7 +38,7 @@ def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not()
     assert not is_consistent(parameters)
 
 
-def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -> None:
+def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters():
     other = known_robot(seed=7)
     ratios = []
     for seed in range(2):
@@ -62,7 +60,7 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -
     assert float(np.mean(ratios)) <= 1.02
 
 
-def test_the_written_model_is_the_identified_one() -> None:
+def test_the_written_model_is_the_identified_one():
     own, damping = own_parameters(arm_model(), ARM_JOINTS), 0.5 * np.arange(6.0)
     model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, IdentifiedJoints(1.1 * own, damping)))
     np.testing.assert_allclose(own_parameters(model, ARM_JOINTS), 1.1 * own, rtol=1e-5, atol=1e-6)
@@ -84,7 +82,7 @@ def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> FoundPayl
     return fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
 
 
-def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain() -> None:
+def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain():
     model = arm_model()
     before = read_chain(model, ARM_JOINTS).parameters
     carry(model, "link_6", LOAD)
@@ -93,7 +91,7 @@ def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain() -> None:
     np.testing.assert_allclose(added[:5], 0.0, atol=1e-15)
 
 
-def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise() -> None:
+def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise():
     slight = 1e-4 * (noisy(TORQUE, np.random.default_rng(3)) - TORQUE)
     empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
     found = fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
@@ -102,7 +100,7 @@ def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise() -> 
     np.testing.assert_allclose(found.body().values, body, atol=2e-6)
 
 
-def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws() -> None:
+def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws():
     rng, truth = np.random.default_rng(0), body_of(PLANTED, ORIGIN)
     covered, off = [], []
     for _draw in range(60):
@@ -114,14 +112,14 @@ def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws(
     assert 0.9 < float(np.sqrt(np.mean(np.square(off)))) < 1.1
 
 
-def test_a_known_arm_tells_its_payload_from_one_run_and_more_surely() -> None:
+def test_a_known_arm_tells_its_payload_from_one_run_and_more_surely():
     rng = np.random.default_rng(1)
     alone = on_known_arm(noisy(TORQUE, rng))
     assert np.abs((alone.parameters - PLANTED) / alone.std).max() < 4.0
     assert np.all(alone.std < _found(rng).std)
 
 
-def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
+def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body():
     rng = np.random.default_rng(2)
     impossible = 0
     for _draw in range(5):
@@ -136,7 +134,7 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
     assert impossible > 0
 
 
-def test_a_payload_on_a_wrist_that_holds_is_not_told() -> None:
+def test_a_payload_on_a_wrist_that_holds_is_not_told():
     states = KNOWN.with_still(slice(1, 6))(np.arange(1000) / 100.0)
     with pytest.raises(IdentificationError, match=r"payload mcz"):
         on_known_arm(KNOWN.model.torque(states, KNOWN.model.truth()), states)

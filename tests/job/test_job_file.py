@@ -1,7 +1,5 @@
 """A job's file: what it says, and that what is wrong is refused with its line."""
 
-from __future__ import annotations
-
 import random
 import re
 from pathlib import Path
@@ -21,7 +19,7 @@ def read(folder: Path, text: str) -> Job:
     return read_job(file)
 
 
-def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_times_passes(tmp_path: Path):
+def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_times_passes(tmp_path):
     one, other = read(tmp_path, TEXT).passes
     assert (one.head.grit, other.head.grit) == (120, 240)
     assert one.scenario.plan.raster_direction == (1.0, 0.0, 0.0)
@@ -48,14 +46,14 @@ def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_
         ('robot.arm = "ur5e"', 'robot.arn = "ur5e"'),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: str):
+def test_what_is_wrong_is_refused_with_its_line(tmp_path, old, new):
     text = TEXT.replace(old, new, 1)
     (changed,) = [n for n, line in enumerate(text.splitlines(), 1) if line not in TEXT.splitlines()]
     with pytest.raises(PolishSimError, match=rf"line {changed}\b"):
         read(tmp_path, text)
 
 
-def test_mutated_files_are_read_or_refused_with_one_error(tmp_path: Path):
+def test_mutated_files_are_read_or_refused_with_one_error(tmp_path):
     rng = random.Random(500)
     refused = list[str]()
     for _ in range(60):
@@ -72,7 +70,7 @@ def test_mutated_files_are_read_or_refused_with_one_error(tmp_path: Path):
     assert [file.name for file in tmp_path.iterdir()] == ["job.toml"]
 
 
-def test_files_are_named_from_the_jobs_folder(tmp_path: Path):
+def test_files_are_named_from_the_jobs_folder(tmp_path):
     (tmp_path / "corner.txt").write_text("0,0,0\n40,0,0\n40,40,0\n")
     zone = '[[setup.pass.zone]]\nregion = "polygon:corner.txt"\n'
     text = TEXT.replace('regions = ["auto"]', 'regions = ["polygon:corner.txt"]') + zone
@@ -80,7 +78,7 @@ def test_files_are_named_from_the_jobs_folder(tmp_path: Path):
     assert one.zones[0].region == one.scenario.plan.region == f"polygon:{tmp_path / 'corner.txt'}"
 
 
-def test_an_error_in_a_region_or_in_the_tools_file_names_its_line_before_anything_is_planned(tmp_path: Path):
+def test_an_error_in_a_region_or_in_the_tools_file_names_its_line_before_anything_is_planned(tmp_path):
     text = TEXT + '[[setup.pass.zone]]\nregion = "faces:missing.txt"\n'
     with pytest.raises(PolishSimError, match=f"line {len(text.splitlines())}: "):
         check_regions(read(tmp_path, text))

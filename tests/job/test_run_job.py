@@ -1,7 +1,5 @@
 """A small job simulated: its times, a stop in the middle, and the same bytes again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -59,7 +57,7 @@ def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     return folder, list(run_job(job, folder, Silent()))
 
 
-def test_planned_and_simulated_time_agree_in_programme_and_figures(job: Job, whole: tuple[Path, list[Row]]):
+def test_planned_and_simulated_time_agree_in_programme_and_figures(job, whole):
     folder, rows = whole
     figures = job_figures(job, folder, rows)
     assert figures["planned_cycle_time_s"] == pytest.approx(figures["cycle_time_s"], rel=0.02)
@@ -73,9 +71,7 @@ def test_planned_and_simulated_time_agree_in_programme_and_figures(job: Job, who
 
 
 @pytest.mark.parametrize(("after", "pieces"), [(1.0, 1), (7.0, 2), (9.5, 2)])
-def test_a_stopped_job_goes_on_and_takes_off_as_much(
-    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float, pieces: int
-):
+def test_a_stopped_job_goes_on_and_takes_off_as_much(job, whole, tmp_path, after, pieces):
     """After 9.5 s what is left is shorter than a step-over: 1.5 of them are polished again, and the
     touch-down takes 0.5 s."""
     with pytest.raises(KeyboardInterrupt):
@@ -92,7 +88,7 @@ def test_a_stopped_job_goes_on_and_takes_off_as_much(
         assert 1.0 < two.mean / one.mean < 1.0 + again
 
 
-def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row]], tmp_path: Path):
+def test_the_same_job_gives_the_same_bytes(job, whole, tmp_path):
     list(run_job(job, tmp_path, Silent()))
 
     def digests(folder: Path) -> dict[str, str]:
@@ -102,7 +98,7 @@ def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row
     assert digests(tmp_path) == digests(whole[0])
 
 
-def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path: Path) -> None:
+def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
     """URScript would press with the robot's force mode."""
     file = tmp_path / "job.toml"
     text = 'part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n'
@@ -131,9 +127,7 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path: Path) -> No
         ("null plan/pass.json", "whole plan/pass.json"),
     ],
 )
-def test_a_pass_that_is_no_longer_whole_is_named(
-    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, gone: str, told: str
-) -> None:
+def test_a_pass_that_is_no_longer_whole_is_named(job, whole, tmp_path, gone, told):
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     here = tmp_path / "setup_1/region_1/pass_1"
     if gone == "run":
@@ -164,8 +158,8 @@ def test_a_pass_that_is_no_longer_whole_is_named(
 
 
 def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_resuming(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, capfd, monkeypatch
+):
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
     text = JOB.replace(str(plate_file()), str(part))
 

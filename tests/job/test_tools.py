@@ -1,9 +1,6 @@
 """The tool library: what a tool sets in the cell, what is refused, and what an orbit takes off."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,7 +53,7 @@ def test_a_worn_abrasive_takes_off_half_after_its_wear():
         ("a = 3\n", "a"), ("[a\n", "TOML"),
     ],
 )  # fmt: skip
-def test_a_bad_tool_is_refused_by_name(tmp_path: Path, text: str, named: str):
+def test_a_bad_tool_is_refused_by_name(tmp_path, text, named):
     file = tmp_path / "tools.toml"
     file.write_text(text)
     with pytest.raises(PolishSimError, match=named):

@@ -1,8 +1,6 @@
 """The compiled UR5e model against the manufacturer's figures, an independent dynamics library and closed
 forms."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

@@ -1,8 +1,6 @@
 """The shipped STL files are closed, lie on their formulas, and the freeform's curvature is as the paper's
 part asks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

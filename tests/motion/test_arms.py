@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -40,7 +39,7 @@ def _back_to_the_first() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_inverse_gives_back_what_forward_took(name: str) -> None:
+def test_the_inverse_gives_back_what_forward_took(name):
     use_arm(name)
     q = RNG.uniform(-2.5, 2.5, (40, 6))
     for pose, angles in zip(forward(q), q, strict=True):
@@ -51,7 +50,7 @@ def test_the_inverse_gives_back_what_forward_took(name: str) -> None:
         np.testing.assert_allclose(nearest, angles, atol=1e-9)
 
 
-def test_a_stretched_arm_reaches_what_its_maker_says() -> None:
+def test_a_stretched_arm_reaches_what_its_maker_says():
     """UR5e 0.8172 m, UR10e 1.18425 m from the shoulder's axis to the wrist with all joints at zero."""
     for name, out in (("ur5e", 0.8172), ("ur10e", 1.18425)):
         use_arm(name)
@@ -59,7 +58,7 @@ def test_a_stretched_arm_reaches_what_its_maker_says() -> None:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_model_stands_where_the_table_says(name: str) -> None:
+def test_the_model_stands_where_the_table_says(name):
     model = build_scene(override(default_scenario("arc"), [f"robot.arm={name}"]), None, None)
     data = mujoco.MjData(model)
     assert used_arm() is ARMS[name]
@@ -70,7 +69,7 @@ def test_the_model_stands_where_the_table_says(name: str) -> None:
     assert model.actuator_forcerange[:, 1] == pytest.approx(ARMS[name].torque)
 
 
-def test_links_are_the_tables() -> None:
+def test_links_are_the_tables():
     model = build_scene(override(default_scenario("arc"), ["robot.arm=ur10e"]), None, None)
     for number, link in enumerate(ARMS["ur10e"].links, 1):
         body = model.body(f"link_{number}")
@@ -79,7 +78,7 @@ def test_links_are_the_tables() -> None:
         assert sum(body.inertia) == pytest.approx(sum(link.inertia[:3]), rel=1e-6)
 
 
-def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path: Path) -> None:
+def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path):
     base = default_scenario("arc")
     other = override(base, ["robot.real.encoder_rad=1e-5", "robot.arm=ur10e", "robot.real.gear_ratio=77"])
     assert other.robot.real.coulomb_nm == ARMS["ur10e"].gears["coulomb_nm"]
@@ -91,17 +90,17 @@ def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path: Path) 
     assert changed == {"encoder_rad", "gear_ratio"}
 
 
-def test_an_unknown_make_is_refused_with_the_known_ones() -> None:
+def test_an_unknown_make_is_refused_with_the_known_ones():
     with pytest.raises(InputError, match=r"ideal, ur10e, ur5e"):
         override(Scenario(), ["robot.arm=ur20"])
 
 
-def test_the_table_of_the_arm_in_use_cannot_be_written_to() -> None:
+def test_the_table_of_the_arm_in_use_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
         NOMINAL[1, 0] = 0.2
 
 
-def test_an_arm_after_another_in_one_process_gets_its_own_joints() -> None:
+def test_an_arm_after_another_in_one_process_gets_its_own_joints():
     """A sweep over ``robot.arm`` has both in one process."""
     for name in ("arc", "force"):
         starts = []
@@ -120,7 +119,7 @@ def checked(name: str, arm: str, *changes: str) -> Checked:
     return check(override(default_scenario(name), [f"robot.arm={arm}", *changes]))
 
 
-def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_before() -> None:
+def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_before():
     """Places and circles are kept: the second call of each finds what the first one worked out."""
 
     def on_surface(scenario: Checked) -> Workplace:
@@ -136,7 +135,7 @@ def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_b
             assert np.linalg.norm(tool[:3, 3] - tip) < 0.012  # lifted, or pressed in
 
 
-def test_strokes_keep_the_joints_of_their_scenarios_arm() -> None:
+def test_strokes_keep_the_joints_of_their_scenarios_arm():
     scenario = checked("force", "ur10e")
     place = place_force(scenario)
     use_arm("ur5e")
@@ -144,14 +143,14 @@ def test_strokes_keep_the_joints_of_their_scenarios_arm() -> None:
     assert used_arm() is ARMS["ur10e"]
 
 
-def test_a_path_is_smoothed_for_its_scenarios_arm() -> None:
+def test_a_path_is_smoothed_for_its_scenarios_arm():
     scenario = checked("smooth", "ur10e")
     use_arm("ur5e")
     prepare_smooth(scenario)
     assert used_arm() is ARMS["ur10e"]
 
 
-def test_two_robots_are_of_their_scenarios_make_from_the_first_stage_on() -> None:
+def test_two_robots_are_of_their_scenarios_make_from_the_first_stage_on():
     scenario, arms = checked("dual", "ur10e"), []
 
     class Watching(Silent):
@@ -165,6 +164,6 @@ def test_two_robots_are_of_their_scenarios_make_from_the_first_stage_on() -> Non
     assert arms == [ARMS["ur10e"]]
 
 
-def test_the_payload_of_another_make_is_found() -> None:
+def test_the_payload_of_another_make_is_found():
     found = run_payload_calibration(override(PAYLOAD_SCENARIO, ["robot.arm=ur10e", "payload.poses=6"]))
     assert found.figures["mass_error_relative"] < 0.01

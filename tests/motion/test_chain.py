@@ -1,7 +1,5 @@
 """Chains of way points, and the torques of a serial chain."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from polish_sim.motion.rules.chain import build_chain, chain_from_axes, repeated
 from polish_sim.motion.serial_chain import chain_model, chain_torque
 
 
-def test_every_segment_ends_in_the_next_way_point_s_frame() -> None:
+def test_every_segment_ends_in_the_next_way_point_s_frame():
     tips, frames = (
         np.random.default_rng(0).normal(size=(40, 3)),
         Rotation.random(40, random_state=0).as_matrix(),
@@ -32,14 +30,14 @@ def test_every_segment_ends_in_the_next_way_point_s_frame() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 3.0, np.pi - 1e-5])
-def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle: float) -> None:
+def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
     axes = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])
     chain = chain_from_axes(np.zeros((2, 3)) + [[0.0], [0.01]], axes)
     assert chain.angles[0] == pytest.approx(angle, rel=1e-13, abs=1e-16)
     np.testing.assert_allclose(chain.turn_axes[0], [0.0, 0.0, float(angle > 0.0)], atol=1e-12)
 
 
-def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place() -> None:
+def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place():
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
     axes = np.array([[0.0, 0, 1], [0.0, 0, 1], [0.0, 0, 1], [0.0, 0, -1]])
     with pytest.raises(SmoothingError, match=r"180 deg .*\(10, 0, 0\) mm .* 2 and 3"):
@@ -48,7 +46,7 @@ def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place() -> 
         chain_from_axes(tips[:2], np.array([[0.0, 0, 1], [0.0, 0, 0]]))
 
 
-def test_points_that_repeat_tip_and_axis_are_left_out_others_stay() -> None:
+def test_points_that_repeat_tip_and_axis_are_left_out_others_stay():
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0]])
     axes = np.array([[0.0, 0, -1], [0.0, 0, -1], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8]])
     chain = chain_from_axes(tips, axes)
@@ -69,7 +67,7 @@ def test_points_that_repeat_tip_and_axis_are_left_out_others_stay() -> None:
         (np.zeros((2, 3)), np.stack([np.eye(3), 2.0 * np.eye(3)]), "way point 1 .* no rotation"),
     ],
 )
-def test_what_is_no_chain_is_refused_with_its_place(tips: np.ndarray, frames: np.ndarray, words: str) -> None:
+def test_what_is_no_chain_is_refused_with_its_place(tips, frames, words):
     with pytest.raises(SmoothingError, match=words):
         build_chain(tips, frames)
 
@@ -77,7 +75,7 @@ def test_what_is_no_chain_is_refused_with_its_place(tips: np.ndarray, frames: np
 ROBOT = mujoco.MjModel.from_xml_path(str(robot_model_path()))
 
 
-def test_torques_are_those_of_the_regressor() -> None:
+def test_torques_are_those_of_the_regressor():
     chain = read_chain(ROBOT, ARM_JOINTS)
     rigid, states = TorqueModel(chain, ("armature",)), random_states(6, 100, np.random.default_rng(1))
     wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(6)
@@ -86,7 +84,7 @@ def test_torques_are_those_of_the_regressor() -> None:
         np.testing.assert_allclose(torque, wanted[row], atol=1e-11)
 
 
-def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses() -> None:
+def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses():
     chain, torque, more = read_chain(ROBOT, ARM_JOINTS), np.zeros(6), np.zeros(6)
     q, qdd, still = np.linspace(-1.0, 1.0, 6), np.linspace(2.0, -3.0, 6), np.zeros(6)
     chain_torque(chain_model(chain), q, still, qdd, 0.0, torque)
@@ -96,6 +94,6 @@ def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses(
     np.testing.assert_array_equal(torque, still)
 
 
-def test_a_slide_is_refused_by_name() -> None:
+def test_a_slide_is_refused_by_name():
     with pytest.raises(InputError, match="'head_slide' is a slide"):
         chain_model(read_chain(ROBOT))

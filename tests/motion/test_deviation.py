@@ -1,7 +1,5 @@
 """Deviations of smoothed motions from their polyline: closed forms of paper 4 against what is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -35,7 +33,7 @@ def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: f
     return vertex_error(overlap, t2, t3, change) * np.sqrt(0.5 * (1.0 + cosine))
 
 
-def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm() -> None:
+def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
     """At the vertex half way through the overlap, which is at most as long as the filters."""
     rng, rates, limited = np.random.default_rng(0), np.empty(4), 0
     for _ in range(2000):
@@ -54,7 +52,7 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm() -> None
 
 
 @pytest.mark.parametrize(("t2", "t3"), [(0.07, 0.03), (0.05, 0.05), (0.07, 0.0)])
-def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2: float, t3: float) -> None:
+def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2, t3):
     for overlap in np.linspace(0.001, t2 + t3, 40):
         assert 2.0 * filter_rise(t2, t3, vertex_error(overlap, t2, t3, 1.0)) == pytest.approx(
             overlap, rel=1e-9
@@ -63,7 +61,7 @@ def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2: float, t3: fl
 
 
 @pytest.mark.parametrize("turn", [0.05, 1.5, 3.1])
-def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -> None:
+def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn):
     chain = straight(5.0 * MM * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]]))
     found = measure_deviation(Smoothed(chain, overlapped(chain, 0.05)), chain)
     change = corner_speed(0.05, 0.05, np.cos(turn))
@@ -74,7 +72,7 @@ def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -
     assert found.vertex.time == pytest.approx(TRIPLE.sum() - 0.025, abs=1e-6)
 
 
-def test_unlike_corners_stay_within_their_tolerance() -> None:
+def test_unlike_corners_stay_within_their_tolerance():
     rng, used = np.random.default_rng(1), []
     for _ in range(60):
         triples = -np.sort(-(10.0 ** rng.uniform(-2.0, 0.0, (2, 3))), axis=1)
@@ -91,7 +89,7 @@ def test_unlike_corners_stay_within_their_tolerance() -> None:
     assert max(used) > 0.95
 
 
-def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one() -> None:
+def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one():
     for size, exact in ((1e-3, 1e-6), (1.0, 0.2)):
         half = 0.7
         axes = np.array([[0.0, 0, 1], [np.sin(size), 0, np.cos(size)]])
@@ -103,7 +101,7 @@ def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one
         assert bound * (1.0 - exact) <= found <= bound * (1.0 + 1e-9)
 
 
-def test_stopping_everywhere_strays_nowhere() -> None:
+def test_stopping_everywhere_strays_nowhere():
     chain = straight(np.random.default_rng(0).normal(size=(30, 3)))
     found = measure_deviation(Smoothed(chain, overlapped(chain, 0.0)), chain)
     assert found.contour.value < 1e-14  # rounding of places some metres from the origin
@@ -111,7 +109,7 @@ def test_stopping_everywhere_strays_nowhere() -> None:
     assert found.axis.value == 0.0
 
 
-def test_a_path_that_crosses_itself_is_measured_on_its_own_strand() -> None:
+def test_a_path_that_crosses_itself_is_measured_on_its_own_strand():
     """The corner at (1, 0) is cut; another strand runs through just there."""
     chain = straight(np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1, 0], [0.97, 1, 0], [1.0, -1.0, 0]]))
     motion = Smoothed(chain, overlapped(chain, 0.07))
@@ -120,7 +118,7 @@ def test_a_path_that_crosses_itself_is_measured_on_its_own_strand() -> None:
     assert measure_deviation(motion, chain).contour.value >= wanted / np.sqrt(2.0) * (1.0 - 1e-9)
 
 
-def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
+def test_three_and_more_at_once_are_measured_as_dense_sampling_does():
     rng = np.random.default_rng(3)
     tips = np.cumsum(rng.normal(size=(12, 3)), axis=0) * 1e-3
     axes = np.column_stack([0.05 * rng.normal(size=(12, 2)), -np.ones(12)])
@@ -139,7 +137,7 @@ def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
     assert found.contour.value == pytest.approx(apart.min(axis=1).max(), rel=1e-4)
 
 
-def test_a_circle_in_full_overlap_shrinks_by_two_sincs() -> None:
+def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
     """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w
     T3/2)."""
     radius, count = 0.05, 720

@@ -1,7 +1,5 @@
 """The filtered box against exact rational arithmetic, and the fastest one from rest to rest."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import chain as joined
 from itertools import combinations
@@ -47,7 +45,7 @@ def progress(triple: np.ndarray, time: float) -> np.ndarray:
     return rates
 
 
-def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12() -> None:
+def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12():
     """The third derivative away from its steps."""
     rng = np.random.default_rng(1)
     for triple in triples(200, 0):
@@ -63,7 +61,7 @@ def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12() -> None:
                 assert found[3] == pytest.approx(true, rel=1e-12, abs=1e-12 / triple.prod())
 
 
-def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_filters() -> None:
+def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_filters():
     for triple in triples(50, 4):
         np.testing.assert_array_equal(progress(triple, 0.0)[:3], [0.0, 0.0, 0.0])
         np.testing.assert_array_equal(progress(triple, -1.0), [0.0, 0.0, 0.0, 0.0])
@@ -72,7 +70,7 @@ def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_fil
     np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
 
 
-def test_the_pieces_are_the_closed_form() -> None:
+def test_the_pieces_are_the_closed_form():
     durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
     special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
     for triple in np.concatenate([triples(50, 6), special]):
@@ -89,7 +87,7 @@ def test_the_pieces_are_the_closed_form() -> None:
             begin += length
 
 
-def test_no_profile_within_the_limits_is_shorter() -> None:
+def test_no_profile_within_the_limits_is_shorter():
     """Each limit is kept, and the profile is limited throughout, and a search finds no shorter one."""
     rng = np.random.default_rng(7)
     for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (500, 4)):

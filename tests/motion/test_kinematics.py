@@ -1,7 +1,5 @@
 """UR5e kinematics, forward and inverse, against the table and each other; joints' derivatives along paths."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -196,7 +194,7 @@ def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float 
     return build_chain(tips, np.stack([T[:3, :3], end])), build_arm(T_BASE_WORK, T_FLANGE_TILTED, q)
 
 
-def test_the_branch_s_solution_is_the_configuration_itself_and_out_of_reach_there_is_none() -> None:
+def test_the_branch_s_solution_is_the_configuration_itself_and_out_of_reach_there_is_none():
     rng = np.random.default_rng(0)
     out = np.empty(6)
     for q in rng.uniform(-2.0 * np.pi, 2.0 * np.pi, (500, 6)):
@@ -211,7 +209,7 @@ def test_the_branch_s_solution_is_the_configuration_itself_and_out_of_reach_ther
 
 
 @pytest.mark.parametrize(("turn", "roll"), [(0.0, 0.0), (0.3, 0.0), (0.4, -0.5)])
-def test_each_derivative_is_that_of_the_one_before_to_the_tools_end(turn: float, roll: float) -> None:
+def test_each_derivative_is_that_of_the_one_before_to_the_tools_end(turn, roll):
     chain, arm = one_segment(HOME, np.array([0.03, 0.05, -0.02]), turn, roll)
     u = np.linspace(0.0, 1.0, 2001)
     columns = [column[0] for column in chain_rates(chain, u, arm)]
@@ -223,7 +221,7 @@ def test_each_derivative_is_that_of_the_one_before_to_the_tools_end(turn: float,
     np.testing.assert_allclose(end[:3, :3], chain.rotations[1], atol=1e-12)
 
 
-def test_in_time_the_chain_rule_holds() -> None:
+def test_in_time_the_chain_rule_holds():
     """Along a segment at u = t^3: the tool's derivatives in time give the joints' own."""
     chain, arm = one_segment(HOME, np.array([0.03, 0.05, -0.02]))
     t = np.linspace(0.2, 0.9, 7)
@@ -242,7 +240,7 @@ def test_in_time_the_chain_rule_holds() -> None:
     np.testing.assert_allclose(found.third, f3 * a**3 + 3.0 * f2 * a * b + f1 * c, atol=1e-8)
 
 
-def test_a_way_out_of_reach_and_a_joint_that_leaves_its_range_are_named() -> None:
+def test_a_way_out_of_reach_and_a_joint_that_leaves_its_range_are_named():
     chain, arm = one_segment(HOME, np.array([2.0, 0.0, 0.0]))
     with pytest.raises(ReachError, match="segment 1"):
         chain_rates(chain, chebyshev_nodes(9), arm)

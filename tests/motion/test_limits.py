@@ -1,7 +1,5 @@
 """Limits of tool and joints: defaults, units of the file, what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +16,7 @@ def written(folder: Path, text: str) -> Path:
     return folder / "limits.toml"
 
 
-def test_a_file_written_is_read_again_and_a_section_left_out_keeps_its_defaults(tmp_path: Path) -> None:
+def test_a_file_written_is_read_again_and_a_section_left_out_keeps_its_defaults(tmp_path):
     limits = replace(SmoothingLimits(), tip_jerk=7.0, joint_speed=(1.0, 2.0, 3.0, 3.0, 2.0, 1.0))
     again = load_limits(written(tmp_path, limits_toml(limits)))
     assert again.tip_jerk == pytest.approx(7.0)
@@ -42,14 +40,14 @@ def test_a_file_written_is_read_again_and_a_section_left_out_keeps_its_defaults(
         ("[tip", "not valid TOML"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_that_cannot_be_used_is_named(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         load_limits(written(tmp_path, text))
     with pytest.raises(ConfigError, match="cannot read"):
         load_limits(tmp_path / "none.toml")
 
 
-def test_limits_made_by_hand_must_be_positive() -> None:
+def test_limits_made_by_hand_must_be_positive():
     for name, bad in (("axis_jerk", -1.0), ("joint_speed", (1.0, 1, 1, 1, 1, 0))):
         with pytest.raises(ConfigError, match=name):
             replace(SmoothingLimits(), **{name: bad})  # type: ignore[arg-type]

@@ -1,7 +1,5 @@
 """The rules of paper 4: its claims on its trial, and what they do where it says nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -43,7 +41,7 @@ def joint_peaks(smoothed: SmoothMotion) -> np.ndarray:
     return np.stack([np.abs(column).max(axis=0) for column in rates[1:]])
 
 
-def test_the_paper_s_claims_hold_in_sign() -> None:
+def test_the_paper_s_claims_hold_in_sign():
     """Cycle 13.215 s against 13.169 s, joint jerk inside its limit against above it."""
     ours, theirs = map(planned, PAPER)
     assert 1.0 < ours.end / theirs.end < 1.02
@@ -53,7 +51,7 @@ def test_the_paper_s_claims_hold_in_sign() -> None:
 
 
 @pytest.mark.parametrize("plan", PAPER)
-def test_vertices_use_their_tolerance_and_without_one_are_stops(plan: Callable[..., SmoothMotion]) -> None:
+def test_vertices_use_their_tolerance_and_without_one_are_stops(plan):
     found = measure_deviation(planned(plan), TRIAL)
     assert 0.99 * TOLERANCE < found.vertex.value <= TOLERANCE * (1.0 + 1e-9)
     assert found.contour.value <= TOLERANCE
@@ -64,7 +62,7 @@ def test_vertices_use_their_tolerance_and_without_one_are_stops(plan: Callable[.
     assert measure_deviation(stops, TRIAL).vertex.value < 1e-14
 
 
-def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -> None:
+def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with():
     drawn = np.random.default_rng(0).normal(size=(4, 50, 9, 6))
     rates = JointRates(*(np.array([1.0, 0.1, 0.05, 0.02])[:, None, None, None] * drawn))
     limits = SmoothingLimits()
@@ -76,7 +74,7 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -
         assert np.any(ours < theirs)
 
 
-def test_on_a_gantry_the_third_time_is_exact() -> None:
+def test_on_a_gantry_the_third_time_is_exact():
     """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they just fill the
     limit."""
     limits = SmoothingLimits(joint_jerk=six(10.0))
@@ -87,7 +85,7 @@ def test_on_a_gantry_the_third_time_is_exact() -> None:
     assert t3[0] == pytest.approx(0.1 * 8.0 / 5.0)
 
 
-def test_a_denominator_that_is_not_positive_lowers_the_speed() -> None:
+def test_a_denominator_that_is_not_positive_lowers_the_speed():
     """At 50 mm/s the curvature of the joint path alone takes 0.1 rad/s^2, twice what is allowed here."""
     tight = replace(TRIAL_LIMITS, joint_acceleration=six(0.05))
     for plan in PAPER:
@@ -98,7 +96,7 @@ def test_a_denominator_that_is_not_positive_lowers_the_speed() -> None:
 
 
 @pytest.mark.parametrize("name", RULES)
-def test_every_rule_turns_on_the_spot_and_takes_single_segments(name: str) -> None:
+def test_every_rule_turns_on_the_spot_and_takes_single_segments(name):
     tips = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0], [0.01, 0.01, 0]])
     frames = Rotation.from_rotvec(np.array([[0.0, 0, 0], [0.0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]])).as_matrix()
     for count in (2, 4):
@@ -123,7 +121,7 @@ INFINITE = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.in
         ({"tip_speed": np.inf, "tip_jerk": np.inf}, 2.0 * np.sqrt(0.01 / 0.5)),
     ],
 )
-def test_limits_may_be_infinite_but_not_all(limits: dict[str, float], each: float) -> None:
+def test_limits_may_be_infinite_but_not_all(limits, each):
     chain = build_chain(0.01 * np.eye(4)[:, :3][[3, 0, 3]], np.tile(np.eye(3), (3, 1, 1)))
     for plan in (*PAPER, plan_exact_stop):
         smoothed = plan(chain, SmoothingLimits(**{**INFINITE, **limits}), 0.0, 0.0, None)

@@ -1,7 +1,5 @@
 """The rule `spline`: its curve near way points, its law of time, both on any path, judged independently."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -65,7 +63,7 @@ def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLE
     return fit_curve(polyline_of(chain, places), *tolerances)
 
 
-def test_a_straight_stroke_is_kept_exactly_at_its_own_pace() -> None:
+def test_a_straight_stroke_is_kept_exactly_at_its_own_pace():
     curve = fit(*stroke(np.outer(np.linspace(0.0, 0.1, 40) ** 1.5, [0.6, 0.0, 0.8])))
     rates = curve_rates(curve, np.linspace(0.0, curve.length, 200))
     np.testing.assert_allclose(rates.tips[1], np.tile([0.6, 0.0, 0.8], (200, 1)), atol=1e-9)
@@ -73,7 +71,7 @@ def test_a_straight_stroke_is_kept_exactly_at_its_own_pace() -> None:
     assert rates.places[0, -1] == pytest.approx(curve.length, abs=1e-12)
 
 
-def test_chords_of_a_circle_become_round_again() -> None:
+def test_chords_of_a_circle_become_round_again():
     radius = 0.025
     curve = fit(*stroke(circle(radius, 2.0)))
     rates = curve_rates(curve, np.linspace(0.2, 0.8, 500) * curve.length)
@@ -83,7 +81,7 @@ def test_chords_of_a_circle_become_round_again() -> None:
     np.testing.assert_allclose(np.linalg.norm(rates.tips[3], axis=1), 1.0 / radius**2, rtol=0.1)
 
 
-def test_derivatives_are_those_of_finite_differences() -> None:
+def test_derivatives_are_those_of_finite_differences():
     chain, places = random_stroke(np.random.default_rng(3))
     curve = fit(chain, places)
     knots = curve.knots
@@ -102,7 +100,7 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
 
 @pytest.mark.parametrize(("turn", "tolerance"), [(20.0, 2e-5), (90.0, 1e-4), (130.0, 1e-5), (165.0, 2e-5)])
-def test_a_corner_uses_the_whole_tolerance_on_both_sides_of_the_path(turn: float, tolerance: float) -> None:
+def test_a_corner_uses_the_whole_tolerance_on_both_sides_of_the_path(turn, tolerance):
     angle = np.radians(turn)
     tips = 0.03 * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(angle), np.sin(angle), 0]])
     curve = fit(*stroke(tips), (tolerance, 1e-3))
@@ -123,13 +121,13 @@ def plan(chain: Chain, places: np.ndarray, feed: float, limits: SmoothingLimits 
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-2, 0.1])
-def test_from_rest_to_rest_on_a_line_takes_hardly_longer_than_the_least_time(length: float) -> None:
+def test_from_rest_to_rest_on_a_line_takes_hardly_longer_than_the_least_time(length):
     least = sum(stop_times(length, 0.06, 0.6, 15.0))
     time = plan(*stroke(np.array([[0.0, 0, 0], [length, 0, 0]])), 0.06).passage.duration
     assert least <= time <= 1.15 * least + 0.01
 
 
-def test_a_circle_is_followed_at_the_speed_its_acceleration_allows() -> None:
+def test_a_circle_is_followed_at_the_speed_its_acceleration_allows():
     radius = 0.025
     motion = plan(*stroke(circle(radius, 3.0)), 1.0, replace(LIMITS, tip_jerk=1e3))
     speeds = time_schedule(motion, motion.line.places).speeds
@@ -139,7 +137,7 @@ def test_a_circle_is_followed_at_the_speed_its_acceleration_allows() -> None:
     assert np.mean(middle) >= 0.97 * best
 
 
-def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
+def test_the_passage_is_smooth_and_its_derivatives_are_its_own():
     passage = plan(*random_stroke(np.random.default_rng(1)), 0.06).passage
     times = np.linspace(1e-5, passage.duration - 1e-5, 40001)
     u, v, a, j = passage_at(passage, times)
@@ -152,9 +150,7 @@ def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
     assert v.min() >= 0.0
 
 
-def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(monkeypatch):
     """Counted in knots of the programmes that were solved: the processor's clock is not asked."""
     solved: list[int] = []
     plan_law = law_module.plan_law
@@ -169,7 +165,7 @@ def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(
     assert work[1] <= 6.0 * work[0]
 
 
-def test_the_checker_sees_exact_stops_as_sound_and_played_too_fast_as_breaking_speeds() -> None:
+def test_the_checker_sees_exact_stops_as_sound_and_played_too_fast_as_breaking_speeds():
     path = draw_path(np.random.default_rng([0, 1]), 1)
     motion = plan_exact_stop(path.chain, DEFAULT, TOLERANCE, AXIS_TOLERANCE, path.arm)
     shares, rate = judge_motion(motion, path, DEFAULT), 1.5
@@ -181,14 +177,14 @@ def test_the_checker_sees_exact_stops_as_sound_and_played_too_fast_as_breaking_s
 
 
 @pytest.mark.parametrize("number", [0, 3, 6, 9, 13])
-def test_random_paths_keep_every_limit_and_take_no_longer_than_stops(number: int) -> None:
+def test_random_paths_keep_every_limit_and_take_no_longer_than_stops(number):
     path = draw_path(np.random.default_rng([500, number]), number)
     motion = smooth_by_spline(path.chain, DEFAULT, TOLERANCE, AXIS_TOLERANCE, path.arm)
     assert judge_motion(motion, path, DEFAULT).max() <= 1.0 + 1e-6
     assert motion.end <= plan_exact_stop(path.chain, DEFAULT, arm=path.arm).end * (1.0 + 1e-3)
 
 
-def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners() -> None:
+def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners():
     """12.998 s: corners by the convex programme of `benchmarks.corner_program`, tool only."""
     chain = build_chain(*trial_path())
     asked = chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE
@@ -196,7 +192,7 @@ def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners() -> None
     assert smooth_by_spline(*asked, trial_arm()).end <= 1.02 * 13.08
 
 
-def test_without_a_tolerance_it_stops_at_every_point_in_the_least_time() -> None:
+def test_without_a_tolerance_it_stops_at_every_point_in_the_least_time():
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.03, 0.002, 0], [0.01, 0.002, 0.01]]))
     motion = smooth_by_spline(chain, DEFAULT, 0.0, 0.0, None)
     least = sum(sum(stop_times(length, 0.05, 0.5, 10.0)) for length in chain.lengths)
@@ -204,7 +200,7 @@ def test_without_a_tolerance_it_stops_at_every_point_in_the_least_time() -> None
     np.testing.assert_allclose(motion.sample(motion.edges).tips[-1, 0], chain.tips[-1], atol=1e-12)
 
 
-def test_a_path_that_turns_back_turns_within_two_tolerances_of_the_point() -> None:
+def test_a_path_that_turns_back_turns_within_two_tolerances_of_the_point():
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.0, 0, 0]]))
     motion = smooth_by_spline(chain, DEFAULT, TOLERANCE, AXIS_TOLERANCE, None)
     found = measure_deviation(motion, chain)
@@ -214,7 +210,7 @@ def test_a_path_that_turns_back_turns_within_two_tolerances_of_the_point() -> No
     assert 0.95 * stops < motion.end < stops
 
 
-def test_a_feed_of_a_segment_holds_on_it() -> None:
+def test_a_feed_of_a_segment_holds_on_it():
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.06, 0.01, 0], [0.09, 0.01, 0]]))
     feeds = np.array([math.inf, 0.01, math.inf])
     motion = smooth_by_spline(chain, DEFAULT, TOLERANCE, AXIS_TOLERANCE, None, feeds)

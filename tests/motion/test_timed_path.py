@@ -1,8 +1,6 @@
 """A motion over time follows its path at the speed wanted, from rest to rest, with no jump of its
 acceleration."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +53,7 @@ def play(motion: TimedPath, clock: Array) -> Sampled:
 
 
 @pytest.mark.parametrize("length", [1e-5, 4e-4, 0.1])
-def test_short_and_long_ways_keep_the_limits_and_arrive(length: float) -> None:
+def test_short_and_long_ways_keep_the_limits_and_arrive(length):
     table = build_path_table(np.array([[0.0, 0, 0], [length, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)))
     motion = time_path(table, PACE)
     dt = motion.duration / 4000.0
@@ -67,7 +65,7 @@ def test_short_and_long_ways_keep_the_limits_and_arrive(length: float) -> None:
     assert np.abs(np.diff(rows)).max() <= PACE.jerk * motion.spacing * (1 + 1e-6)
 
 
-def test_a_single_pose_is_a_motion_of_no_duration() -> None:
+def test_a_single_pose_is_a_motion_of_no_duration():
     motion = time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
     assert motion.duration == 0.0
     run = play(motion, np.array([0.0, 1.0]))
@@ -75,7 +73,7 @@ def test_a_single_pose_is_a_motion_of_no_duration() -> None:
     np.testing.assert_allclose(run.velocities, 0.0)
 
 
-def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
+def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
     table = circle()
     motion = time_path(table, PACE)
     assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)  # and one ramp
@@ -89,7 +87,7 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
     np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), RADIUS, atol=1e-8)
 
 
-def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
+def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time():
     s, feed = np.array([0.0, 0.05, 0.06, 0.12]), np.array([2.0, 2.0, 0.5, 0.5])
     motion = time_path(with_feed_share(circle(), s, feed), PACE)
     clock = np.arange(len(motion.places)) * motion.spacing
@@ -113,7 +111,7 @@ SCHEDULE = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3,
 MARKS = np.array([0.0, 0.02, 0.045, 0.07])
 
 
-def test_between_its_rows_it_is_where_the_schedule_is() -> None:
+def test_between_its_rows_it_is_where_the_schedule_is():
     motion = time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     clock = np.linspace(0.0, SCHEDULE.end, 400)
     exact = sample_schedule(CHAIN, SCHEDULE, clock)
@@ -125,7 +123,7 @@ def test_between_its_rows_it_is_where_the_schedule_is() -> None:
     np.testing.assert_allclose(R, exact.rotations, atol=3e-5)
 
 
-def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative() -> None:
+def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative():
     s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
     np.testing.assert_array_equal(marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
     motion = time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
@@ -148,7 +146,7 @@ TURNING = build_chain(
 FOUR_AT_ONCE = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
 
 
-def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame() -> None:
+def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame():
     drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
     breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
     times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
@@ -163,14 +161,14 @@ def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_th
     np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
 
 
-def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate() -> None:
+def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate():
     alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
     flat = TURNING._replace(rolls=np.zeros(6))
     here = sample_schedule(flat, alone, np.linspace(0.0, 1.0, 20)[1:-1])
     np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
 
 
-def test_it_rests_at_the_ends_and_passes_through_what_is_done() -> None:
+def test_it_rests_at_the_ends_and_passes_through_what_is_done():
     here = sample_schedule(
         TURNING, FOUR_AT_ONCE, np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
     )

@@ -1,7 +1,5 @@
 """A path as a callable of arc length, against a helix whose every derivative is known."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +48,7 @@ def table() -> PathTable:
     return build_path_table(helix(angle), frames, s=SPEED * angle, curvature=10.0 + angle)
 
 
-def test_positions_tangents_and_frames_are_the_helixs(table: PathTable) -> None:
+def test_positions_tangents_and_frames_are_the_helixs(table):
     assert table.length == pytest.approx(4.0 * np.pi * SPEED)
     assert table.spacing <= 0.0005
     for angle in np.random.default_rng(0).uniform(0.3, 4.0 * np.pi - 0.3, 200):
@@ -63,7 +61,7 @@ def test_positions_tangents_and_frames_are_the_helixs(table: PathTable) -> None:
         np.testing.assert_allclose(found.turning, [0.0, 0.0, 1.0 / SPEED], rtol=1e-4, atol=1e-9)
 
 
-def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
+def test_beyond_its_ends_it_stays_at_them(table):
     for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
         for left, right in zip(sample(table, outside), sample(table, inside), strict=True):
             np.testing.assert_array_equal(left, right)
@@ -71,7 +69,7 @@ def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
     np.testing.assert_allclose(sample(table, table.length).position, end, atol=1e-12)
 
 
-def test_a_single_pose_is_a_path_of_no_length() -> None:
+def test_a_single_pose_is_a_path_of_no_length():
     point, frame = np.array([[0.1, 0.2, 0.3]]), Rotation.random(random_state=0).as_matrix()[None]
     table = build_path_table(point, frame)
     assert table.length == 0.0
@@ -82,7 +80,7 @@ def test_a_single_pose_is_a_path_of_no_length() -> None:
     np.testing.assert_allclose(R, frame[0], atol=1e-12)
 
 
-def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface() -> None:
+def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface():
     """The part bends like a cylinder; pressed in by 4 mm the points move on a shorter radius."""
     angle = np.linspace(0.0, 1.0, 200)
     on_part = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
@@ -91,7 +89,7 @@ def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface() -> None:
     np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05).tangent), 0.96, atol=1e-6)
 
 
-def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropped() -> None:
+def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropped():
     x = np.repeat(np.linspace(0.0, 0.1, 11), [1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1])
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))
@@ -105,7 +103,7 @@ def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropp
 LINE = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
 
 
-def test_values_are_linear_between_the_points_they_were_given_at() -> None:
+def test_values_are_linear_between_the_points_they_were_given_at():
     s, table = np.array([0.3, 0.35, 0.5]), build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))
     assert sample_column(table, table.feed_share, 0.123) == 1.0  # exactly, where none is given
     values = at_rows(table, s, np.array([1.0, 2.0, 0.5]))
@@ -113,7 +111,7 @@ def test_values_are_linear_between_the_points_they_were_given_at() -> None:
         assert sample_column(table, values, place) == pytest.approx(share)
 
 
-def test_before_a_slow_place_the_feed_falls_in_time() -> None:
+def test_before_a_slow_place_the_feed_falls_in_time():
     """From feed 1 to 0.2 at 12 per metre: the square falls by 24 per metre, over 40 mm before the place."""
     s = np.linspace(0.0, 0.2, 401)
     straight = build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))

@@ -1,7 +1,5 @@
 """Surfaces and parts whose truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

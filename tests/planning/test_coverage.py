@@ -1,7 +1,5 @@
 """What the pad reaches and for how long, against closed forms; what of the region is left out, and why."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,8 +1,6 @@
 """Crossings of constructed paths, counted by hand: through, touching, along each other, over and under; then
 cut."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings

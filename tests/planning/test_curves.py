@@ -1,7 +1,5 @@
 """Steps and offset curves keep their distance everywhere (paper 1, fig. 4, 5); the fine triangulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A part turned and moved gets the path turned and moved; plans of parts of chance hold what all must."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple

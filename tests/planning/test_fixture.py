@@ -1,7 +1,5 @@
 """The fixture: the tool keeps clear of it as of the part, and plan, pictures and pages say so."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """Any path measured on a part: ours, hand-made ones, and those that do not belong there; the step-over."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

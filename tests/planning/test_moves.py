@@ -1,7 +1,5 @@
 """Between strokes: leads and travels keep clear of the part, ways are short, places can be left out."""
 
-from __future__ import annotations
-
 from itertools import pairwise, permutations, product
 
 import numpy as np
@@ -191,7 +189,7 @@ def plan() -> PlanResult:
     return plan_part(PartConfig(file="plate"), PlanConfig(stepover_m=0.02))
 
 
-def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhere(plan: PlanResult) -> None:
+def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhere(plan):
     path = plan.path
     gone = path.process & (path.s > 0.4) & (path.s < 0.5)
     left = lift_over(path, gone, plan.plan, plan.ready.air)
@@ -211,14 +209,14 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
 
 
-def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan: PlanResult) -> None:
+def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan):
     path = plan.path
     begin = path.s[path.process][0]
     gone = path.process & (path.s > begin + 0.015)
     assert lift_over(path, gone, plan.plan, plan.ready.air) is None
 
 
-def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan: PlanResult) -> None:
+def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan):
     rest = plan.behind(0.5)
     process = rest.path.process
     assert rest.path.positions_work[process][0] == pytest.approx(

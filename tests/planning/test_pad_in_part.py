@@ -1,7 +1,5 @@
 """The pad's disc beside walls, on edges and on curved places."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

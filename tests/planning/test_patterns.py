@@ -1,7 +1,5 @@
 """Where patterns run: spiral, contour, connected Fermat spirals, raster (paper 1, section 1.3, fig. 6)."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whole plans: what holds at every point of every path, where it begins, requests that cannot be met."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

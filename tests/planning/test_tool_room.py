@@ -1,7 +1,5 @@
 """Nothing of the tool is in the part: held against solids of the robot's model, along whole plans."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mujoco

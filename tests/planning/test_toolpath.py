@@ -1,7 +1,5 @@
 """The path as data, its leads, the pressing offset, and its tool axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

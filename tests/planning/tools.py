@@ -1,8 +1,6 @@
 """The tool as solids of the robot's model, for tests that hold it against a part: nothing of the planner is
 used."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import manifold3d

@@ -1,7 +1,5 @@
 """Cases of the score, and the bounds no controller can beat."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -29,7 +27,7 @@ from polish_sim.scoring.margins import share_latency
 PI = Entry("hybrid-pi", "hybrid-pi")
 
 
-def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_case() -> None:
+def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_case():
     for cases, asked in ((BATTERY, BATTERY_ASKED), (REACH_CASES, REACH)):
         names = [case.name for case in cases]
         assert len(set(names)) == len(names)
@@ -41,20 +39,20 @@ def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_c
         assert all(any(one.applies(name) for name in names) for one in asked)
 
 
-def test_latency_is_shared_one_to_three_as_in_the_default_cell() -> None:
+def test_latency_is_shared_one_to_three_as_in_the_default_cell():
     for total_ms, shares in ((20, (0.005, 0.015)), (1, (0.001, 0.0))):
         scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
         assert (scenario.sensor.latency_s, scenario.robot.command_latency_s) == pytest.approx(shares)
     assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
 
 
-def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order() -> None:
+def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order():
     names = [case.name for case in choose_cases(BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
     assert choose_cases(BATTERY, []) == BATTERY
 
 
-def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range() -> None:
+def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range():
     case = Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
     feeds = [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
     assert feeds == [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
@@ -62,7 +60,7 @@ def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range() -> None:
     assert 0.01 <= min(feeds) < 0.02 < 0.05 < max(feeds) <= 0.06
 
 
-def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree() -> None:
+def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree():
     slow, fast = choose_cases(BATTERY, ["freeform-10", "freeform-30"])
     off = choose_cases(BATTERY, ["part-3mm"])[0]
     assert setup_key(Task(slow, PI, 1)) == setup_key(Task(fast, PI, 1))
@@ -73,7 +71,7 @@ def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree() -> None:
     assert setup_key(Task(soft, PI, 1)) != setup_key(Task(drawn, PI, 1))
 
 
-def test_the_worst_seed_decides_and_an_undefined_figure_never_passes() -> None:
+def test_the_worst_seed_decides_and_an_undefined_figure_never_passes():
     good = {"overshoot_n": 0.1, "std_n": 0.1, "max_error_n": 0.2, "peak_force_n": 21.0, "stable": True}
     row = {"case": "approach-20", "controller": "x", **good}
     rows = [{**row, "seed": seed, "settling_1n_s": 0.1 + 0.1 * seed} for seed in range(3)]
@@ -91,7 +89,7 @@ FORCE = default_scenario("force")
 WAVES = (0.04, 0.15)
 
 
-def test_without_noise_and_latency_the_step_is_the_time_optimal_move() -> None:
+def test_without_noise_and_latency_the_step_is_the_time_optimal_move():
     delays = [f"{name}_s=0" for name in ("sensor.latency", "robot.command_latency")]
     perfect = override(FORCE, ["sensor.force_noise_n=0", "sensor.rate_hz=10000", *delays])
     bound = step_bound(perfect, 1e-9, band=1e-9)
@@ -102,7 +100,7 @@ def test_without_noise_and_latency_the_step_is_the_time_optimal_move() -> None:
     assert math.sqrt(np.sum(ramp**2)) / 0.5 == pytest.approx(4.5, rel=0.15)
 
 
-def test_a_filter_tuned_by_hand_does_not_beat_the_bound() -> None:
+def test_a_filter_tuned_by_hand_does_not_beat_the_bound():
     feed, h, rng = 0.03, 0.005, np.random.default_rng(0)
     known = override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"])
     bound, errors = tracking_bound(known, feed, WAVES), []
@@ -121,14 +119,14 @@ def test_a_filter_tuned_by_hand_does_not_beat_the_bound() -> None:
     assert bound < float(np.std(errors)) < 4.0 * bound
 
 
-def test_drift_bound_is_what_a_kalman_filter_ends_with() -> None:
+def test_drift_bound_is_what_a_kalman_filter_ends_with():
     walk, noise, variance = 0.002**2 * 0.001, 0.5**2, 1.0
     for _ in range(200_000):
         variance = 1.0 / (1.0 / (variance + walk) + 1.0 / noise)
     assert drift_bound(FORCE) == pytest.approx(math.sqrt(variance), rel=0.01)
 
 
-def test_a_dying_swing_is_rest_and_a_lasting_one_is_not() -> None:
+def test_a_dying_swing_is_rest_and_a_lasting_one_is_not():
     t = np.arange(0.0, 4.0, 0.001)
     dying, lasting, small = (
         judge_rest(20.0 + size * np.sin(30.0 * t), 20.0, 0.001) for size in (5.0 * np.exp(-t), 5.0, 0.5)

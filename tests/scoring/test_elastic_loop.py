@@ -1,8 +1,6 @@
 """The force loop on elastic joints: the linear model against the simulated cell, and the margins it
 leaves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -27,7 +25,7 @@ HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what
 ]  # fmt: skip
 
 
-def test_slow_motion_presses_head_and_arm_in_series() -> None:
+def test_slow_motion_presses_head_and_arm_in_series():
     """The host's travel goes into head, pad and gears: 1/k = 1/5000 N/m + compliance of the gears and
     servos."""
     setup = setup_of(override(FORCE, [NO_HYSTERESIS]))
@@ -41,7 +39,7 @@ def test_slow_motion_presses_head_and_arm_in_series() -> None:
 
 
 @pytest.mark.parametrize("settings", [["controller.name=hybrid-pi"], [ADAPTIVE]])
-def test_the_border_of_stability_is_where_the_linear_model_says(settings: list[str]) -> None:
+def test_the_border_of_stability_is_where_the_linear_model_says(settings):
     """Within 8% of gain, on springs alone: what hysteresis and friction damp is left out on both sides."""
     scenario = override(FORCE, [*SPRINGS_ONLY, *HELD, *settings])
     response, bench = linear_loop(scenario, swing=1.0)(contour(0.001)), build_bench(scenario)
@@ -52,7 +50,7 @@ def test_the_border_of_stability_is_where_the_linear_model_says(settings: list[s
     assert 16.0 < beyond.frequency / (2.0 * math.pi) < 20.0
 
 
-def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the_cell_swings_there() -> None:
+def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the_cell_swings_there():
     scenario = override(FORCE, [ADAPTIVE, NO_NOTCH, "controller.adaptive.observer_rad_s=30"])
     assert analytic_margins(scenario).gain == 0.0
     omega = 2.0 * math.pi * np.linspace(15.0, 40.0, 500)
@@ -65,14 +63,14 @@ def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the
 
 
 @pytest.mark.parametrize(("name", "gain"), [("hybrid-pi", 1.4), ("hybrid-adaptive", 1.9)])
-def test_shipped_laws_have_margins_on_the_elastic_arm_whatever_it_swings_by(name: str, gain: float) -> None:
+def test_shipped_laws_have_margins_on_the_elastic_arm_whatever_it_swings_by(name, gain):
     found = analytic_margins(override(FORCE, [f"controller.name={name}"]))
     assert found.gain > gain
     assert found.phase > math.radians(45.0)
     assert found.delay > 0.02
 
 
-def test_hysteresis_is_elastic_in_small_swings_and_gone_in_large_ones() -> None:
+def test_hysteresis_is_elastic_in_small_swings_and_gone_in_large_ones():
     stiff = [float(np.trace(elastic_arm(FORCE, swing=swing).stiffness)) for swing in (*SWINGS, 1.0)]
     assert np.all(np.diff(stiff) < 0.0)
     alone = float(np.trace(elastic_arm(override(FORCE, [NO_HYSTERESIS])).stiffness))

@@ -1,7 +1,5 @@
 """Figures of a scorecard row on runs whose force is a formula."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -31,7 +29,7 @@ def seconds(length: float) -> Array:
     return np.arange(0.0, length, DT)
 
 
-def test_a_first_order_rise_settles_after_tau_ln_20_and_has_no_overshoot() -> None:
+def test_a_first_order_rise_settles_after_tau_ln_20_and_has_no_overshoot():
     row = scored(force_trace(tau=0.1))
     contact = -0.1 * math.log(1.0 - 0.5 / 20.0)  # above 0.5 N
     assert row["settling_1n_s"] == pytest.approx(0.1 * math.log(20.0) - contact, abs=2 * DT)
@@ -44,7 +42,7 @@ def test_a_first_order_rise_settles_after_tau_ln_20_and_has_no_overshoot() -> No
     assert (stopped["stable"], stopped["settling_1n_s"]) == (False, None)
 
 
-def test_a_steady_offset_is_all_of_rms_p95_and_max_and_never_settles() -> None:
+def test_a_steady_offset_is_all_of_rms_p95_and_max_and_never_settles():
     row = scored(held(np.full(4000, 23.0)))
     for figure in ("rms_error_n", "p95_error_n", "max_error_n", "mean_error_n", "overshoot_n"):
         assert row[figure] == pytest.approx(3.0)
@@ -53,7 +51,7 @@ def test_a_steady_offset_is_all_of_rms_p95_and_max_and_never_settles() -> None:
     assert row["stable"]
 
 
-def test_rms_and_p95_of_a_sine_are_those_of_a_sine() -> None:
+def test_rms_and_p95_of_a_sine_are_those_of_a_sine():
     t = seconds(4.5)
     row = scored(held(20.0 + 1.5 * np.sin(2.0 * np.pi * 2.0 * t)))
     assert row["rms_error_n"] == pytest.approx(1.5 / math.sqrt(2.0), rel=1e-3)
@@ -61,7 +59,7 @@ def test_rms_and_p95_of_a_sine_are_those_of_a_sine() -> None:
     assert row["max_error_n"] == pytest.approx(1.5, rel=1e-4)
 
 
-def test_contact_lost_counts_from_the_end_of_touch_down() -> None:
+def test_contact_lost_counts_from_the_end_of_touch_down():
     bounce = np.full(4000, 20.0)
     bounce[100:200] = 0.0
     assert scored(held(bounce))["contact_lost_s"] == 0.0
@@ -73,7 +71,7 @@ def test_contact_lost_counts_from_the_end_of_touch_down() -> None:
 
 
 @pytest.mark.parametrize("hertz", [5.0, 40.0])
-def test_a_limit_cycle_is_not_stable_and_its_amplitude_is_found(hertz: float) -> None:
+def test_a_limit_cycle_is_not_stable_and_its_amplitude_is_found(hertz):
     t = seconds(4.5)
     small, large = (scored(held(20.0 + size * np.sin(2.0 * np.pi * hertz * t))) for size in (1.5, 3.0))
     assert large["oscillation_n"] == pytest.approx(3.0, rel=0.2)  # a moving mean takes some of 5 Hz
@@ -83,7 +81,7 @@ def test_a_limit_cycle_is_not_stable_and_its_amplitude_is_found(hertz: float) ->
     assert scored(held(50.0 + 3.0 * np.sin(2.0 * np.pi * hertz * t)), wanted=50.0)["stable"]
 
 
-def test_a_growing_oscillation_is_not_stable_before_it_is_large() -> None:
+def test_a_growing_oscillation_is_not_stable_before_it_is_large():
     t = seconds(4.5)
     wave = np.sin(2.0 * np.pi * 8.0 * t)
     growing = scored(held(20.0 + 0.02 * np.exp(1.0 * t) * wave))
@@ -92,14 +90,14 @@ def test_a_growing_oscillation_is_not_stable_before_it_is_large() -> None:
     assert scored(held(20.0 + 1.8 * np.exp(-1.0 * t) * wave))["stable"]
 
 
-def test_a_force_that_follows_a_slow_part_is_no_oscillation() -> None:
+def test_a_force_that_follows_a_slow_part_is_no_oscillation():
     t = seconds(6.0)
     row = scored(held(20.0 + 4.0 * np.sin(2.0 * np.pi * 0.5 * t)))
     assert row["oscillation_n"] < 0.5
     assert row["stable"]
 
 
-def test_the_steady_window_begins_half_a_second_after_contact_and_along_a_path_with_the_feed() -> None:
+def test_the_steady_window_begins_half_a_second_after_contact_and_along_a_path_with_the_feed():
     force = np.full(4000, 20.0)
     force[300:499] = 28.0
     row = scored(held(force))
@@ -117,7 +115,7 @@ def test_the_steady_window_begins_half_a_second_after_contact_and_along_a_path_w
     assert measure_score(trace, wanted, True, True)["max_error_n"] == 2.0
 
 
-def test_without_contact_nothing_is_defined() -> None:
+def test_without_contact_nothing_is_defined():
     row = scored(held(np.zeros(1000)))
     assert row.pop("stable") is False
     assert set(row.values()) == {None}

@@ -1,7 +1,5 @@
 """The pad pressed on a spring: the cell's borders of stability lie where the linear model has them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -27,7 +25,7 @@ def _later(delay: float) -> Scenario:
     return replace(FORCE, robot=replace(FORCE.robot, command_latency_s=FORCE.robot.command_latency_s + delay))
 
 
-def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench: Bench) -> None:
+def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench):
     margins = analytic_margins(FORCE)
     rest = press(bench, FORCE)
     assert rest.resting
@@ -38,7 +36,7 @@ def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench: Benc
     assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
 
 
-def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Bench) -> None:
+def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench):
     margins = analytic_margins(FORCE)
     assert press(bench, _later(0.95 * margins.delay), friction=False).resting
     beyond = press(bench, _later(1.05 * margins.delay), friction=False)
@@ -46,7 +44,7 @@ def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Ben
     assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
 
 
-def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch):
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     border = measure_border(FORCE, ["hybrid-pi"], scales=(1.0, 3.0), latencies=(0.008, 0.06))
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))

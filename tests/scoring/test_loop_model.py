@@ -1,7 +1,5 @@
 """The linear force loop against closed forms, eigenvalues, the compiled laws and the cell."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -99,7 +97,7 @@ def _loop(*changes: str) -> tuple[LoopSetup, PiLaw]:
     return setup, pi_law(gains.force_p_m_sn, gains.force_i_m_s2n, gains.force_filter_hz, setup.dt)
 
 
-def test_slow_motion_presses_the_springs_in_series_and_servos_swing_over_at_25_hz() -> None:
+def test_slow_motion_presses_the_springs_in_series_and_servos_swing_over_at_25_hz():
     setup, _ = _loop()
     plant, slow = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
     pressed = plant_response(plant, plant.force, slow) / plant_response(plant, plant.position, slow)
@@ -129,7 +127,7 @@ def forces(setup: LoopSetup, law: PiLaw, noise: Array) -> Array:
     return found
 
 
-def test_noise_has_the_rms_of_a_run_and_only_quick_waves_pass_to_the_springs() -> None:
+def test_noise_has_the_rms_of_a_run_and_only_quick_waves_pass_to_the_springs():
     setup, law = _loop()
     found = forces(setup, law, np.random.default_rng(0).normal(0.0, 0.5, 60_000))
     assert noise_rms(setup, law, 0.5) == pytest.approx(np.std(found[5000:]), rel=0.08)
@@ -144,7 +142,7 @@ def integrator(crossover: float, delay: float) -> Response:
 
 
 @pytest.mark.parametrize(("crossover", "delay"), [(5.0, 0.02), (60.0, 0.004)])
-def test_integrator_with_delay_has_the_margins_of_the_textbook(crossover: float, delay: float) -> None:
+def test_integrator_with_delay_has_the_margins_of_the_textbook(crossover, delay):
     found = margins(integrator(crossover, delay))
     assert found.crossover == pytest.approx(crossover, rel=1e-4)
     assert found.gain == pytest.approx(0.5 * math.pi / (crossover * delay), rel=1e-4)
@@ -167,21 +165,21 @@ class PressByPlace:
         return np.concatenate([10.0 * (target.position - measurement.position), np.zeros(3)])
 
 
-def test_measured_hybrid_pi_is_its_formula() -> None:
+def test_measured_hybrid_pi_is_its_formula():
     setup, formula = _loop()
     law = measure_law(build_controller(FORCE.controller), setup, 20.0, 5000.0)
     assert law.by_force(Z) == pytest.approx(formula.by_force(Z), rel=1e-6)
     assert np.abs(law.by_motion(Z)).max() < 1e-9
 
 
-def test_a_law_on_the_place_answers_to_motion_only() -> None:
+def test_a_law_on_the_place_answers_to_motion_only():
     law = measure_law(PressByPlace(), setup_of(FORCE), 20.0, 5000.0)
     assert np.abs(law.by_force(Z)).max() < 1e-12
     assert law.by_motion(Z) == pytest.approx(-10.0 * 1e-3 / (1.0 - 1.0 / Z), rel=1e-6)  # the sum of velocity
 
 
 @pytest.mark.parametrize("scale", [0.5, 3.0])
-def test_longest_latency_is_where_the_eigenvalues_say(scale: float) -> None:
+def test_longest_latency_is_where_the_eigenvalues_say(scale):
     drawn, law = _loop()
     setup = with_springs(drawn, scale)
     totals = [0.001 * n for n in range(1, 200)]

@@ -1,11 +1,8 @@
 """Rows: measured in the simulator, kept on disk, found again."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,7 +47,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, bytes]:
     return scored(folder)[0], (folder / ROWS).read_bytes()
 
 
-def test_what_ran_before_in_the_process_does_not_show_in_a_row_but_its_seed_does() -> None:
+def test_what_ran_before_in_the_process_does_not_show_in_a_row_but_its_seed_does():
     moving = replace(
         choose_cases(BATTERY, ["moving-1hz"])[0], settings=("part.motion_m=0.0005", "process.hold_s=1.5")
     )
@@ -61,9 +58,7 @@ def test_what_ran_before_in_the_process_does_not_show_in_a_row_but_its_seed_does
     assert measure_row(Task(SHORT, PI, 1)) != alone
 
 
-def test_rows_are_the_same_whatever_the_number_of_processes(
-    whole: tuple[Score, bytes], tmp_path: Path
-) -> None:
+def test_rows_are_the_same_whatever_the_number_of_processes(whole, tmp_path):
     assert scored(tmp_path, workers=2)[0].rows == whole[0].rows
     assert [(row["case"], row["seed"]) for row in whole[0].rows] == [
         ("short", 0), ("short", 1), ("other", 0), ("other", 1),
@@ -78,9 +73,7 @@ def test_rows_are_the_same_whatever_the_number_of_processes(
     ],
     ids=["damaged and torn lines", "more seeds"],
 )
-def test_a_score_goes_on_where_it_was_and_measures_only_what_is_missing(
-    whole: tuple[Score, bytes], tmp_path: Path, left: Callable[[list[bytes]], list[bytes]], counted: list[int]
-) -> None:
+def test_a_score_goes_on_where_it_was_and_measures_only_what_is_missing(whole, tmp_path, left, counted):
     (tmp_path / ROWS).write_bytes(b"".join(left(whole[1].splitlines(keepends=True))))
     again, measured = scored(tmp_path)
     assert measured == counted
@@ -88,7 +81,7 @@ def test_a_score_goes_on_where_it_was_and_measures_only_what_is_missing(
     assert scored(tmp_path)[1] == [4]
 
 
-def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -> None:
+def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="return target.twist"))
     task = Task(SHORT, user_entry(f"{file}:Press"), 0)
@@ -100,7 +93,7 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -
     assert keys_of([task])[task] != key
 
 
-def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path: Path) -> None:
+def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path):
     copy = tmp_path / "polish_sim"
     for target, package in ((copy, polish_sim), (copy / "cli", cli), (copy / "models", models)):
         folder = Path(package.__file__).parent
@@ -124,7 +117,7 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         assert (source() != before) == counts, file
 
 
-def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(tmp_path: Path) -> None:
+def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="raise ValueError('lost my gains')"))
     far = Case("far", "out of reach", "force", ("part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]",))
@@ -137,12 +130,12 @@ def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(
         assert (row["stable"], row["settling_1n_s"], row["max_error_n"]) == (False, None, None)
 
 
-def test_two_scores_do_not_write_into_one_folder(tmp_path: Path) -> None:
+def test_two_scores_do_not_write_into_one_folder(tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another score is at work"), locked(tmp_path):
         pass
 
 
-def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path: Path) -> None:
+def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
     (flat,) = choose_cases(BATTERY, ["flat-30"])

@@ -1,7 +1,5 @@
 """Tables and words of a score whose rows are known beforehand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -57,7 +55,7 @@ BOTH = score_of(
 )  # fmt: skip
 
 
-def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short() -> None:
+def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short():
     headings, rows = overview(summarize(BOTH), means=False)
     settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
@@ -67,7 +65,7 @@ def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_tha
     assert (asked[0][4], asked[0][-2:]) == ("never", ["approach-20, seed 1", "NO"])
 
 
-def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None:
+def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
     summaries = summarize(BOTH)
     worst = worst_case(summaries, B)
     assert worst is not None
@@ -84,7 +82,7 @@ def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None
     ]
 
 
-def test_the_page_has_each_case_with_the_change_of_its_worst_run() -> None:
+def test_the_page_has_each_case_with_the_change_of_its_worst_run():
     better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
     page = markdown(better, [(A, judge(BATTERY_ASKED, better.rows_of(A)))])
     assert "| max [N] | 1 | 4 | 1 | 4 | -3 (-75%) |" in page
@@ -93,7 +91,7 @@ def test_the_page_has_each_case_with_the_change_of_its_worst_run() -> None:
     assert "**stable**:" in page
 
 
-def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it() -> None:
+def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it():
     without = Entry("without feed", "hybrid-adaptive")
     grown = row(PATH, without, 0, max_error_n=2.4, stable=False)
     score = score_of(row(HOLD, A, 0), row(PATH, A, 0), row(HOLD, without, 0), grown, entries=(A, without))
@@ -107,7 +105,7 @@ def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it() -> None:
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
 
 
-def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
+def test_each_law_of_the_composed_controller_is_left_out_once():
     own = ("controller.adaptive.crossover_rad_s=30",)
     entries = ablations(Entry("hybrid-adaptive", "hybrid-adaptive", own))
     scenarios = [HOLD.scenario(entry, 0) for entry in entries]
@@ -118,7 +116,7 @@ def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
     assert {scenario.controller.adaptive.crossover_rad_s for scenario in scenarios} == {30.0}
 
 
-def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross() -> None:
+def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross():
     asked = [Asked("max", "approach-20", "max_error_n", 1.0, "N")]
     figure = plot_score(BOTH.rows, {"approach-20": False, "freeform-60": True}, asked)
     settling, _, largest, _ = figure.axes
@@ -133,7 +131,7 @@ def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross() -
     assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
 
 
-def test_the_picture_of_an_ablation_names_the_case_that_grows_most_clear_of_the_edge() -> None:
+def test_the_picture_of_an_ablation_names_the_case_that_grows_most_clear_of_the_edge():
     grown = {
         "touch-down": {"max_error_n": {"step-10": 30.0, "step-20": 2.0}},
         "feed": {"max_error_n": {"step-10": 1.3}},

@@ -1,7 +1,5 @@
 """A search finds what a controller does badly, and what it found can be run again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +9,7 @@ from polish_sim.experiments import run_experiment
 from polish_sim.scoring.worst import FIGURES, RANGES, STIFFER, drawn_scenario, search_worst, worst_base
 
 
-def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats() -> None:
+def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats():
     worst = search_worst(worst_base("position"), 9, lambda *_: None)
     assert worst.runs == 9
     assert set(worst.found) == set(FIGURES)
@@ -23,7 +21,7 @@ def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_i
     assert again.stop_reason == (peak.stopped or None)
 
 
-def test_the_ends_of_the_ranges_are_scenarios() -> None:
+def test_the_ends_of_the_ranges_are_scenarios():
     for end in (0, 1):
         drawn = drawn_scenario(worst_base("hybrid-pi"), np.array([bounds[end] for bounds in RANGES.values()]))
         assert drawn.head.spring_scale == STIFFER[-end]
@@ -32,7 +30,7 @@ def test_the_ends_of_the_ranges_are_scenarios() -> None:
         assert drawn.seed >= 500
 
 
-def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_shipped_laws_strike() -> None:
+def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_shipped_laws_strike():
     x = dict(zip(RANGES, (bounds[1] for bounds in RANGES.values()), strict=True))
     for controller in ("hybrid-pi", "hybrid-adaptive"):
         for seed in (611, 612, 613):

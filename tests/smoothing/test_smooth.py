@@ -1,7 +1,5 @@
 """One path played by every rule: peaks, deviations, tracking."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ def run() -> RunResult:
     return run_experiment(override(default_scenario("smooth"), ["robot.arm=ideal"]))
 
 
-def test_each_rule_is_in_the_log_from_its_start_to_its_end(run: RunResult) -> None:
+def test_each_rule_is_in_the_log_from_its_start_to_its_end(run):
     assert run.figures["rules"] == list(RULES)
     for k, rule in enumerate(RULES):
         rows = np.asarray(run.log["rule"]) == k
@@ -35,7 +33,7 @@ def test_each_rule_is_in_the_log_from_its_start_to_its_end(run: RunResult) -> No
         assert np.linalg.norm(ends[0] - ends[-1]) < 1e-6  # the trial's path is closed
 
 
-def test_the_servos_follow_within_two_tenths_of_a_milliradian(run: RunResult) -> None:
+def test_the_servos_follow_within_two_tenths_of_a_milliradian(run):
     for rule in RULES:
         errors = np.array(run.figures[f"{rule.replace('-', '_')}_tracking_error_max_rad"])
         assert errors.shape == (6,)
@@ -45,7 +43,7 @@ def test_the_servos_follow_within_two_tenths_of_a_milliradian(run: RunResult) ->
     assert logged == pytest.approx(largest, rel=0.05)
 
 
-def test_the_slowest_rule_is_played_as_before_and_only_spline_keeps_the_joint_limits(run: RunResult) -> None:
+def test_the_slowest_rule_is_played_as_before_and_only_spline_keeps_the_joint_limits(run):
     figures = run.figures
     assert {claim.figure for claim in CLAIMS} <= set(figures)
     times = {rule.replace("-", "_"): figures[f"{rule.replace('-', '_')}_cycle_time_s"] for rule in RULES}
@@ -68,7 +66,7 @@ def corner(starts: list[float]) -> Smoothed:
     return Smoothed(chain, fir_schedule(np.array(starts), np.repeat(TIMES, 2, axis=0)))
 
 
-def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
+def test_a_filtered_box_has_the_peaks_of_its_closed_form():
     peaks = find_peaks(corner([0.0, 2.6]), None)
     assert [peak.value for peak in peaks.tip] == pytest.approx([0.05, 0.1, 1.0], rel=1e-6)
     assert [peak.value for peak in peaks.axis] == pytest.approx([0.0, 0.0, 0.0])
@@ -76,7 +74,7 @@ def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
 
 
 @pytest.mark.parametrize(("overlap", "jerk"), [(0.1, np.sqrt(2.0)), (1e-15, 1.0), (1e-12, 1.0), (4e-11, 1.0)])
-def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap: float, jerk: float) -> None:
+def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap, jerk):
     """For 0.1 s the last ramp of the old segment and the first one of the new, square to it, are one."""
     peak = find_peaks(corner([0.0, 2.6 - overlap]), None).tip[2]
     assert peak.value == pytest.approx(jerk, rel=1e-9)
@@ -99,14 +97,14 @@ def played(rule: str, duration: float, heights: dict[int, float], jerk: float = 
     return PlayedRule(rule, time, place, error, jerks)
 
 
-def test_a_jerk_peak_is_found_once_and_only_where_the_limit_breaks() -> None:
+def test_a_jerk_peak_is_found_once_and_only_where_the_limit_breaks():
     play = played("joint-acceleration", 4.0, {2: 1e-4})
     np.testing.assert_allclose(play.time[jerk_peaks(play, 2, 10.0)], [2.0], atol=0.002)
     calm = played("joint-acceleration", 4.0, {2: 1e-4}, jerk=8.0)
     assert len(jerk_peaks(calm, 2, 10.0)) == 1  # none breaks it: the largest counts
 
 
-def test_the_largest_reduction_names_its_joint_and_rises_are_told() -> None:
+def test_the_largest_reduction_names_its_joint_and_rises_are_told():
     reference = played("joint-acceleration", 4.0, {0: 1e-4, 3: 1e-4, 5: 1e-4})
     other = played("spline", 6.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})  # at the same place, later
     places = [peak.place for peak in at_peaks(other, reference, LIMITS)]
@@ -124,7 +122,7 @@ def test_the_largest_reduction_names_its_joint_and_rises_are_told() -> None:
     assert figures["reduction_max"][3] == pytest.approx(0.79, abs=0.01)
 
 
-def test_on_the_real_arm_encoders_lag_by_the_servos_and_the_tool_by_the_gears_as_well() -> None:
+def test_on_the_real_arm_encoders_lag_by_the_servos_and_the_tool_by_the_gears_as_well():
     found = run_experiment(override(default_scenario("smooth"), ["robot.arm=ur5e"]))
     lag = found.scenario.robot.real.servo_lag_s
     log = found.log

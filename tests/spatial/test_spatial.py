@@ -1,7 +1,5 @@
 """Rotations, transforms and vectors against their definitions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -29,7 +27,7 @@ HALF_TURNS = Rotation.from_rotvec(
 VECTORS = np.concatenate([np.random.default_rng(0).normal(size=(200, 3)), np.eye(3), -np.eye(3)])
 
 
-def test_quaternions_and_matrices_say_the_same_rotation() -> None:
+def test_quaternions_and_matrices_say_the_same_rotation():
     R, quaternion = np.zeros((3, 3)), np.zeros(4)
     for wanted in Rotation.concatenate([FRAMES, HALF_TURNS, Rotation.identity(1)]):
         rotation_from_quaternion(wanted.as_quat(scalar_first=True), R)
@@ -43,13 +41,13 @@ def test_quaternions_and_matrices_say_the_same_rotation() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, math.pi - 1e-9, math.pi])
-def test_the_angle_between_frames_is_accurate_near_zero_and_near_a_half_turn(angle: float) -> None:
+def test_the_angle_between_frames_is_accurate_near_zero_and_near_a_half_turn(angle):
     for R, axis in zip(FRAMES[:20].as_matrix(), FRAMES[:20].as_matrix()[:, 1], strict=True):
         turned = Rotation.from_rotvec(angle * axis).as_matrix() @ R
         assert rotation_angle(R, turned) == pytest.approx(angle, rel=1e-6, abs=3e-15)
 
 
-def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be() -> None:
+def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be():
     z_axes, hint = FRAMES.as_matrix()[:, 2], np.array([0.6, -0.8, 0.0])
     frames = rotation_to_axis(z_axes, hint)
     np.testing.assert_allclose(frames[:, :, 2], z_axes, atol=1e-15)
@@ -59,7 +57,7 @@ def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be() 
     np.testing.assert_allclose(frames[:, :, 0] @ hint, best, atol=1e-12)
 
 
-def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_has_an_inverse() -> None:
+def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_has_an_inverse():
     R, p = FRAMES[:20].as_matrix(), VECTORS[:20]
     T = transform(R, p)
     homogeneous = np.column_stack([VECTORS, np.ones(len(VECTORS))])
@@ -74,7 +72,7 @@ def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_ha
     np.testing.assert_allclose(T @ [1.0, 0.0, 0.0, 1.0], [0.1, 0.5, 0.2, 1.0], atol=1e-15)
 
 
-def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product() -> None:
+def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product():
     units, across = unit(VECTORS), perpendicular(VECTORS)
     np.testing.assert_allclose(np.linalg.norm([units, across], axis=-1), 1.0)
     np.testing.assert_allclose((units * VECTORS).sum(axis=1), np.linalg.norm(VECTORS, axis=1))

@@ -1,10 +1,7 @@
 """Studies: what is varied makes the runs it should, and rows stay whole whatever happens to the command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,7 +46,7 @@ def silent(_done: int, _all: int, _trouble: str | None) -> None:
     pass
 
 
-def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists() -> None:
+def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists():
     assert read_axis("a.b=0.001:10:log5").values == (0.001, 0.01, 0.1, 1.0, 10.0)
     assert read_axis("a.b=0:1:lin5").values == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert read_axis("a=1, 2.5,true,word").values == (1, 2.5, True, "word")
@@ -60,14 +57,14 @@ def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists() -> None
     assert [axis.at(u) for u in (0.0, 0.33, 0.34, 0.66, 0.67, 0.999)] == ["x", "x", "y", "y", "z", "z"]
 
 
-def test_a_grid_is_every_combination_with_every_seed() -> None:
+def test_a_grid_is_every_combination_with_every_seed():
     made = list(study(f"{NOISE}=0.1,0.5", "process.feed_m_s=0.1:0.3:lin3", seeds=4).runs())
     assert len(made) == len(set(made)) == 2 * 3 * 4
     assert {run.seed for run in made} == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize("sample", ["random", "sobol", "lhs"])
-def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
+def test_samples_stay_in_their_ranges_and_come_again(sample):
     asked = study(
         f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b", sample=sample, count=24
     )
@@ -93,18 +90,18 @@ def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
         ([f"{NOISE}=0:1:lin100000"], {"seeds": 1000}, "more than"),
     ],
 )
-def test_a_study_no_run_can_be_made_of_is_refused(axes: list[str], more: dict[str, Any], told: str) -> None:
+def test_a_study_no_run_can_be_made_of_is_refused(axes, more, told):
     with pytest.raises(PolishSimError, match=told):
         study(*axes, **more).check()
 
 
 @pytest.mark.parametrize("text", ["a", "a=1,,2", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"])
-def test_what_is_no_axis_is_refused(text: str) -> None:
+def test_what_is_no_axis_is_refused(text):
     with pytest.raises(PolishSimError, match="--vary"):
         read_axis(text)
 
 
-def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
+def test_a_study_s_file_gives_back_the_same_runs(tmp_path):
     asked = study(
         f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2
     )
@@ -127,14 +124,14 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
         ("experiment = ", "not valid TOML"),
     ],
 )
-def test_a_study_s_file_edited_wrongly_is_refused(tmp_path: Path, text: str, told: str) -> None:
+def test_a_study_s_file_edited_wrongly_is_refused(tmp_path, text, told):
     (tmp_path / "study.toml").write_text(text)
     with pytest.raises(PolishSimError, match=told):
         read_study(tmp_path / "study.toml").check()
 
 
 @pytest.mark.parametrize("key", ["plan.file", *map(".".join, FILE_KEYS), "controller.name"])
-def test_a_key_that_names_a_file_counts_by_the_file_s_content(key: str, tmp_path: Path) -> None:
+def test_a_key_that_names_a_file_counts_by_the_file_s_content(key, tmp_path):
     hashes = []
     for folder, text in (("x", "a"), ("y", "a"), ("x", "b")):
         file = tmp_path / folder / "file.py"
@@ -146,7 +143,7 @@ def test_a_key_that_names_a_file_counts_by_the_file_s_content(key: str, tmp_path
     assert config_hash(override(ARC, ["process.feed_m_s=0.2"]), {}) != config_hash(ARC, {})
 
 
-def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path) -> None:
+def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     asked = study(f"{NOISE}=0.1,0.5", "controller.name=hybrid-pi,nobody", seeds=1)
     keys = keys_of_runs(asked)
     run_study(asked, keys, RunTable(tmp_path), Here(deaths=1), silent)
@@ -168,7 +165,7 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path
     assert page.startswith("<!DOCTYPE html>")
 
 
-def test_the_front_is_the_points_none_beats_in_both() -> None:
+def test_the_front_is_the_points_none_beats_in_both():
     x, y = [1, 2, 3, 2, 1, 4], [3, 2, 1, 3, 4, 0]
     columns = {"a": list(range(6)), "x": x, "y": y, "outcome": [DONE] * 5 + [FAILED]}
     goals = [Claim("x", "x", ""), Claim("y", "y", "")]

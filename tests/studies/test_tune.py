@@ -1,12 +1,9 @@
 """Tuning finds what is there to be found, and says on unseen seeds whether it helps."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,7 +73,7 @@ def silent(_number: int, _text: str) -> None:
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
-def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(sampler: str) -> None:
+def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(sampler):
     scorer = Planted()
     best = search_best(search(sampler=sampler), 60, scorer, silent)  # type: ignore[arg-type]
     assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)
@@ -93,7 +90,7 @@ def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(samp
     assert cases.rows == 3 * len(search().held_out)
 
 
-def test_a_search_that_was_interrupted_makes_the_same_trials_again_and_then_the_others() -> None:
+def test_a_search_that_was_interrupted_makes_the_same_trials_again_and_then_the_others():
     begun, whole = Planted(), Planted()
     search_best(search(), 8, begun, silent)  # type: ignore[arg-type]
     search_best(search(), 16, whole, silent)  # type: ignore[arg-type]
@@ -102,7 +99,7 @@ def test_a_search_that_was_interrupted_makes_the_same_trials_again_and_then_the_
     assert len(asked[1]) > len(asked[0])
 
 
-def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse() -> None:
+def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse():
     scorer = Planted(lucky_seeds=True)
     best = search_best(search(), 20, scorer, silent)  # type: ignore[arg-type]
     seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
@@ -110,7 +107,7 @@ def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse() -> None:
     assert (seen.better, seeds.better) == (True, False)
 
 
-def test_a_condition_counts_more_than_any_goal() -> None:
+def test_a_condition_counts_more_than_any_goal():
     rows = [{"case": "step-20", "rms_error_n": 9.0, "stable": True, "settling_1n_s": None},
             {"case": "flat-30", "rms_error_n": 1.0, "stable": False, "settling_1n_s": None}]  # fmt: skip
     assert search().judge(rows) == BROKEN * 1.5
@@ -121,7 +118,7 @@ def test_a_condition_counts_more_than_any_goal() -> None:
     assert Goal("worst", "settling_1n_s").of(rows) == math.inf
 
 
-def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path) -> None:
+def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path):
     p, i = read_over("hybrid-pi", ["force_p=0.001:0.02", "force_i"])
     assert (p.key, p.low, p.high, p.log) == ("controller.force_p_m_sn", 0.001, 0.02, True)
     shipped = ControllerConfig().force_i_m_s2n
@@ -143,15 +140,13 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path
         (read_condition, ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"], "subject-to|condition"),
     ],
 )
-def test_a_parameter_goal_or_condition_that_is_none_is_refused(
-    read: Callable[[Any], Any], texts: list[str], said: str
-) -> None:
+def test_a_parameter_goal_or_condition_that_is_none_is_refused(read, texts, said):
     for text in texts:
         with pytest.raises(PolishSimError, match=said):
             read([text] if isinstance(read, partial) else text)
 
 
-def test_the_file_of_tuned_values_runs_them(tmp_path: Path) -> None:
+def test_the_file_of_tuned_values_runs_them(tmp_path):
     (tmp_path / "tuned.toml").write_text(tuned_toml(search(), {"controller.force_p_m_sn": 0.005}))
     for name in ("force", "surface"):
         usual = default_scenario(name)

@@ -1,7 +1,5 @@
 """A simulated robot on a plate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

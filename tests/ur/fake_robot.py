@@ -1,8 +1,6 @@
 """A robot without mass for tests of the language: it is at once where it is sent, and writes down what it was
 told."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

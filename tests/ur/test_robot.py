@@ -1,8 +1,6 @@
 """The served robot's motions, force mode and safety on the cell's physics, against what their names
 promise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -50,7 +48,7 @@ def push(robot: SimulatedRobot) -> float:
     return float(-robot.tcp_force[:3] @ Rotation.from_rotvec(robot.actual_tcp_pose[3:]).as_matrix()[:, 2])
 
 
-def test_poses_and_jacobian_are_those_of_the_reference() -> None:
+def test_poses_and_jacobian_are_those_of_the_reference():
     rng = np.random.default_rng(500)
     odd = ([0.0, 0.0, 0.0], [1e-10, 0.0, 0.0], [0.0, 3.14159, 0.0], [-3.0, 0.4, 0.0])
     for turn in (*rng.normal(size=(50, 3)), *odd):
@@ -68,7 +66,7 @@ def test_poses_and_jacobian_are_those_of_the_reference() -> None:
             assert J @ joint_speeds(J, twist) == pytest.approx(twist, abs=1e-6)
 
 
-def test_a_line_is_straight_and_as_quick_as_asked(robot: SimulatedRobot) -> None:
+def test_a_line_is_straight_and_as_quick_as_asked(robot):
     first = robot.target_tcp_pose.copy()
     goal = moved(robot, 0.06, 0.08, 0.02)
     robot.movel(goal, 0.5, 0.05, 0.0, 0.0)
@@ -89,7 +87,7 @@ def test_a_line_is_straight_and_as_quick_as_asked(robot: SimulatedRobot) -> None
     assert robot.actual_tcp_pose[:3] == pytest.approx(goal[:3], abs=5e-4)
 
 
-def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(robot: SimulatedRobot) -> None:
+def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(robot):
     late = round(robot.cell.scenario.robot.command_latency_s / TICK_S)
     robot.speedl(moving(0.0, 0.0, 0.02), 0.5, None)
     speeds = []
@@ -111,7 +109,7 @@ def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(rob
     assert robot.target_qd == pytest.approx(before, abs=0.02)
 
 
-def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(robot: SimulatedRobot) -> None:
+def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(robot):
     first = robot.target_tcp_pose.copy()
     corner, goal = moved(robot, 0.05, 0.0, 0.0), moved(robot, 0.05, 0.05, 0.0)
     robot.set_speed_fraction(0.5)
@@ -135,7 +133,7 @@ def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(robot:
 
 
 @pytest.mark.parametrize("kind", [2, 3])
-def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot: SimulatedRobot, kind: int) -> None:
+def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot, kind):
     stand(robot, 0.5)
     robot.zero_ftsensor()
     press(robot, 40.0, kind)
@@ -162,7 +160,7 @@ def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot: Simul
     assert np.abs(robot.target_qd).max() < 1e-9
 
 
-def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(robot: SimulatedRobot) -> None:
+def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(robot):
     robot.zero_ftsensor()
     first = robot.actual_tcp_pose.copy()
     robot.force_mode(np.zeros(6), DOWN, 10.0 * DOWN, 2, LIMITS)
@@ -173,7 +171,7 @@ def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(robot: 
     assert abs(robot.actual_tcp_speed[2]) < 0.0055
 
 
-def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot: SimulatedRobot) -> None:
+def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot):
     robot.speedj(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), 20.0)
     stand(robot, 2.5)
     assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
@@ -185,7 +183,7 @@ def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot: Simula
     assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
 
 
-def test_a_stop_holds_the_arm_until_it_is_unlocked(robot: SimulatedRobot) -> None:
+def test_a_stop_holds_the_arm_until_it_is_unlocked(robot):
     robot.movel(moved(robot, 0.0, 0.1, 0.0), 0.5, 0.1, 0.0, 0.0)
     stand(robot, 0.3)
     robot.protective_stop()
@@ -199,7 +197,7 @@ def test_a_stop_holds_the_arm_until_it_is_unlocked(robot: SimulatedRobot) -> Non
     go(robot, robot.move_done)
 
 
-def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(robot: SimulatedRobot) -> None:
+def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(robot):
     place = robot.cell.state.motion.place
     place[2] += 0.06  # the part is around the tool's shaft
     stand(robot, 0.1)
@@ -214,7 +212,7 @@ def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(rob
     assert robot.safety == PROTECTIVE
 
 
-def test_no_torque_beyond_gravity_lets_the_arm_stand(robot: SimulatedRobot) -> None:
+def test_no_torque_beyond_gravity_lets_the_arm_stand(robot):
     first = robot.actual_q.copy()
     for _ in range(250):
         robot.direct_torque(np.zeros(6), False, None, None)
@@ -230,7 +228,7 @@ def test_no_torque_beyond_gravity_lets_the_arm_stand(robot: SimulatedRobot) -> N
     assert robot.safety == NORMAL
 
 
-def test_the_joints_feel_nothing_in_free_air(robot: SimulatedRobot) -> None:
+def test_the_joints_feel_nothing_in_free_air(robot):
     stand(robot, 0.5)
     weight = robot.joint_torques.copy()
     assert np.abs(weight).max() > 30.0
@@ -241,7 +239,7 @@ def test_the_joints_feel_nothing_in_free_air(robot: SimulatedRobot) -> None:
     assert np.abs(robot.free_torques).max() < 0.2 * np.abs(robot.joint_torques).max()
 
 
-def test_coriolis_torques_are_those_of_the_mass_matrix(robot: SimulatedRobot) -> None:
+def test_coriolis_torques_are_those_of_the_mass_matrix(robot):
     rng = np.random.default_rng(500)
     q, qd, h = robot.actual_q, rng.uniform(-1.0, 1.0, 6), 1e-5
 
@@ -256,7 +254,7 @@ def test_coriolis_torques_are_those_of_the_mass_matrix(robot: SimulatedRobot) ->
     assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
 
 
-def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot: SimulatedRobot) -> None:
+def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot):
     stand(robot, 0.5)
     robot.zero_ftsensor()
     down, any_way, aside = np.array([0.0, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])
@@ -283,7 +281,7 @@ def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot: S
     assert (robot.safety, robot.rig.near_limit()) == (NORMAL, False)
 
 
-def test_a_client_s_sensor_is_what_force_mode_feels(robot: SimulatedRobot) -> None:
+def test_a_client_s_sensor_is_what_force_mode_feels(robot):
     stand(robot, 0.5)
     assert robot.steady()
     robot.ft_input(True, 0.0, np.zeros(3), np.zeros(3))
@@ -304,13 +302,13 @@ def test_a_client_s_sensor_is_what_force_mode_feels(robot: SimulatedRobot) -> No
     assert robot.steady()
 
 
-def test_a_long_gap_is_a_lift_and_a_short_one_lost_contact() -> None:
+def test_a_long_gap_is_a_lift_and_a_short_one_lost_contact():
     touching = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(1.5, 2.0, 0.1), np.arange(4.0, 5.0, 0.1)])
     seated = np.array([0.5, 0.9, 1.6, 1.9, 4.5, 4.6])
     assert _lifted(seated, touching).tolist() == [False, False, False, True, False]
 
 
-def test_inverse_kinematics_give_back_where_the_arm_stands(robot: SimulatedRobot) -> None:
+def test_inverse_kinematics_give_back_where_the_arm_stands(robot):
     q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, robot.tcp_offset)
     assert q == pytest.approx(robot.actual_q, abs=1e-9)
     assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, robot.tcp_offset) is None

@@ -1,7 +1,5 @@
 """URScript: what a programme computes, how its threads take turns, what is refused and where."""
 
-from __future__ import annotations
-
 import random
 import socket
 import struct
@@ -53,12 +51,12 @@ VALUES = {
 }  # fmt: skip
 
 
-def test_an_expression_has_its_value() -> None:
+def test_an_expression_has_its_value():
     _, notes, _ = run("\n".join(f"textmsg({expression})" for expression in VALUES))
     assert dict(zip(VALUES, notes.texts, strict=True)) == VALUES
 
 
-def test_pose_algebra_is_that_of_rigid_transforms() -> None:
+def test_pose_algebra_is_that_of_rigid_transforms():
     rng = np.random.default_rng(1)
     for _ in range(50):
         a, b = (Pose(row.tolist()) for row in rng.uniform(-2.0, 2.0, (2, 6)))
@@ -73,7 +71,7 @@ def test_pose_algebra_is_that_of_rigid_transforms() -> None:
         assert values.rpy2rotvec(rpy) == pytest.approx(R_a.as_rotvec(), abs=1e-9)
 
 
-def test_a_list_is_copied_by_assignment_and_lines_go_on_behind_operators_and_in_brackets() -> None:
+def test_a_list_is_copied_by_assignment_and_lines_go_on_behind_operators_and_in_brackets():
     body = """      a = [1,
   2, 3]   # a list
 b = a
@@ -85,7 +83,7 @@ b[1] == 9:
     assert run(body)[1].texts == ["[1, 9, 3]"]
 
 
-def test_functions_take_defaults_and_names_and_keep_variables_to_themselves_unless_global() -> None:
+def test_functions_take_defaults_and_names_and_keep_variables_to_themselves_unless_global():
     body = """
 scale = 10
 global counted = 0
@@ -114,7 +112,7 @@ end
     assert run(body)[1].texts == ["33", "30", "2", "1", "1", "3"]
 
 
-def test_threads_take_turns_at_sync_and_join_waits() -> None:
+def test_threads_take_turns_at_sync_and_join_waits():
     body = """
 thread other(n):
   i = 0
@@ -132,7 +130,7 @@ textmsg("joined")
     assert run(body)[1].texts == ["main", "other", "other", "joined"]
 
 
-def test_sleep_takes_its_time_and_a_move_waits_for_the_robot() -> None:
+def test_sleep_takes_its_time_and_a_move_waits_for_the_robot():
     body = 'movej([0, 0, 0, 0, 0, 0], a=1, v=2)\ntextmsg("there")\nsleep(0.02)\ntextmsg("late")'
     seen = [len(run(body, ticks)[1].texts) for ticks in range(1, 20)]
     assert seen.index(1) == MOVE_STEPS
@@ -142,20 +140,20 @@ def test_sleep_takes_its_time_and_a_move_waits_for_the_robot() -> None:
 GOES = "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\n"
 
 
-def test_a_killed_thread_stops_the_move_it_made() -> None:
+def test_a_killed_thread_stops_the_move_it_made():
     robot, notes, _ = run(GOES + "kill t\nstopl(3)")
     assert robot.names()[:3] == ["movel", "stopj", "stopl"]
     assert notes.events[-1] == ("stopped", "f")
 
 
-def test_two_threads_do_not_move_the_robot_at_once() -> None:
+def test_two_threads_do_not_move_the_robot_at_once():
     _, notes, machine = run(GOES + "movej([0,0,0,0,0,0])")
     assert notes.events[1][:3] == ("exception", 8, 1)
     assert "another thread" in notes.events[1][3]
     assert not machine.running
 
 
-def test_the_end_of_a_programme_ends_force_mode_and_motion() -> None:
+def test_the_end_of_a_programme_ends_force_mode_and_motion():
     robot, notes, _ = run(
         "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()"
     )
@@ -163,7 +161,7 @@ def test_the_end_of_a_programme_ends_force_mode_and_motion() -> None:
     assert notes.events == [("started", "f"), ("stopped", "f")]
 
 
-def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may_not_wait() -> None:
+def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may_not_wait():
     robot, notes, machine = run('popup("look", blocking=True)\ntextmsg("on")')
     assert notes.texts == []
     machine.close_popup()
@@ -191,7 +189,7 @@ def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may
         ("1 = 2", 2, 1, "only a variable"),
     ],
 )
-def test_a_programme_is_refused_with_line_and_column(body: str, line: int, column: int, words: str) -> None:
+def test_a_programme_is_refused_with_line_and_column(body, line, column, words):
     with pytest.raises(ScriptError) as refused:
         Machine(f"def f():\n{body}\nend\n", Notes())
     assert words in refused.value.text
@@ -216,7 +214,7 @@ def test_a_programme_is_refused_with_line_and_column(body: str, line: int, colum
         ("if False:\n y = 1\nend\nx = y", "no value yet"),
     ],
 )
-def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None:
+def test_a_failing_programme_stops_with_its_place(body, words):
     _, notes, machine = run(body)
     kinds = [event[0] for event in notes.events]
     assert kinds == ["started", "exception", "stopped"]
@@ -237,12 +235,12 @@ def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None
         "(" * 5000, "x=" + "-" * 5000 + "1", "def g():\n" * 3000, "x=" + "1+" * 3000 + "1",
     ],
 )  # fmt: skip
-def test_nothing_of_python_can_be_reached_and_no_depth_is_too_much(text: str) -> None:
+def test_nothing_of_python_can_be_reached_and_no_depth_is_too_much(text):
     with pytest.raises(ScriptError):
         Machine(f"def f():\n{text}\nend\n", Notes())
 
 
-def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
+def test_a_programme_compiles_to_its_own_names_and_ours_only():
     """Whatever a programme is called and says, its code names nothing but what it was given."""
     words = (
         "__class__", "__globals__", "gi_frame", "f_back", "eval", "os", "main", "spend", "List", "Halt",
@@ -275,7 +273,7 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
         + "i = 0\nwhile i < 60:\n h = run t(i)\n i = i + 1\nend\nsync()",
     ],
 )
-def test_no_programme_holds_the_server_up(body: str) -> None:
+def test_no_programme_holds_the_server_up(body):
     """Neither by time nor by memory: what would be endless is stopped within a step."""
     machine, notes, robot = Machine(f"def f():\n{body}\nend\n", Notes()), Notes(), FakeRobot()
     machine.listener, longest = notes, 0.0
@@ -286,7 +284,7 @@ def test_no_programme_holds_the_server_up(body: str) -> None:
     assert longest < 3_000_000
 
 
-def test_sockets_carry_integers_in_network_order() -> None:
+def test_sockets_carry_integers_in_network_order():
     server = socket.create_server(("127.0.0.1", 0))
     body = f"""
 if socket_open("127.0.0.1", {server.getsockname()[1]}, "line"):
@@ -309,7 +307,7 @@ end
     assert client.recv(4) == b""  # the programme has ended and closed it
 
 
-def test_broken_programmes_are_refused_and_nothing_else_happens() -> None:
+def test_broken_programmes_are_refused_and_nothing_else_happens():
     """Cuts, swaps and rubbish in a programme that uses the whole grammar."""
     whole = """
 def f():
@@ -351,7 +349,7 @@ end
     assert 40 < refused < 150
 
 
-def test_a_control_loop_takes_few_calls_of_its_2_ms() -> None:
+def test_a_control_loop_takes_few_calls_of_its_2_ms():
     """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that
     moves."""
     branches = "".join(f"  elif cmd == {k}:\n   textmsg({k})\n" for k in range(1, 71))

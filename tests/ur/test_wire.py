@@ -1,7 +1,5 @@
 """Every port of the served robot, in bytes: what clients send, and what nobody should."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import json
@@ -32,7 +30,7 @@ from polish_sim.ur.dashboard import answer
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
-from tests.cli.conftest import PROGRAM, UNPROVEN, Tool, undrawn
+from tests.cli.conftest import PROGRAM, UNPROVEN, undrawn
 from tests.kept import plate_file
 
 ADDRESS = "127.0.0.1"
@@ -127,7 +125,7 @@ def lines(connection: socket.socket, *sent: str) -> list[str]:
     return said
 
 
-def test_rtde_negotiates_and_sends_what_was_asked(served: Served) -> None:
+def test_rtde_negotiates_and_sends_what_was_asked(served):
     client = Rtde(served)
     assert client.ask(b"V", struct.pack(">H", 3)) == b"\0"
     assert struct.unpack(">4I", client.ask(b"v", b""))[:2] == (5, 11)
@@ -160,7 +158,7 @@ def test_rtde_negotiates_and_sends_what_was_asked(served: Served) -> None:
     assert other.ask(b"I", b"input_int_register_0") == b"\1INT32"
 
 
-def test_a_client_s_sensor_has_to_be_fed_or_the_programme_pauses(served: Served) -> None:
+def test_a_client_s_sensor_has_to_be_fed_or_the_programme_pauses(served):
     client, dashboard = Rtde(served), served.connect(DASHBOARD)
     dashboard.recv(200)
     assert client.ask(b"I", b"external_force_torque") == b"\1VECTOR6D"
@@ -178,7 +176,7 @@ def test_a_client_s_sensor_has_to_be_fed_or_the_programme_pauses(served: Served)
     assert lines(dashboard, "play", "programState") == ["Starting program", "PLAYING prog"]
 
 
-def test_the_dashboard_says_what_the_robot_does(served: Served) -> None:
+def test_the_dashboard_says_what_the_robot_does(served):
     connection = served.connect(DASHBOARD)
     assert connection.recv(200).startswith(b"Connected: Universal Robots Dashboard Server")
     assert lines(connection, "robotmode", "programState", "nonsense") == [
@@ -203,7 +201,7 @@ def test_the_dashboard_says_what_the_robot_does(served: Served) -> None:
     assert lines(connection, "brake release", "robotmode") == ["Brake releasing", "Robotmode: RUNNING"]
 
 
-def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robot: SimulatedRobot) -> None:
+def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robot):
     controller = Controller(robot, "5.11", Machine)
     controller.run("def stops():\n  protective_stop()\n  sync()\nend\n", "")
     controller.tick()
@@ -222,7 +220,7 @@ def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robo
     assert controller.machine is None
 
 
-def test_the_robot_stops_when_the_client_of_its_programme_dies(served: Served) -> None:
+def test_the_robot_stops_when_the_client_of_its_programme_dies(served):
     client = Rtde(served)
     client.ask(b"I", b"input_int_register_0")
     rises = ("thread m():", "  speedl([0,0,0.02,0,0,0], 0.5, 20)", "end", "run m()")
@@ -235,7 +233,7 @@ def test_the_robot_stops_when_the_client_of_its_programme_dies(served: Served) -
     served.until(served.robot.steady)
 
 
-def test_a_watchdog_stops_a_programme_whose_client_is_silent(robot: SimulatedRobot) -> None:
+def test_a_watchdog_stops_a_programme_whose_client_is_silent(robot):
     controller = Controller(robot, "5.11", Machine)
     controller.run(loop('rtde_set_watchdog("input_int_register_0", 10, "stop")').decode(), "")
     while controller.machine is not None and robot.ticks < 200:
@@ -255,7 +253,7 @@ def messages(connection: socket.socket, kind: int) -> Iterator[bytes]:
             yield body[10:]
 
 
-def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(served: Served) -> None:
+def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(served):
     primary = served.connect(PRIMARY)
     primary.sendall(b"def bad():\n  no_such_function(1)\nend\n")
     line, column = struct.unpack(">ii", (text := next(messages(primary, 10)))[:8])
@@ -269,7 +267,7 @@ def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(serve
     assert struct.unpack(">iiBII", next(modes))[2] == 1  # a second later: what was asked for too soon waits
 
 
-def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
+def test_the_line_falls_silent_now_and_then_and_loses_nothing():
     scenario = override(
         default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"]
     )
@@ -289,7 +287,7 @@ def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
         assert not ideal.silent
 
 
-def test_a_long_programme_is_read_while_the_clock_goes_on(robot: SimulatedRobot) -> None:
+def test_a_long_programme_is_read_while_the_clock_goes_on(robot):
     reader = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
     controller = Controller(robot, "5.11", Machine, reader)
     source = "def long():\n" + "  x = 7 * (2 + [1, 2][1])\n" * 1000 + "  sleep(9)\nend\n"
@@ -312,7 +310,7 @@ def test_a_long_programme_is_read_while_the_clock_goes_on(robot: SimulatedRobot)
     assert controller.machine is None
 
 
-def test_bytes_that_nobody_should_send_do_no_harm(served: Served) -> None:
+def test_bytes_that_nobody_should_send_do_no_harm(served):
     rng = np.random.default_rng(500)
     for number in range(300):
         port = (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE)[number % 5]
@@ -332,7 +330,7 @@ def test_bytes_that_nobody_should_send_do_no_harm(served: Served) -> None:
     assert lines(connection, "safetymode") == ["Safetymode: NORMAL"]
 
 
-def test_twenty_clients_and_one_that_never_reads(served: Served) -> None:
+def test_twenty_clients_and_one_that_never_reads(served):
     idle = served.connect(REALTIME)
     clients = [Rtde(served) for _ in range(20)]
     for client in clients:
@@ -343,7 +341,7 @@ def test_twenty_clients_and_one_that_never_reads(served: Served) -> None:
     idle.close()
 
 
-def test_a_lock_step_client_gets_the_same_bytes_twice(build: Callable[[], SimulatedRobot]) -> None:
+def test_a_lock_step_client_gets_the_same_bytes_twice(build):
     """And so is what is recorded of the force it asks for, from the air to the process."""
     press = "force_mode(get_actual_tcp_pose(), [0,0,1,0,0,0], [0,0,20,0,0,0], 2, [1,1,0.02,1,1,1])"
     s = np.linspace(0.0, 0.1, 5)
@@ -373,12 +371,12 @@ def test_a_lock_step_client_gets_the_same_bytes_twice(build: Callable[[], Simula
     assert recorded[0] == recorded[1]
 
 
-def test_taken_ports_are_named(served: Served) -> None:
+def test_taken_ports_are_named(served):
     with pytest.raises(InputError, match=f"port {DASHBOARD + served.offset} of {ADDRESS} cannot be used"):
         Server(served.controller, ADDRESS, True, served.offset)
 
 
-def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim, tmp_path):
     with socket.create_server(("127.0.0.8", REALTIME)):
         code, _, err = polish_sim("serve", "--part", "plate", "--address", "127.0.0.8", "--out", "SERVED")
     assert code == 2
@@ -387,7 +385,7 @@ def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim: Tool, tmp_
     assert not (tmp_path / "SERVED").exists()
 
 
-def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Tool) -> None:
+def test_addresses_and_versions_that_are_none_are_refused(polish_sim):
     for words, said in (
         (("--address", "robot"), "is no IP address"),
         (("--polyscope", "4.0"), "5.11"),
@@ -401,7 +399,7 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Tool) -> N
         assert (code, said in err, err.count("\n")) == (2, True, 1), err
 
 
-def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_path: Path) -> None:
+def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_path):
     both, plate = ("127.0.0.9", "127.0.0.10"), str(plate_file())
     planned = ["plan", plate, "--stepover", "40", *UNPROVEN, "--out", str(tmp_path / "PLAN")]
     with undrawn():

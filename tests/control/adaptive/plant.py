@@ -1,8 +1,6 @@
 """Plants in closed form: late commands, the tool an integrator, a late and noisy sensor, and a spring whose
 ground is at rest, rises evenly, or rises and falls along a track the tool is fed on."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Each law of hybrid-adaptive by itself, against what it should find."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -34,7 +32,7 @@ GAINS = adaptive_gains(AdaptiveConfig())
 STILL = measurement_at_rest()
 
 
-def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
+def test_a_ramp_is_shown_as_late_as_the_sensor_is():
     """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the
     hold."""
     memory, speed = PressMemory(), 0.02
@@ -45,7 +43,7 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
     assert seen.own == pytest.approx(3.0)
 
 
-def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_up_within_its_lag() -> None:
+def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_up_within_its_lag():
     memory = PressMemory()
     forces = [own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
@@ -61,7 +59,7 @@ def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_u
 
 
 @pytest.mark.parametrize(("cycles", "speed"), [(4, 0.002), (9, 0.02), (25, 0.002)])
-def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: float) -> None:
+def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
     """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under
     way."""
     memory = PressMemory()
@@ -75,7 +73,7 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: floa
 
 
 @pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 40000.0])
-def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float) -> None:
+def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness):
     rng, memory = np.random.default_rng(0), PressMemory()
     memory.air.variance = 0.25**2
     restart_fit(memory, 0.0, 0.0)
@@ -90,7 +88,7 @@ def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float
     assert found[-1] == pytest.approx(stiffness, rel=0.35)
 
 
-def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
+def test_a_tool_at_rest_learns_nothing_about_springs():
     rng, memory = np.random.default_rng(0), PressMemory()
     restart_fit(memory, 0.0, 0.0)
     for _ in range(2000):
@@ -99,7 +97,7 @@ def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noise: float) -> None:
+def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noise):
     rng, memory, blend = np.random.default_rng(1), PressMemory(), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     white = noise / math.sqrt(blend / (2.0 - blend))
     reading = 0.0
@@ -113,7 +111,7 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
 
 
 @pytest.mark.parametrize("travel", [0.0003, 0.004, 0.02])
-def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_robot(travel: float) -> None:
+def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_robot(travel):
     left, speeds = travel, []
     for _ in range(600):
         speeds.append(quickest_stop(GAINS, left, 40.0, 0.1))
@@ -125,7 +123,7 @@ def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_ro
     assert quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
 
 
-def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow() -> None:
+def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
     usual = pace_of(GAINS, 5000.0, 0.012, 0.25, 1.0)
     assert usual.crossover <= GAINS.delay_share / 0.012
     for stiffness in (500.0, 1000.0, 5000.0):
@@ -136,7 +134,7 @@ def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow() -> None:
     assert pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
 
 
-def test_the_observer_knows_the_force_before_the_sensor_shows_it() -> None:
+def test_the_observer_knows_the_force_before_the_sensor_shows_it():
     """The tool presses by travel alone; the reading is 4 ms late, the estimate is not."""
     memory, k, z = PressMemory(), 5000.0, 0.0
     begin_contact(memory, k, 0.0, 0.0)
@@ -158,13 +156,13 @@ def corrections(memory: PressMemory, added: Callable[[float], float], seconds: f
 
 
 @pytest.mark.parametrize("times", [0.5, 1.0, 3.0])
-def test_the_notch_takes_out_the_arms_vibration(times: float) -> None:
+def test_the_notch_takes_out_the_arms_vibration(times):
     """At x times its frequency |1 - x^2| / (1 + x^2) is left; up to a tenth in steps of 1 ms."""
     found = corrections(PressMemory(), lambda t: math.sin(times * GAINS.arm_mode * t))
     assert max(found[1000:]) == pytest.approx(abs(1.0 - times**2) / (1.0 + times**2), abs=0.1)
 
 
-def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_has_none() -> None:
+def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_has_none():
     memory, rise = PressMemory(), 20.0
     memory.force.rate = rise
     found = corrections(memory, lambda t: rise * t)
@@ -174,7 +172,7 @@ def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_h
         assert correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
 
 
-def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise() -> None:
+def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise():
     memory = PressMemory()
     begin_contact(memory, 25000.0, 0.001, 3.0)
     corrections(memory, lambda _: -22.0, 0.3)

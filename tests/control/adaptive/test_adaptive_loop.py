@@ -1,8 +1,6 @@
 """The composed law on a spring in closed form: it lands fast on any spring at any delay, and follows a rising
 part."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -29,9 +27,7 @@ def without(law: str) -> str:
 
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
 @pytest.mark.parametrize(("command", "sensor"), [(2, 1), (17, 5)])
-def test_it_lands_on_any_spring_at_any_delay_without_being_told(
-    scale: float, command: int, sensor: int
-) -> None:
+def test_it_lands_on_any_spring_at_any_delay_without_being_told(scale, command, sensor):
     run = land(adaptive(), Plant(stiffness=5000.0 * scale, command_delay=command, sensor_delay=sensor))
     # What cannot strike on stiff springs takes its time for the 20 mm that soft ones give by.
     assert settling(run, 20.0) < (1.0 if scale < 1.0 else 0.35)
@@ -40,16 +36,14 @@ def test_it_lands_on_any_spring_at_any_delay_without_being_told(
 
 
 @pytest.mark.parametrize(("approach", "force"), [(0.002, 20.0), (0.05, 20.0), (0.02, 3.0), (0.02, 50.0)])
-def test_landing_takes_less_than_a_quarter_second_whatever_approach_and_force(
-    approach: float, force: float
-) -> None:
+def test_landing_takes_less_than_a_quarter_second_whatever_approach_and_force(approach, force):
     run = land(adaptive(), Plant(noise=0.5), approach, set_force=force)
     assert settling(run, force) < (0.25 if force == 20.0 else 0.3)
     assert run.force.max() < force + 1.0
 
 
 @pytest.mark.parametrize("rise", [-0.004, 0.004])
-def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise: float) -> None:
+def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise):
     """The observer's rate is the integral action; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) =
     0.28 N."""
     run = land(adaptive(), Plant(rise=rise), seconds=2.0)
@@ -57,19 +51,19 @@ def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise: f
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
 
 
-def test_the_tools_own_inertia_does_not_ring_on_a_soft_spring() -> None:
+def test_the_tools_own_inertia_does_not_ring_on_a_soft_spring():
     plant = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
     run = land(adaptive(), plant, seconds=2.5)
     assert np.abs(run.force[-500:] - 20.0).max() < 0.1
 
 
 @pytest.mark.parametrize("law", ["touch-down", "stiffness", "inertia"])
-def test_without_one_law_the_others_still_land(law: str) -> None:
+def test_without_one_law_the_others_still_land(law):
     run = land(adaptive(laws=without(law)), Plant(), seconds=2.0)
     assert np.abs(run.force[-300:] - 20.0).max() < 0.2
 
 
-def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff() -> None:
+def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff():
     stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
     slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.005)
     fast = land(adaptive(), Plant(noise=0.5), approach=0.005)
@@ -78,7 +72,7 @@ def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_t
     assert land(adaptive(laws=without("stiffness")), stiff).force.max() > 25.0
 
 
-def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() -> None:
+def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
     """The sequence takes noise for contact half a metre above the part: the tool continues at its approach
     speed."""
     controller, rng = adaptive(), np.random.default_rng(0)
@@ -95,6 +89,6 @@ def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() 
     assert np.mean(speeds[1001:]) == pytest.approx(0.01, rel=0.05)
 
 
-def test_a_law_that_does_not_exist_is_refused_with_the_names_there_are() -> None:
+def test_a_law_that_does_not_exist_is_refused_with_the_names_there_are():
     with pytest.raises(ConfigError, match=r"'touchdown'.*touch-down, stiffness"):
         adaptive(laws="touchdown")

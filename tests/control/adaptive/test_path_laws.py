@@ -1,8 +1,6 @@
 """What the path contributes: each law against its closed form, and what it is worth on a plant in closed
 form."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -94,13 +92,13 @@ def sent(
     return float(planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
 
 
-def test_columns_are_linear_between_rows_and_held_at_the_ends() -> None:
+def test_columns_are_linear_between_rows_and_held_at_the_ends():
     ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
     for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
         assert at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
 
 
-def test_without_a_course_nothing_is_expected() -> None:
+def test_without_a_course_nothing_is_expected():
     ahead = nothing_ahead()
     assert at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
     assert sent(ahead, 0.1) == 0.0
@@ -108,21 +106,21 @@ def test_without_a_course_nothing_is_expected() -> None:
     assert granted(ahead, 0.0, PathMemory()) == 1.0
 
 
-def test_the_tool_is_sent_down_a_slope_at_slope_times_feed() -> None:
+def test_the_tool_is_sent_down_a_slope_at_slope_times_feed():
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
     assert sent(ahead, 0.05) == pytest.approx(0.05 * 0.06, rel=1e-3)
     assert sent(ahead, 0.05, ratio=0.2) == pytest.approx(0.2 * sent(ahead, 0.05))  # on stiffer springs
     assert planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
 
 
-def test_the_rate_is_that_of_the_place_where_the_command_will_act() -> None:
+def test_the_rate_is_that_of_the_place_where_the_command_will_act():
     surplus = np.where(np.arange(400) < 200, 0.0, 0.05 * SPACING * (np.arange(400) - 200))
     ahead = seen_with(surplus=surplus)
     assert sent(ahead, 0.09) == pytest.approx(0, abs=1e-6)
     assert sent(ahead, 0.09, look_ahead=0.4) == pytest.approx(0.05 * 0.06, rel=1e-2)
 
 
-def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back() -> None:
+def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back():
     """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no
     lag."""
     ahead = seen_with(surplus=np.zeros(200))
@@ -131,7 +129,7 @@ def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back() -> None:
     assert sent(ahead, 0.05, R=R, wanted=R) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
+def test_turning_is_led_by_its_change_over_the_look_ahead():
     turning = np.zeros((400, 3))
     turning[200:, 1] = 10.0
     ahead, out = seen_with(turning=turning), np.zeros(7)
@@ -142,7 +140,7 @@ def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
     np.testing.assert_allclose(out, 0.0, atol=1e-9)
 
 
-def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> None:
+def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
     """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the
     part."""
     v, radius, height = 0.06, 0.06, 0.1226
@@ -154,7 +152,7 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> N
     assert abs(round_a_bend(gains, m)) == pytest.approx(v**2 / radius + height * (v / radius) ** 2)
 
 
-def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not_elsewhere() -> None:
+def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not_elsewhere():
     """A corner of 3 mm radius takes half of 1.2 m/s^2 at sqrt(0.6 x 0.003) = 42 mm/s."""
     bending = np.zeros(2000)
     bending[1000:1040] = 1.0 / 0.003
@@ -167,7 +165,7 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
     assert acceleration.max() <= 0.12 + 1e-9
 
 
-def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration() -> None:
+def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration():
     """200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s."""
     can = abilities(AdaptiveConfig(gear_waves=200.0))
     turning, mode = np.zeros((2000, 3)), np.full(2000, 2.0 * math.pi * 24.0)
@@ -179,7 +177,7 @@ def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibratio
     assert followable_share(rigid, can)[1000] == 1.0
 
 
-def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not() -> None:
+def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not():
     course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
     laws = [hybrid_adaptive(ControllerConfig(adaptive=AdaptiveConfig(arm_mode_hz=hz))) for hz in (20.0, 0.0)]
     for law in laws:
@@ -189,14 +187,14 @@ def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not() -> 
     assert not rigid.course["arm_mode"].any()
 
 
-def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget() -> None:
+def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget():
     surplus = 0.5 * SPACING * np.arange(400)
     share = followable_share(course_of(surplus, feed=0.1), CAN)
     speed = 0.1 * share[200]
     assert 0.3 * SPRING * 0.5 * speed / 40.0 == pytest.approx(1.0, rel=1e-3)
 
 
-def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it() -> None:
+def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it():
     ahead, memory = nothing_ahead(), PathMemory()
     shares = [granted(ahead, 2.0, memory) for _ in range(1500)]
     assert shares[0] == 1.0
@@ -208,7 +206,7 @@ def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it() -> None:
     assert granted(ahead, 0.0, PathMemory(feed_error=100.0)) == pytest.approx(FEED.least)
 
 
-def test_a_learned_ramp_is_stored_where_it_was_met() -> None:
+def test_a_learned_ramp_is_stored_where_it_was_met():
     """The average lags its length behind a ramp; what is stored does not."""
     ahead, state = seen_with(surplus=np.zeros(800)), LearningMemory()
     for s in np.arange(0.0, 0.2, 0.06 * 0.001):
@@ -219,7 +217,7 @@ def test_a_learned_ramp_is_stored_where_it_was_met() -> None:
     assert not ahead.rows["known"][:10].any()
 
 
-def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_is_lost() -> None:
+def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_is_lost():
     neighbour = np.where(np.arange(800) < 600, np.arange(800) - 400, -1)
     ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
     ahead.rows["learned"], ahead.rows["known"] = 0.01 * SPACING * np.arange(800), True
@@ -255,18 +253,18 @@ def level(true_tilt: Array, noise: float = 0.0, friction: float = 0.0, seconds: 
     return np.array(track)
 
 
-def test_a_tilted_part_is_found_up_to_ten_degrees_and_friction_does_not_matter() -> None:
+def test_a_tilted_part_is_found_up_to_ten_degrees_and_friction_does_not_matter():
     for tilt in ([0.05, -0.08], [0.0, math.radians(8.0)]):
         np.testing.assert_allclose(level(np.array(tilt), friction=6.0)[-1], tilt, atol=1e-3)
     assert np.linalg.norm(level(np.array([0.4, 0.4]))[-1]) == pytest.approx(0.17)
 
 
-def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians() -> None:
+def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians():
     found = level(np.zeros(2), noise=0.02, seconds=20.0)
     assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
 
 
-def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it() -> None:
+def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it():
     """0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s."""
     m, state, tilts = measurement_at_rest(), NormalMemory(), []
     for k in range(3000):
@@ -278,7 +276,7 @@ def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it() -> No
     assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / MOMENT_HZ), rel=0.05)
 
 
-def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool() -> None:
+def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool():
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
     m, state = measurement_at_rest(), NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
@@ -287,7 +285,7 @@ def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool() -> N
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
 
 
-def test_the_planned_axis_is_turned_about_the_tools_own_axes() -> None:
+def test_the_planned_axis_is_turned_about_the_tools_own_axes():
     t, R = fed_at(0.0), np.empty((3, 3))
     t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
     tilted_target(t, NormalMemory(0.05, -0.1), R)
@@ -306,7 +304,7 @@ def wave(s: float) -> float:
     return 0.0005 * (1.0 - math.cos(100.0 * s))
 
 
-def test_a_drawn_wave_is_followed_better_with_feed_forward() -> None:
+def test_a_drawn_wave_is_followed_better_with_feed_forward():
     rows = np.arange(700)
     course = course_of(np.array([wave(SPACING * r) for r in rows]))
     worst = []
@@ -319,7 +317,7 @@ def test_a_drawn_wave_is_followed_better_with_feed_forward() -> None:
     assert worst[1] < 0.2 * worst[0]
 
 
-def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn() -> None:
+def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn():
     """Two equal turns of 0.4 m one after the other; nothing of the wave is in the course."""
     length, rows = 0.4, np.arange(1700)
 
@@ -336,7 +334,7 @@ def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn() -> None
     assert second < 0.5 * first
 
 
-def test_reset_forgets_the_run_and_keeps_the_course() -> None:
+def test_reset_forgets_the_run_and_keeps_the_course():
     law = controller("feed-forward feed learning normal")
     law.prepare(course_of(np.zeros(700)))
     fresh, drawn = law.context.copy(), law.course.copy()
