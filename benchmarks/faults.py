@@ -28,7 +28,7 @@ MOST_N = 60.0  # exact contact force
 SOONEST_S, LATEST_S = 0.5, 5.0  # of the fault, from the start of the run
 REASON_WITHIN_S = 0.020
 DRIVERS = tuple(name for name in ("hybrid-pi", "hybrid-adaptive") if name in CONTROLLERS)
-DRAWN = tuple(name for name, fault in FAULTS.items() if not fault.on_master)
+DRAWN = tuple(FAULTS)
 RUNS = {
     "force": ("process.hold_s=3", "process.approach_speed_m_s=0.01"),
     "surface": (

@@ -54,8 +54,7 @@ def healthy(seeds: Iterable[int], parts: Sequence[str]) -> Iterator[Case]:
 
 def faulty(seeds: Iterable[int]) -> Iterator[Case]:
     """Runs with one fault each."""
-    names = [name for name, fault in FAULTS.items() if not fault.on_master]
-    for name, moment, driver in product(names, MOMENTS, DRIVERS):
+    for name, moment, driver in product(FAULTS, MOMENTS, DRIVERS):
         settings = (
             f"faults.events={name}@{moment}",
             f"controller.name={driver}",

@@ -68,9 +68,8 @@ def list_names(kind: Kind = None) -> None:
 def _known() -> Mapping[str, Mapping[str, str]]:
     """Names of every kind, each with a line that says what it is."""
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.cell import FAULTS
     from polish_sim.control import CONTROLLERS
-    from polish_sim.experiments.registry import experiments
+    from polish_sim.experiments.registry import experiments, known_faults
     from polish_sim.job.tools import read_tools
     from polish_sim.models import WORKPIECES
     from polish_sim.planning import PATTERNS
@@ -84,7 +83,7 @@ def _known() -> Mapping[str, Mapping[str, str]]:
         },
         "experiments": {name: row.text for name, row in experiments().items()},
         "patterns": _first_lines({name: pattern.plan for name, pattern in PATTERNS.items()}),
-        "faults": {name: fault.text for name, fault in FAULTS.items()},
+        "faults": {name: fault.text for name, fault in known_faults().items()},
         "tools": {name: tool.text for name, tool in read_tools().items()},
     }
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.faults import FAULTS, as_planned, lacking_for
+from polish_sim.cell.faults import as_planned
 from polish_sim.cell.observer import STOPPING
 from polish_sim.cell.set_points import FEED, FORCE
 from polish_sim.cell.stroke import cycle_time
@@ -86,9 +86,9 @@ class LiveView(FrameSink):
         else:
             self._total = math.inf
         with gui.add_folder("Faults", expand_by_default=False):
-            for name in FAULTS:
-                if not lacking_for(name, cell.on_part, bool(cell.arm)):
-                    button = gui.add_button(name, hint=FAULTS[name].text, color="gray")
+            for name, fault in cell.fault_table.items():
+                if cell.on_part or not fault.on_part:
+                    button = gui.add_button(name, hint=fault.text, color="gray")
                     button.on_click(lambda _, name=name: self._faults.put(name))
         self._changed = gui.add_html("")
 

@@ -158,7 +158,6 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact():
     [
         ("faults.events=part-high@1", "no part to press on"),
         ("faults.events=sensor-frozen@contact+1", "no part to press on"),
-        ("faults.events=master-stop@1", "no second robot"),
         ("process.changes='force_n=10@1'", "no part to press on"),
     ],
 )

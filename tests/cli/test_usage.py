@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from polish_sim import __version__
-from polish_sim.cell import FAULTS
 from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
+from polish_sim.dual.faults import PAIR_FAULTS
+from polish_sim.experiments.registry import known_faults
 from tests.cli.conftest import assert_refused
 
 COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
@@ -187,6 +188,6 @@ def test_list_says_what_ships_and_what_each_is(polish_sim):
         for kind in KINDS
     }
     assert all(text and not text.endswith(".") for texts in told.values() for text in texts.values())
-    assert told["faults"].keys() == FAULTS.keys()
+    assert told["faults"].keys() == known_faults().keys() == PAIR_FAULTS.keys()
     assert "20 mm/s" in told["faults"]["part-high"]
     assert polish_sim("config", "calibrate-payload").out.startswith('experiment = "calibrate-payload"')

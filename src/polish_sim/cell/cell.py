@@ -16,6 +16,8 @@ from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart, build_pad, build_spindle
 from polish_sim.cell.engine import engine_views, register_engine
 from polish_sim.cell.faults import (
+    FAULTS,
+    Fault,
     FaultClock,
     FaultEvent,
     SafetyRecord,
@@ -116,6 +118,7 @@ class Cell:
     """
 
     arm = ""  #: Prefix of the names of the robot with the tool
+    fault_table: Mapping[str, Fault] = FAULTS  #: What can go wrong in it
     reasons: Mapping[int, str] = REASONS  #: What each code of a protective stop means
     more_columns = 0  #: Columns recorded behind those of the log
 
@@ -189,7 +192,7 @@ class Cell:
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number, self.draws = 0, np.empty((0, DRAWS))
         self.faults = FaultClock(
-            planned_events(scenario.faults, scenario.process, self.on_part, bool(self.arm)), self.set_points
+            planned_events(scenario.faults, scenario.process, self.on_part, self.fault_table), self.set_points
         )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel, self.recorder = (
@@ -280,8 +283,8 @@ class Cell:
         Raises:
             PolishSimError: There is no such thing.
         """
-        parse = parse_changes if "=" in what else parse_events
-        (event,) = parse(f"{what}@{self.state.status.steps * self.kernel.engine.dt:.12g}")
+        entry = f"{what}@{self.state.status.steps * self.kernel.engine.dt:.12g}"
+        (event,) = parse_changes(entry) if "=" in what else parse_events(entry, self.fault_table)
         self.faults.waiting.append(event)
         self.asked.append(event)
 

@@ -32,7 +32,6 @@ DRIFT_N_S = 3.0
 PART_M = 0.010
 SHAKE_M, SHAKE_HZ = 0.001, 5.0
 LATENCY_S = 0.040
-SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 NO_PART = "no part to press on"
 _AWAY_M = 10.0  # where a missing part goes: out of reach
@@ -45,10 +44,10 @@ class Fault(NamedTuple):
     text: str  #: What happens, one line
     inject: Inject  #: Makes it happen in a running cell
     on_part: bool = False  #: Whether it changes nothing without a part to press on
-    on_master: bool = False  #: Whether it changes nothing without a second robot that carries the part
+    lacking: str = ""  #: What is not there in cells of other experiments, which do not know it
 
 
-def _set(record: str, field: str, value: float) -> Inject:
+def set_field(record: str, field: str, value: float) -> Inject:
     """Give a field of one of the cell's records a value."""
     return lambda cell: setattr(attrgetter(record)(cell), field, value)
 
@@ -99,13 +98,13 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "sensor-dropout": Fault(
             "the wrist sensor's reading is missing (not a number)",
-            _set("state.sensor.errors", "reach", math.nan),
+            set_field("state.sensor.errors", "reach", math.nan),
         ),
         "sensor-zeros": Fault(
-            "the wrist sensor's reading is all zeros", _set("state.sensor.errors", "reach", 0.0)
+            "the wrist sensor's reading is all zeros", set_field("state.sensor.errors", "reach", 0.0)
         ),
         "sensor-frozen": Fault(
-            "the wrist sensor's reading no longer changes", _set("state.sensor", "next", math.inf)
+            "the wrist sensor's reading no longer changes", set_field("state.sensor", "next", math.inf)
         ),
         "sensor-jump": Fault(
             f"the reading along the tool axis jumps by +{JUMP_N:g} N", partial(_bias, JUMP_N)
@@ -116,11 +115,12 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _drift),
         "sensor-noise": Fault(f"the sensor's noise grows {NOISE_TIMES:g} times", _sensor_noise),
         "command-lost": Fault(
-            "the host sends no more commands: speedl runs out by itself", _set("state.status", "mute", True)
+            "the host sends no more commands: speedl runs out by itself",
+            set_field("state.status", "mute", True),
         ),
         "latency-jump": Fault(f"commands come {1e3 * LATENCY_S:g} ms later than before", _latency_jump),
         "controller-nan": Fault(
-            "the controller's answer is not a number", _set("state.status", "poisoned", True)
+            "the controller's answer is not a number", set_field("state.status", "poisoned", True)
         ),
         "part-missing": Fault("the part is gone, at once", _part_missing, on_part=True),
         "part-high": Fault(
@@ -143,26 +143,11 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         "spindle-stop": Fault(
             "the spindle's drive fails: it runs down in 0.5 s",
-            _set("state.spindle", "failed", True),
+            set_field("state.spindle", "failed", True),
             on_part=True,
         ),
         "friction-jump": Fault(
             f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True
-        ),
-        "master-stop": Fault(
-            "the master stops itself, as its own guards would",
-            _set("master.state", "halted", True),
-            on_master=True,
-        ),
-        "master-silent": Fault(
-            "the host no longer receives the master's position",
-            _set("master.state", "unheard", True),
-            on_master=True,
-        ),
-        "master-slow": Fault(
-            f"the master moves at {SLOW:g} of its speed",
-            _set("master.state", "slow", 1.0 - SLOW),
-            on_master=True,
         ),
     }
 )
@@ -181,31 +166,24 @@ class FaultEvent(NamedTuple):
         return f"{what}@{'contact+' if self.after_contact else ''}{self.time:.12g}"
 
 
-def parse_events(text: str) -> tuple[FaultEvent, ...]:
-    """Read ``NAME@TIME, NAME@contact+TIME, ...``.
+def parse_events(text: str, known: Mapping[str, Fault] = FAULTS) -> tuple[FaultEvent, ...]:
+    """Read ``NAME@TIME, NAME@contact+TIME, ...``; ``known`` faults by name.
 
     Raises:
         InputError: A fault is not known; lists the known ones.
         ConfigError: An entry is not NAME@TIME.
     """
-    return tuple(map(_parse_event, _entries(text)))
-
-
-def lacking_for(name: str, on_part: bool, two_robots: bool) -> str:
-    """What a fault needs that a cell does not have; empty if nothing."""
-    if FAULTS[name].on_part and not on_part:
-        return NO_PART
-    return "no second robot: it is one of 'run dual'" if FAULTS[name].on_master and not two_robots else ""
+    return tuple(_parse_event(entry, known) for entry in _entries(text))
 
 
 def _entries(text: str) -> list[str]:
     return [entry.strip() for entry in text.split(",") if entry.strip()]
 
 
-def _parse_event(entry: str) -> FaultEvent:
+def _parse_event(entry: str, known: Mapping[str, Fault]) -> FaultEvent:
     name, time, after_contact = _parse_time(entry, "fault", "NAME", "sensor-frozen")
-    if name not in FAULTS:
-        raise unknown_name("fault", name, FAULTS)
+    if name not in known:
+        raise unknown_name("fault", name, known)
     return FaultEvent(name, time, after_contact)
 
 
@@ -252,21 +230,29 @@ def _parse_change(entry: str) -> FaultEvent:
 
 
 def planned_events(
-    faults: FaultsConfig, process: ProcessConfig, on_part: bool, two_robots: bool
+    faults: FaultsConfig,
+    process: ProcessConfig,
+    on_part: bool,
+    own: Mapping[str, Fault],
+    known: Mapping[str, Fault] | None = None,
 ) -> tuple[FaultEvent, ...]:
-    """The faults and the changes of set points that are planned.
+    """The faults and the changes of set points that are planned, for a cell with ``own`` faults.
+
+    ``known``: those of all experiments, as far as the caller knows them.
 
     Raises:
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
-            nothing without a part to press on, or without a second robot that carries it.
+            nothing without a part to press on, or is a fault of another experiment's cell.
     """
-    events = (*parse_events(faults.events), *parse_changes(process.changes))
+    known = known or own
+    events = (*parse_events(faults.events, known), *parse_changes(process.changes))
     for event in events:
         kind, lacking = "fault" if event.value is None else "change", ""
-        if not on_part and (event.after_contact or event.name == FORCE):
+        fault = known.get(event.name)
+        if not on_part and (event.after_contact or event.name == FORCE or (fault and fault.on_part)):
             lacking = NO_PART
-        elif event.value is None:
-            lacking = lacking_for(event.name, on_part, two_robots)
+        elif fault and event.name not in own:
+            lacking = fault.lacking
         if lacking:
             raise ConfigError(f"the {kind} '{event}' would change nothing: there is {lacking}. Leave it out.")
         most = math.inf if event.name == FORCE else process.feed_m_s
@@ -307,7 +293,7 @@ class FaultClock:
             if event.value is not None:
                 self._set_points.change(event.name, event.value, cell.kernel)
                 continue
-            FAULTS[event.name].inject(cell)
+            cell.fault_table[event.name].inject(cell)
             self.first_time = now if self.first_time is None else self.first_time
         status.pause_at_contact = any(e.after_contact for e in self.waiting) and status.contact_time == 0.0
 

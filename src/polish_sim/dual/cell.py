@@ -51,6 +51,7 @@ from polish_sim.dual.carrier import (
     drive_master,
     see_tool_on_part,
 )
+from polish_sim.dual.faults import PAIR_FAULTS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel, memory_of
 from polish_sim.log import RunLog, with_column
@@ -66,6 +67,7 @@ class PairCell(Cell):
     """
 
     arm = FOLLOWER
+    fault_table = PAIR_FAULTS
     reasons: Mapping[int, str] = MappingProxyType(
         {
             **REASONS,

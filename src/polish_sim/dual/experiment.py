@@ -148,6 +148,7 @@ DUAL = Experiment(
     ),
     along_plan=True,
     carried=True,
+    faults="polish_sim.dual.faults:PAIR_FAULTS",
     remade=False,
     only_with={REMOVAL_OPTIONS: COVER_OPTIONS},
     not_with=(

@@ -36,7 +36,7 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
-from polish_sim.experiments.registry import check_flange, experiment
+from polish_sim.experiments.registry import check_flange, experiment, known_faults, load
 from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
@@ -299,7 +299,7 @@ def check_settings(scenario: Scenario) -> None:
     """
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
-    parse_events(scenario.faults.events)
+    parse_events(scenario.faults.events, known_faults())
     take_arm(scenario.robot)
     proof_seeds(scenario.safety.proof)
     if scenario.safety.tool_in_part not in TOOL_IN_PART:
@@ -328,7 +328,7 @@ def check_settings(scenario: Scenario) -> None:
             if name and not part_path(name).is_file():
                 raise InputError(f"'{name}' is no file. Check the name and the folder.")
     check_rates(scenario)
-    planned_events(scenario.faults, scenario.process, row.on_part, two_robots=row.carried)
+    planned_events(scenario.faults, scenario.process, row.on_part, load(row.faults), known_faults())
     if scenario.process.learn:
         check_learning(scenario, controller)
 

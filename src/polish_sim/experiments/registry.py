@@ -22,6 +22,7 @@ from polish_sim.errors import InputError, leave_out, unknown_name
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
+    from polish_sim.cell.faults import Fault
     from polish_sim.control import Controller
     from polish_sim.experiments.placement import Reach
     from polish_sim.experiments.result import RunResult
@@ -124,6 +125,7 @@ class Experiment:
     carried: bool = False  #: Whether a second robot carries the part
     remade: bool = True  #: Whether the cell of a run can be set up again from what it left
     fixtures: bool = False  #: Whether a fixture may hold the part
+    faults: str = "polish_sim.cell.faults:FAULTS"  #: What can go wrong in its cell, Faults by name
     holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path
 
     @property
@@ -164,6 +166,11 @@ def experiment(name: str) -> Experiment:
 def experiments() -> dict[str, Experiment]:
     """All rows by name."""
     return {name: experiment(name) for name in ROWS}
+
+
+def known_faults() -> dict[str, Fault]:
+    """The faults of all experiments by name."""
+    return {name: fault for row in experiments().values() for name, fault in load(row.faults).items()}
 
 
 def default_scenario(name: str) -> Scenario:
