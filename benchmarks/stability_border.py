@@ -5,15 +5,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from polish_sim.experiments import default_scenario
 from polish_sim.scoring.border import measure_border, plot_border
+from polish_sim.scoring.score import Scorer, user_entry
+from polish_sim.workers import open_workers
 
 CONTROLLERS = ("hybrid-pi", "force-mode", "hybrid-adaptive")
 
 
 def main() -> None:
-    border = measure_border(default_scenario("force"), sys.argv[2:] or CONTROLLERS)
+    entries = [user_entry(name) for name in sys.argv[2:] or CONTROLLERS]
+    with TemporaryDirectory() as folder, open_workers() as workers:
+        border = measure_border(entries, Scorer(Path(folder), workers), lambda *_: None)
     plot_border(border).savefig(Path(sys.argv[1]))
     for name, rows in border.rests.items():
         rests = [rest for row in rows for rest in row]

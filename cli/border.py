@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,40 +14,25 @@ from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.output_folder import put
-from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import save_plots
 from polish_sim.row_file import plain
-from polish_sim.scoring import Entry
-from polish_sim.scoring.border import measure_border, plot_border
+from polish_sim.scoring.border import plot_border
 from polish_sim.scoring.force_bench import Border
 
 
-def search_border(entries: Sequence[Entry], folder: Path) -> int:
-    """Search the border of stability in the cell and in the linear model, draw and show it, into a locked
-    folder."""
-    with console.progress() as observer:
-        found = measure_border(default_scenario("force"), [entry.name for entry in entries], observer)
-        border = _labelled(found, entries)
-        observer.stage("draw")
-        facts = _facts(border)
-        text = json.dumps(plain(facts | {"versions": package_versions()}), indent=1, allow_nan=False)
-        put(folder, "border.json", text + "\n")
-        save_plots(folder, {"border.png": plot_border(border)})
-    for entry in entries:
+def show_border(border: Border, folder: Path) -> int:
+    """Draw and show the border of stability, in the cell and in the linear model."""
+    facts = _facts(border)
+    text = json.dumps(plain(facts | {"versions": package_versions()}), indent=1, allow_nan=False)
+    put(folder, "border.json", text + "\n")
+    save_plots(folder, {"border.png": plot_border(border)})
+    for label, found in facts["controllers"].items():
         console.table(
-            f"stable up to this latency, {entry.label}", ["springs", "in the cell [ms]", "linear model [ms]"],
-            _rows(facts["controllers"][entry.label], border),
+            f"stable up to this latency, {label}", ["springs", "in the cell [ms]", "linear model [ms]"],
+            _rows(found, border),
         )  # fmt: skip
-    console.say(f"folder: {folder}")
+    console.say_folder(folder)
     return DONE
-
-
-def _labelled(border: Border, entries: Sequence[Entry]) -> Border:
-    labels = {entry.name: entry.label for entry in entries}
-    return border._replace(
-        rests={labels[name]: rests for name, rests in border.rests.items()},
-        lines={labels[name]: line for name, line in border.lines.items()},
-    )
 
 
 def _facts(border: Border) -> dict[str, Any]:

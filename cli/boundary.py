@@ -58,8 +58,8 @@ def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
         return console.fail(str(error), error.exit_code)
     except typer.TyperException as error:
         return console.fail(_usage_message(error), USAGE)
-    except (KeyboardInterrupt, typer.Abort):
-        return console.fail(NOTHING_RECORDED, INTERRUPTED)
+    except (KeyboardInterrupt, typer.Abort) as error:
+        return console.fail(str(error) or NOTHING_RECORDED, INTERRUPTED)
     except BrokenPipeError:
         return console.close_broken_pipe()
     except Exception as error:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import INTERRUPTED
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
     PANEL,
@@ -132,8 +131,7 @@ def budget(given: Given) -> int:
     many = Many("calibrate-budget", "the calibration", depends, lambda _folder: work, CALIBRATIONS["budget"])
     with seed_rows(many, given, range(trial.draws), "draw") as (folder, drawn, interrupted):
         if len(drawn) < LEAST_DRAWS:
-            console.note(f"interrupted: draws are kept; the same command with --out {folder} resumes.")
-            return INTERRUPTED
+            raise KeyboardInterrupt
         outcome = budget_of(trial, list(drawn.values()), folder)
     return replace(outcome, interrupted=interrupted).finish(folder, given["--check"])
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
@@ -26,8 +26,11 @@ from polish_sim.row_file import ROWS, Row, Rows, whole_folder
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath
+    from polish_sim.scoring import Entry
+    from polish_sim.scoring.score import Scorer
     from polish_sim.workers import Heard, Workers
 
+T = TypeVar("T")
 Figures = Row
 ASKED = "asked.json"  #: What the rows in the folder are of
 QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
@@ -123,6 +126,28 @@ def at_work(
         yield workers, heard
 
 
+@contextmanager
+def scored(
+    given: Given,
+    kind: str,
+    asked: Mapping[str, Any],
+    stage: str,
+    entries: Sequence[Entry],
+    work: Callable[[Scorer, Heard], T],
+) -> Iterator[tuple[Path, T]]:
+    """The folder of rows of the score, of what is ``asked``, and what some work makes of them.
+
+    ``entries``: the controllers, whose files other machines need.
+    """
+    from polish_sim.scoring.score import Scorer
+
+    files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
+    with asked_folder(given, kind, asked) as folder:
+        with at_work(given, stage, files) as (workers, heard):
+            done = work(Scorer(folder, workers), heard)
+        yield folder, done
+
+
 def duration(seconds: float) -> str:
     """A time as people say it."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
@@ -160,18 +185,12 @@ def seed_rows(
 
     stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
     with asked_folder(given, many.kind, {"of": f"{many.kind} of many {seed}s", "rows": stamp}) as folder:
-        kept, keys, interrupted = Rows(folder), {number: f"{stamp}-{number}" for number in seeds}, False
+        kept, keys = Rows(folder), {number: f"{stamp}-{number}" for number in seeds}
         stage = f"{count_text(len(seeds), seed)} of {many.what}"
-        try:
-            # What is done already needs no plan.
-            work = many.prepare(folder) if kept.missing(keys) else dict
-            with at_work(given, stage, (), many.usual) as (workers, heard):
-                fill_rows(keys, kept, work, lambda _: 0, workers, heard)
-        except KeyboardInterrupt:
-            interrupted = True
-        rows = {number: kept.known[key] for number, key in keys.items() if key in kept.known}
-        if interrupted and not rows:
-            raise KeyboardInterrupt
+        # What is done already needs no plan.
+        work = many.prepare(folder) if kept.missing(keys) else dict
+        with at_work(given, stage, (), many.usual) as (workers, heard):
+            rows, interrupted = fill_rows(keys, kept, work, lambda _: 0, workers, heard)
         whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
         for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
             shutil.rmtree(left, ignore_errors=True)

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from polish_sim.cli import console
 from polish_sim.errors import InputError
 from polish_sim.row_file import ROWS, locked, whole_file
 
@@ -20,6 +21,7 @@ except ImportError:  # Windows: drafts of killed commands stay
     fcntl = None  # type: ignore[assignment]
 
 RESULTS = Path("results")
+SAME = "the same command with"
 DRAFT = ".polish-sim-part"  #: Ending of the hidden folder a command fills; others with it are removed
 
 
@@ -177,11 +179,16 @@ def rows_folder(
             refuse(folder)
             for name, text in begin.items():
                 put(folder, name, text)
+            console.note(f"folder: {folder} ({SAME} --out {folder} resumes it)")
             yield folder
-    except BaseException:
+    except BaseException as error:
         if made and not (folder / ROWS).stat().st_size:
             shutil.rmtree(folder, ignore_errors=True)
             _remove_empty(created)
+        elif isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(
+                f"interrupted: the rows so far are kept; {SAME} --out {folder} resumes."
+            ) from error
         raise
 
 

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
-from polish_sim.cli.many import asked_folder, at_work
+from polish_sim.cli.boundary import DONE, SHORT
+from polish_sim.cli.many import scored
 from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
-from polish_sim.cli.output_folder import claimed, put
+from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
-    from polish_sim.scoring import Entry, JudgedFigure, Score
+    from polish_sim.row_file import Row
+    from polish_sim.scoring import Entry, JudgedFigure, Score, Task
 
     Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
 
 SEEDS = 5
 SEEDS_OF_REACH = 20
-OF_ROWS = ("--seeds", "--case", "--reach", "--list", "--check", "--workers", "--on")
-"""Options that count only where rows of a score are measured."""
+OF_CASES = ("--seeds", "--case", "--reach", "--list", "--check")
+"""Options that count only where cases of a score are measured."""
 CONTROLLER_TEXT = (
     "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, "
     "FILE.zip:sb3. A .py or .zip file runs code."
@@ -75,10 +77,8 @@ def score(given: Given) -> int:
     against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
-    refuse_beside(given, "--worst", *OF_ROWS, "--ablate", "--against", "--border")
-    refuse_beside(given, "--border", *OF_ROWS, "--ablate", "--set")
-    if given["--worst"]:
-        return find_worst(given)
+    refuse_beside(given, "--worst", *OF_CASES, "--ablate", "--against", "--border")
+    refuse_beside(given, "--border", *OF_CASES, "--ablate")
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.scoring import (
         BATTERY,
@@ -87,6 +87,7 @@ def score(given: Given) -> int:
         asked_for,
         check_entries,
         choose_cases,
+        list_tasks,
         run_score,
         user_entry,
     )  # fmt: skip
@@ -103,65 +104,65 @@ def score(given: Given) -> int:
         [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
     )
     check_entries(cases, entries)
-    if given["--border"]:
-        from polish_sim.cli.border import search_border
-
-        asked = {"of": "border", "controllers": [entry.label for entry in entries]}
-        with asked_folder(given, "score", asked) as folder:
-            return search_border(entries, folder)
     seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
-    with asked_folder(given, "score", asked_for(cases, entries, seeds)) as folder:
-        console.note(f"folder: {folder} (the same command with --out {folder} resumes an interrupted score)")
-        files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
-        stage = f"score {', '.join(entry.label for entry in entries)}: {count_text(len(cases), 'case')}"
-        with at_work(given, stage, files) as (workers, heard):
-            score = run_score(cases, entries, seeds, folder, heard, workers)
-        if not score.rows:
-            raise KeyboardInterrupt
-        return write_and_show(score, given, folder)
+    what, more = "score", {"cases": [case.name for case in cases], "seeds": seeds}
+    tasks = list_tasks(cases, entries, seeds)
+    work: Callable[..., Any] = partial(run_score, cases, entries, seeds)
+    show: Callable[..., int] = partial(write_and_show, given)
+    if given["--border"]:
+        from polish_sim.cli.border import show_border
+        from polish_sim.scoring.border import border_tasks, measure_border
+
+        what, more, tasks = "border", {}, [task for entry in entries for task in border_tasks(entry)]
+        work, show = partial(measure_border, entries), show_border
+    elif given["--worst"]:
+        from polish_sim.scoring.worst import first_tasks, search_worst
+
+        what, more, tasks = "search of the worst", {}, first_tasks(own)
+        work, show = partial(search_worst, own, given["--worst"]), show_worst
+    asked = asked_for(what, entries, tasks, **more)
+    stage = f"{what}: {', '.join(entry.label for entry in entries)}"
+    with scored(given, "score", asked, stage, entries, work) as (folder, found):
+        return show(found, folder)
 
 
-def find_worst(given: Given) -> int:
-    """Search the worst runs of a controller, print them with the commands that repeat them, and keep their
-    configs."""
+def show_worst(found: tuple[Mapping[Task, Row], bool], folder: Path) -> int:
+    """Print the worst runs of a search with the commands that repeat them, and keep their configs."""
     from polish_sim.analysis.run_record import write_json
-    from polish_sim.scenario_file import override, to_toml
-    from polish_sim.scoring.worst import FIGURES, search_worst, worst_base
+    from polish_sim.scenario_file import to_toml
+    from polish_sim.scoring.worst import FIGURES, size_of
 
-    scenario = override(worst_base(given["--controller"] or "hybrid-pi"), given["--set"] or [])
-    with claimed(given, "score-worst") as folder:
-        with console.progress() as observer:
-            observer.stage(f"search the worst of {scenario.controller.label}")
-            worst = search_worst(scenario, given["--worst"], observer.progress)
-        if not worst.found:
-            raise KeyboardInterrupt
-        for name in FIGURES:
-            put(folder.draft, f"{name}.toml", to_toml(worst.found[name].scenario))
-        values = {name: found.value for name, found in worst.found.items()}
-        write_json(folder.draft / "metrics.json", {**values, "runs": worst.runs, "stops": worst.stops})
-    rows = []
-    for name, label, unit in zip(
-        FIGURES, ("largest force", "contact lost", "largest error"), "NsN", strict=True
+    rows, interrupted = found
+    shown: list[Sequence[str]] = []
+    figures: dict[str, float] = {}
+    for (name, figure), label, unit in zip(
+        FIGURES.items(), ("largest force", "contact lost", "largest error"), "NsN", strict=True
     ):
-        found = worst.found[name]
-        drawn = found.scenario
+        task = max(rows, key=lambda task: size_of(rows[task], figure))
+        drawn, figures[name] = task.scenario, size_of(rows[task], figure)
+        put(folder, f"{name}.toml", to_toml(drawn))
         where = (
             f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, "
             f"{1e3 * drawn.process.feed_m_s:.3g} mm/s"
         )
-        rows.append([label, unit, f"{found.value:.3g}", where, found.stopped.partition(":")[0]])
+        stopped = (rows[task]["protective_stop"] or "").partition(":")[0]
+        shown.append([label, unit, f"{figures[name]:.3g}", where, stopped])
+    stops = sum(bool(row["protective_stop"]) for row in rows.values())
+    write_json(folder / "metrics.json", {**figures, "runs": len(rows), "stops": stops})
     console.table(
-        f"worst of {scenario.controller.label}, {count_text(worst.runs, 'run')}, {worst.stops} stopped",
+        f"worst of {task.entry.label}, {count_text(len(rows), 'run')}, {stops} stopped",
         ["figure", "unit", "worst", "where", "stopped, as"],
-        rows,
+        shown,
     )
     for name in FIGURES:
-        console.say(f"to repeat: polish-sim run surface --config {folder.final / name}.toml")
-    console.say_folder(folder.final)
-    return DONE if worst.runs == given["--worst"] else INTERRUPTED
+        console.say(f"to repeat: polish-sim run surface --config {folder / name}.toml")
+    console.say_folder(folder)
+    if interrupted:
+        raise KeyboardInterrupt
+    return DONE
 
 
-def write_and_show(score: Score, given: Given, folder: Path) -> int:
+def write_and_show(given: Given, score: Score, folder: Path) -> int:
     """Write and print the results of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
     from polish_sim.scoring import BATTERY_ASKED, REACH, judge
 
@@ -171,8 +172,7 @@ def write_and_show(score: Score, given: Given, folder: Path) -> int:
     _show(given, score, verdicts)
     console.say_folder(folder)
     if score.interrupted:
-        console.note("interrupted: the rows above are kept; the same command with --out continues.")
-        return INTERRUPTED
+        raise KeyboardInterrupt
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
     return SHORT if given["--check"] and short else DONE
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED, USAGE
+from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import at_work, duration
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import put, rows_folder
@@ -189,8 +189,7 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
         console.note(
             "note: rows of another version of polish-sim are in the folder and kept; see the column 'source'."
         )
-    console.note(f"folder: {table.folder} (the same command with --out {table.folder} resumes it)")
-    interrupted, keys = False, keys_of_runs(study)
+    keys = keys_of_runs(study)
     try:
         # All kernels are compiled once, not in every process; once they are, the processes start at once.
         if not is_warm() and not given["--logs"] and (row := time_first(study, table.missing(keys))):
@@ -199,19 +198,14 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
         named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
         files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
         with at_work(given, "simulate", files) as (workers, heard):
-            run_study(study, keys, table, workers, heard, bool(given["--logs"]))
-    except KeyboardInterrupt:
-        interrupted = True
-        if not table.known:
-            raise
+            interrupted = run_study(study, keys, table, workers, heard, bool(given["--logs"]))
     finally:
         if table.known:
             table.write()
             facts = write_summary(table, study, len(keys))
     _show(study, table, facts)
     if interrupted:
-        console.note("interrupted: the runs that are done are kept; the same command with --out resumes.")
-        return INTERRUPTED
+        raise KeyboardInterrupt
     return DONE if facts["done"] else USAGE if facts["failed"] else STOPPED
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED
-from polish_sim.cli.many import asked_folder, at_work
+from polish_sim.cli.boundary import DONE
+from polish_sim.cli.many import scored
 from polish_sim.cli.options import OWN, Given, Own, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
@@ -21,7 +21,9 @@ from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
+    from polish_sim.scoring.score import Scorer
     from polish_sim.studies.tune import Search, Verdict
+    from polish_sim.workers import Heard
 
 TUNED = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
@@ -93,33 +95,27 @@ def tune(controller: Controller, given: Given) -> int:
             raise InputError("'tune' searches with Optuna: pip install 'polish-sim[tune]'.")
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.scoring import check_entries
-    from polish_sim.studies.tune import Scorer, judge_tuned, search_best
+    from polish_sim.studies.tune import judge_tuned, search_best
     from polish_sim.workers import check_engine
 
     check_engine(given["--on"] or "local")
     search = asked_search(controller, given)
     check_entries((*search.cases, *search.held_out), [search.entry({p.key: p.low for p in search.over})])
     check_entries((*search.cases, *search.held_out), [search.entry(None)])
-    asked = _facts(search)
-    file = Path(search.controller.rpartition(":")[0])
-    with asked_folder(given, "tune", asked) as folder:
-        console.note(f"folder: {folder} (the same command with --out {folder} continues it)")
-        trials = given["--trials"] or TRIALS
-        stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"
-        with at_work(given, stage, [file] if file.is_file() else []) as (workers, heard):
+    trials = given["--trials"] or TRIALS
 
-            def tried(number: int, text: str) -> None:
-                console.note(f"trial {number} of {trials}: {text}")
-                heard(number, trials, None)
+    def found(scorer: Scorer, heard: Heard) -> tuple[dict[str, float], list[Verdict]]:
+        def tried(number: int, text: str) -> None:
+            console.note(f"trial {number} of {trials}: {text}")
+            heard(number, trials, None)
 
-            scorer = Scorer(folder, workers)
-            try:
-                best = search_best(search, trials, scorer, tried)
-                console.note("shipped and tuned, on held-out seeds and cases")
-                verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
-            except KeyboardInterrupt:
-                console.note(f"interrupted: trials are kept; the same command with --out {folder} resumes.")
-                return INTERRUPTED
+        best = search_best(search, trials, scorer, tried)
+        console.note("shipped and tuned, on held-out seeds and cases")
+        return best, judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
+
+    stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"
+    entries = [search.entry(None)]
+    with scored(given, "tune", _facts(search), stage, entries, found) as (folder, (best, verdicts)):
         put(folder, TUNED, tuned_toml(search, best))
         show(search, best, verdicts, folder)
     return DONE

@@ -131,23 +131,32 @@ def fill_rows(
     workers: Workers,
     heard: Heard,
     lost: Callable[[Any, str], Row] | None = None,
-) -> None:
-    """Measure the rows of tasks, named with their ``keys``, that are not ``kept``; Ctrl-C leaves what is.
+) -> tuple[dict[Any, Any], bool]:
+    """Measure the rows of tasks, named with their ``keys``, that are not ``kept``.
 
     A task whose process dies again and again has no row, or the one that ``lost`` makes of it and the
     trouble.
+
+    Returns:
+        What is kept of each task, and whether Ctrl-C left some out; before there is one it is raised.
     """
-    tasks, total = kept.missing(keys), len(keys)
+    tasks, total, interrupted = kept.missing(keys), len(keys), False
     done = total - len(tasks)
     heard(done, total, None)
-    with closing(workers.results(tasks, work, group_of)) as results:
-        for task, row, trouble in results:
-            done += row is not None
-            if lost is not None and trouble is not None and trouble.endswith("left out"):
-                row = lost(task, trouble)
-            if row is not None:
-                kept.add(keys[task], row)
-            heard(done, total, trouble and f"{trouble} ({task})")
+    try:
+        with closing(workers.results(tasks, work, group_of)) as results:
+            for task, row, trouble in results:
+                done += row is not None
+                if lost is not None and trouble is not None and trouble.endswith("left out"):
+                    row = lost(task, trouble)
+                if row is not None:
+                    kept.add(keys[task], row)
+                heard(done, total, trouble and f"{trouble} ({task})")
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        interrupted = True
+    return {task: kept.known[key] for task, key in keys.items() if key in kept.known}, interrupted
 
 
 class Here:

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
-from polish_sim.scoring.journal import Row, Task, measure_row
+from polish_sim.scoring import journal
+from polish_sim.scoring.force_bench import Rest
+from polish_sim.scoring.journal import Row, Task
 from tests.cli.conftest import PROGRAM, metrics_of
 
 HERE = ["--on", "here"]
@@ -58,13 +60,15 @@ def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tm
             time.sleep(0.02)
         run.kill()
 
+    measure = journal._measure
+
     def interrupted(task: Task) -> Row:
         if task.seed == 2:
             raise KeyboardInterrupt
-        return measure_row(task)
+        return measure(task)
 
     with monkeypatch.context() as patch:
-        patch.setattr("polish_sim.scoring.score.measure_row", interrupted)
+        patch.setattr(journal, "_measure", interrupted)
         code, out, err = polish_sim(*words, "--seeds", "60", "--out", "cut")
     assert code == 130, err
     assert "--out cut" in err
@@ -97,8 +101,59 @@ def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
     assert "seeds are 1, not 2" in refused(*words, "--case", "step-10", "--seeds", "2")
     assert "cases are step-10, not approach-20" in refused(*words, "--case", "approach-20", "--seeds", "1")
     assert "controllers are mine.py:Down, not position" in refused(*first, "--controller", "position")
-    assert "a border, not" not in refused(*first, "--border")
+    assert "--seeds, --case would" in refused(*first, "--border")
+    assert "a score, not a border" in refused(*words, "--border")
+    assert "a score, not a search of the worst" in refused(*words, "--worst", "30")
     Path("mine.py").write_text(source.replace("t.twist", "0.5 * t.twist"))
     assert "have changed" in refused(*first)
     assert polish_sim(*first, "--overwrite")[0] == 0
     assert Path("s/score.json").read_bytes() != whole["score.json"]
+
+
+def planted(task: Task) -> Row:
+    """A row whose figures follow from the scenario alone, quickly."""
+    scenario = task.scenario
+    feed, off = scenario.process.feed_m_s, scenario.part.displacement_m
+    figures = {"largest_force_n": 20.0 + 1e3 * off, "contact_lost_s": max(0.0, feed - 0.03)}
+    return {"max_error_n": 1e3 * abs(feed - 0.02), "protective_stop": None, "duration": 2.0} | figures
+
+
+def pressed(_bench: object, scenario: Any) -> Rest:
+    late = scenario.sensor.latency_s + scenario.robot.command_latency_s
+    return Rest(late < 0.03, late * scenario.head.spring_scale < 0.04, late, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("how", "file"), [(["--worst", "100"], "metrics.json"), (["--border"], "border.json")]
+)
+def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
+    how, file, polish_sim, monkeypatch
+):
+    words, left = ["score", *how, "--set", "sensor.force_noise_n=0.1", *HERE, "--out"], [40]
+
+    def counted(measure: Any) -> Any:
+        def measured(*asked: Any) -> Any:
+            left[0] -= 1
+            if left[0] == -1:
+                raise KeyboardInterrupt
+            return measure(*asked)
+
+        return measured
+
+    monkeypatch.setattr(journal, "_measure", counted(planted))
+    monkeypatch.setattr("polish_sim.scoring.border.press", counted(pressed))
+    monkeypatch.setattr("polish_sim.scoring.border.build_bench", lambda _: None)
+    monkeypatch.setattr("polish_sim.scoring.border.longest_stable", lambda _: 0.03)
+    code, _, err = polish_sim(*words, "cut")
+    assert code == 130
+    assert "--out cut resumes" in err.splitlines()[-1]
+    assert Path("cut/rows.jsonl").read_bytes().count(b"\n") == 40
+    again = polish_sim(*words, "cut")
+    measured = 40 - left[0]
+    whole = polish_sim(*words, "whole")
+    assert (again.code, whole.code) == (0, 0)
+    assert again.out.replace("cut", "whole") == whole.out
+    assert read(Path("cut") / file) == read(Path("whole") / file)
+    rows = [Path(folder, "rows.jsonl").read_text().splitlines() for folder in ("cut", "whole")]
+    assert rows[0] == rows[1]
+    assert measured == 41 + len(rows[1]) - 40 - 21 * (file == "border.json")  # none a second time

@@ -10,8 +10,11 @@ from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.border import measure_border
 from polish_sim.scoring.force_bench import Bench, build_bench, press
+from polish_sim.scoring.score import Scorer, user_entry
+from polish_sim.workers import Here
 
-FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
+SETTINGS = ["robot.arm=ideal", "controller.force_filter_hz=10"]
+FORCE = override(default_scenario("force"), SETTINGS)
 """The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it
 first."""
 
@@ -44,9 +47,10 @@ def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench):
     assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
 
 
-def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch):
+def test_border_of_the_cell_lies_on_the_border_of_the_model(tmp_path, monkeypatch):
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
-    border = measure_border(FORCE, ["hybrid-pi"], scales=(1.0, 3.0), latencies=(0.008, 0.06))
+    entry = user_entry("hybrid-pi", SETTINGS)
+    border = measure_border([entry], Scorer(tmp_path, Here()), lambda *_: None, (1.0, 3.0), (0.008, 0.06))
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
     assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]

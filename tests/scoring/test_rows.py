@@ -15,6 +15,7 @@ from polish_sim.row_file import ROWS, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case
 from polish_sim.scoring.journal import keys_of
+from polish_sim.scoring.score import Scorer
 from polish_sim.workers import open_workers
 
 PI = Entry("hybrid-pi", "hybrid-pi")
@@ -36,7 +37,8 @@ def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
     """Two cases with two seeds, and how many rows there were whenever one was measured."""
     seeds, measured = 2, list[int]()
     with open_workers("here" if workers == 1 else "local", workers) as crew:
-        score = run_score((SHORT, OTHER), [PI], seeds, folder, lambda done, *_: measured.append(done), crew)
+        scorer = Scorer(folder, crew)
+        score = run_score((SHORT, OTHER), [PI], seeds, scorer, lambda done, *_: measured.append(done))
     return score, measured
 
 

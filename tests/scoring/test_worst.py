@@ -1,30 +1,89 @@
 """A search finds what a controller does badly, and what it found can be run again."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
 from polish_sim.experiments import run_experiment
-from polish_sim.scoring.worst import FIGURES, RANGES, STIFFER, drawn_scenario, search_worst, worst_base
+from polish_sim.row_file import Row
+from polish_sim.scoring import Task, user_entry
+from polish_sim.scoring.score import Scorer
+from polish_sim.scoring.worst import FIGURES, LISTS, RANGES, drawn_task, first_tasks, search_worst, size_of
+from polish_sim.workers import Here
 
 
-def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats():
-    worst = search_worst(worst_base("position"), 9, lambda *_: None)
-    assert worst.runs == 9
-    assert set(worst.found) == set(FIGURES)
-    peak = worst.found["worst_peak_force_n"]
-    assert peak.value > 40.0  # [N]; a part 2 mm too high on springs as drawn presses with 10 N more
-    assert worst.found["worst_error_n"].value > 20.0
+def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats(tmp_path):
+    entry, heard = user_entry("position"), []
+    rows, interrupted = search_worst(entry, 9, Scorer(tmp_path, Here()), lambda *at: heard.append(at[:2]))
+    assert (len(rows), interrupted) == (9, False)
+    assert heard == [(done, 9) for done in range(10)]
+    peak = max(rows, key=lambda task: size_of(rows[task], "largest_force_n"))
+    # A part 2 mm too high on springs as drawn presses with 10 N more.
+    assert rows[peak]["largest_force_n"] > 40.0
+    assert max(size_of(row, "max_error_n") for row in rows.values()) > 20.0
+    assert all(figure in rows[peak] for figure in FIGURES.values())
     again = run_experiment(peak.scenario)
-    assert again.figures["peak_force_n"] == pytest.approx(peak.value)
-    assert again.stop_reason == (peak.stopped or None)
+    assert again.figures["peak_force_n"] == pytest.approx(rows[peak]["largest_force_n"])
+    assert again.stop_reason == rows[peak]["protective_stop"]
+
+
+class Planted:
+    """Rows whose figures are known from the scenario: largest in a corner, along an edge, and at a point."""
+
+    def fill(self, tasks: Sequence[Task], _heard: object) -> tuple[dict[Task, Row], bool]:
+        return {task: self.row(task.scenario) for task in tasks}, False
+
+    def row(self, drawn: Scenario) -> Row:
+        part, process = drawn.part, drawn.process
+        keys = (
+            *(part.displacement_m, part.rotation_rad, drawn.robot.command_latency_s),
+            *(process.approach_speed_m_s, process.feed_m_s),
+        )
+        ends = [
+            RANGES[name] for name in RANGES if not name.startswith(("part.file", "head", "seed", "sensor"))
+        ]
+        off, turn, late, fast, fed = ((v - a) / (b - a) for v, (a, b) in zip(keys, ends, strict=True))
+        miss = abs(late - 0.3) + abs(fed - 0.3) + abs(turn - 0.3)
+        return {
+            "largest_force_n": off + fast + late,
+            "contact_lost_s": max(0.0, fed - 0.8) * off,
+            "max_error_n": 2.0 - miss,
+            "duration": 2.0,
+        }
+
+
+def test_a_search_finds_more_than_as_many_runs_spread_evenly():
+    entry, planted, runs = user_entry("hybrid-pi"), Planted(), 600
+    rows, _ = search_worst(entry, runs, planted, lambda *_: None)  # type: ignore[arg-type]
+    low, high = np.array([*RANGES.values()]).T
+    even = low + (high - low) * qmc.Sobol(len(RANGES), rng=1).random(1024)[:runs]
+    spread = [planted.row(drawn_task(entry, x).scenario) for x in even]
+    assert len(rows) == runs
+    for figure in FIGURES.values():
+        assert max(row[figure] for row in rows.values()) > max(row[figure] for row in spread)
+
+
+def test_a_setting_of_the_controller_s_own_is_not_searched():
+    entry = user_entry("hybrid-pi", ["process.feed_m_s=0.02"])
+    assert {task.scenario.process.feed_m_s for task in first_tasks(entry)} == {0.02}
+
+
+def test_a_controller_no_run_can_be_set_up_with_is_refused_with_the_reason(tmp_path):
+    entry = user_entry("hybrid-pi", ["part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]"])
+    with pytest.raises(InputError, match="no run could be set up: not run: the part cannot stand"):
+        search_worst(entry, 2, Scorer(tmp_path, Here()), lambda *_: None)
 
 
 def test_the_ends_of_the_ranges_are_scenarios():
     for end in (0, 1):
-        drawn = drawn_scenario(worst_base("hybrid-pi"), np.array([bounds[end] for bounds in RANGES.values()]))
-        assert drawn.head.spring_scale == STIFFER[-end]
+        x = np.array([bounds[end] for bounds in RANGES.values()])
+        drawn = drawn_task(user_entry("hybrid-pi"), x).scenario
+        assert drawn.head.spring_scale == LISTS["head.spring_scale"][-end]
         assert drawn.part.displacement_m == RANGES["part.displacement_m"][end]
         assert drawn.process.feed_m_s == RANGES["process.feed_m_s"][end]
         assert drawn.seed >= 500
@@ -34,6 +93,6 @@ def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_
     x = dict(zip(RANGES, (bounds[1] for bounds in RANGES.values()), strict=True))
     for controller in ("hybrid-pi", "hybrid-adaptive"):
         for seed in (611, 612, 613):
-            drawn = drawn_scenario(worst_base(controller), np.array([*{**x, "part": 0.0}.values()]))
+            drawn = drawn_task(user_entry(controller), np.array([*{**x, "part.file": 0.0}.values()])).scenario
             run = run_experiment(replace(drawn, seed=seed))
             assert run.figures["peak_force_n"] <= 25.0

@@ -46,9 +46,9 @@ class Planted:
         self.asked: list[Task] = []
         self.lucky_seeds = lucky_seeds
 
-    def rows(self, tasks: Sequence[Task]) -> list[Row]:
+    def rows(self, tasks: Sequence[Task]) -> dict[Task, Row]:
         self.asked += tasks
-        return [self._row(task) for task in tasks]
+        return {task: self._row(task) for task in tasks}
 
     def _row(self, task: Task) -> Row:
         gains = task.scenario.controller

@@ -13,24 +13,26 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
-from polish_sim.arrays import Array
-from polish_sim.cell import SILENT, Observer
 from polish_sim.cell.linear_arm import arm_modes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
+from polish_sim.experiments.assembly import Memory, place_key
+from polish_sim.row_file import Row
+from polish_sim.scoring.battery import Case, Entry, latency_settings
 from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
+from polish_sim.scoring.journal import Task
 from polish_sim.scoring.loop_model import FORCE_POSE, one_mass, setup_of
-from polish_sim.scoring.margins import (
-    longest_latency,
-    share_latency,
-    with_springs,
-)
+from polish_sim.scoring.margins import longest_latency, with_springs
 from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
+from polish_sim.scoring.score import Scorer
+from polish_sim.workers import Heard, WorkersError
 
 SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)  #: Of the springs, for the border in the cell [-]
 LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)  #: Totals, for the border in the cell [s]
 FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
 FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
+MODEL = "linear model"
+_BENCHES = Memory()  #: On the softest springs: the part is modelled deeply enough for all
 
 
 def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
@@ -52,64 +54,73 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     )  # fmt: skip
 
 
+def border_tasks(
+    entry: Entry, scales: Sequence[float] = SCALES, latencies: Sequence[float] = LATENCIES
+) -> list[Task]:
+    """The runs of the cell, latency by latency, and the springs of the linear model's line."""
+    cell = [("cell", scale, latency_settings(1e3 * latency)) for latency in latencies for scale in scales]
+    line = [(MODEL, scale, ()) for scale in FINE_SCALES]
+    return [
+        Task(Case(f"springs x {scale:g}, {of}", of, "force", (f"head.spring_scale={scale}", *more)), entry, 0)
+        for of, scale, more in [*cell, *line]
+    ]
+
+
+def border_row(task: Task) -> Row:
+    """How the cell comes to rest with a task's springs and latency, or the end of the model's line there."""
+    if task.case.text == MODEL:
+        return {"longest_s": longest_stable(task.scenario)}
+    softest = replace(task.scenario, head=replace(task.scenario.head, spring_scale=SCALES[0]))
+    bench = _BENCHES.get(place_key(softest), lambda: build_bench(softest))
+    return press(bench, task.scenario)._asdict()
+
+
 def measure_border(
-    scenario: Scenario,
-    controllers: Sequence[str],
-    observer: Observer = SILENT,
+    entries: Sequence[Entry],
+    scorer: Scorer,
+    heard: Heard,
     scales: Sequence[float] = SCALES,
     latencies: Sequence[float] = LATENCIES,
 ) -> Border:
     """Stability over springs and latency, simulated and by the linear model, nothing retuned.
 
     Args:
-        scenario: An experiment ``force``; its springs and latencies play no role.
-        controllers: Names, or FILE.py:CLASS.
-        observer: Receives the progress.
+        entries: The controllers; springs and latencies of their settings play no role.
+        scorer: Measures the rows.
+        heard: Receives the progress.
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
+
+    Raises:
+        WorkersError: If the processes of some runs died.
     """
-    observer.stage("set up")
-    softest = replace(scenario, head=replace(scenario.head, spring_scale=min(scales)))
-    bench = build_bench(softest)
-    total, done = len(controllers) * len(scales) * len(latencies), 0
-    rests: dict[str, list[list[Rest]]] = {}
-    for name in controllers:
-        observer.stage(f"press, {name}")
-        rests[name] = []
-        for latency in latencies:
-            rests[name].append([press(bench, _at(scenario, name, scale, latency)) for scale in scales])
-            done += len(scales)
-            observer.progress(done, total)
-    lines = {name: border_line(scenario, name, FINE_SCALES) for name in controllers}
+    tasks = {entry.label: border_tasks(entry, scales, latencies) for entry in entries}
+    rows = scorer.rows([task for own in tasks.values() for task in own], heard, border_row)
+    if lost := [task for own in tasks.values() for task in own if task not in rows]:
+        raise WorkersError(
+            f"the processes of {len(lost)} runs died, as in {lost[0]}. Is there enough memory?"
+        )
+    rests, lines = {}, {}
+    for label, own in tasks.items():
+        cell, line = ([rows[t] for t in own if (t.case.text == MODEL) == of] for of in (False, True))
+        rests[label] = [
+            [Rest(**row) for row in cell[k : k + len(scales)]] for k in range(0, len(cell), len(scales))
+        ]
+        lines[label] = np.array([math.inf if row["longest_s"] is None else row["longest_s"] for row in line])
     return Border(np.array(scales), np.array(latencies), rests, np.array(FINE_SCALES), lines)
 
 
-def border_line(scenario: Scenario, name: str, scales: Sequence[float]) -> Array:
-    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs,
-    shape (n,).
+def longest_stable(scenario: Scenario) -> float:
+    """Latency up to which the linear model of a scenario's controller is stable on its springs [s].
 
     The law is the one that has settled on these springs at the scenario's latency; where it does not settle,
     the one settled on the springs of the drawing.
     """
-    drawn = _at(scenario, name, 1.0, scenario.sensor.latency_s + scenario.robot.command_latency_s)
-    setup, longest = setup_of(drawn), np.zeros(len(scales))
-    at_home = linear_law_of(drawn)
-    for k, scale in enumerate(scales):
-        law = linear_law_of(drawn, scale)
-        longest[k] = longest_latency(
-            with_springs(setup, scale), law if law.settled else at_home, FINE_LATENCIES
-        )
-    return longest
-
-
-def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario:
-    shared = share_latency(latency)
-    return replace(
-        scenario,
-        controller=replace(scenario.controller, name=name),
-        head=replace(scenario.head, spring_scale=scale),
-        sensor=replace(scenario.sensor, latency_s=shared.sensor),
-        robot=replace(scenario.robot, command_latency_s=shared.command),
+    scale = scenario.head.spring_scale
+    law = linear_law_of(scenario, scale)
+    setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)))
+    return longest_latency(
+        with_springs(setup, scale), law if law.settled else linear_law_of(scenario), FINE_LATENCIES
     )
 
 

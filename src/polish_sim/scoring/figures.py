@@ -46,6 +46,7 @@ DEFINITIONS: Mapping[str, str] = MappingProxyType(
         "p95_error_n": "95th percentile of the error's magnitude in the window",
         "max_error_n": "largest magnitude of the error in the window",
         "peak_force_n": "largest force from first contact to the retract",
+        "largest_force_n": "largest force of the whole run, the retract and what follows a stop included",
         "contact_lost_s": "time with a force of at most 0.5 N between touch-down (phase 2) and the retract",
         "stable": "no protective stop, the job done to its end, no contact lost, and no oscillation: the "
         "force minus its moving mean over 0.25 s has in the last half of the window an amplitude "

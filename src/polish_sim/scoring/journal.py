@@ -98,6 +98,7 @@ def measured(task: Task, place: Workplace, run: CellRun) -> Row:
         | _figures(task, scenario, place, run)
         | {
             "protective_stop": run.stop_reason,
+            "largest_force_n": float(run.trace.normal_force_n.max()),
             "duration": run.steps * scenario.simulation.timestep_s,
         }
     )

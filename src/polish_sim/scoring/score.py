@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,19 +46,12 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> l
     ]
 
 
-def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
-    """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend
-    on."""
-    digest = hashlib.sha256()
-    for key in keys_of(list_tasks(cases, entries, seeds)).values():
-        digest.update(key.encode())
-    return {
-        "of": "score",
-        "controllers": [entry.label for entry in entries],
-        "cases": [case.name for case in cases],
-        "seeds": seeds,
-        "rows": digest.hexdigest()[:24],
-    }
+def asked_for(what: str, entries: Sequence[Entry], tasks: Iterable[Task], **more: Any) -> dict[str, Any]:
+    """What rows are of, to compare it with others: controllers, what ``more`` says, one hash of all that the
+    tasks depend on."""
+    digest = hashlib.sha256("".join(keys_of(tasks).values()).encode())
+    labels = [entry.label for entry in entries]
+    return {"of": what, "controllers": labels, **more, "rows": digest.hexdigest()[:24]}
 
 
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
@@ -82,27 +75,42 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
             raise InputError(f"the reset() of '{entry.label}' failed: {reason}.") from error
 
 
-def run_score(
-    cases: Sequence[Case],
-    entries: Sequence[Entry],
-    seeds: int,
-    folder: Path,
-    heard: Heard,
-    workers: Workers,
-) -> Score:
-    """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
+class Scorer:
+    """Rows of a folder, measured by workers or found there from before.
 
-    Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder
-    already are taken over. Seeds count up from 0.
+    Rows do not depend on the workers or their number.
     """
-    kept, interrupted = Rows(folder), False
-    keys = keys_of(list_tasks(cases, entries, seeds))
-    try:
-        fill_rows(keys, kept, measure_row, setup_key, workers, heard)
-    except KeyboardInterrupt:
-        interrupted = True
-    rows = tuple(kept.known[key] for key in keys.values() if key in kept.known)
-    return Score(tuple(cases), tuple(entries), seeds, rows, len(keys), interrupted)
+
+    def __init__(self, folder: Path, workers: Workers) -> None:
+        self._kept, self._workers = Rows(folder), workers
+
+    def fill(
+        self, tasks: Iterable[Task], heard: Heard, work: Callable[[Task], Row] = measure_row
+    ) -> tuple[dict[Task, Row], bool]:
+        """The rows of tasks, and whether Ctrl-C left some out; one whose process died is left out as well."""
+        return fill_rows(keys_of(tasks), self._kept, work, setup_key, self._workers, heard)
+
+    def rows(
+        self,
+        tasks: Iterable[Task],
+        heard: Heard = lambda *_: None,
+        work: Callable[[Task], Row] = measure_row,
+    ) -> dict[Task, Row]:
+        """The same for a search, which needs all of them: Ctrl-C ends it."""
+        rows, interrupted = self.fill(tasks, heard, work)
+        if interrupted:
+            raise KeyboardInterrupt
+        return rows
+
+
+def run_score(
+    cases: Sequence[Case], entries: Sequence[Entry], seeds: int, scorer: Scorer, heard: Heard
+) -> Score:
+    """Measure all rows that are not there yet; Ctrl-C ends it early with what is there. Seeds count up from
+    0."""
+    tasks = list_tasks(cases, entries, seeds)
+    rows, interrupted = scorer.fill(tasks, heard)
+    return Score(tuple(cases), tuple(entries), seeds, tuple(rows.values()), len(tasks), interrupted)
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:

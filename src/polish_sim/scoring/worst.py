@@ -3,35 +3,37 @@
     maximise f(run(x)) over x in stated ranges
 
 x is the part, the seed, how the part lies, the springs, latencies, approach speed and feed (`RANGES`). An
-evolution of vectors (`scipy.optimize.differential_evolution`) looks for each of the three figures in turn;
-every run counts for all of them. A run lands on a part and feeds for two seconds, set up as `run surface`
-sets it up, so that its config repeats it. This is falsification: what is found is a counterexample, what is
-not found is no proof.
+evolution of vectors (`scipy.optimize.differential_evolution`) looks for each of the three figures in turn,
+from the same evenly spread vectors; every run counts for all of them. A run is a row of the score: it lands
+on a part and feeds for two seconds, set up as `run surface` sets it up, so that its config repeats it. This
+is falsification: what is found is a counterexample, what is not found is no proof.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
+from scipy.stats import qmc
 
 from polish_sim.arrays import Array
-from polish_sim.config import Checked, Scenario
-from polish_sim.experiments.assembly import build_cell, build_part, check
-from polish_sim.experiments.registry import default_scenario
-from polish_sim.experiments.surface import SurfaceTask, prepare_surface
-from polish_sim.scenario_file import merge
+from polish_sim.errors import InputError
+from polish_sim.row_file import Row
+from polish_sim.scoring.battery import Case, Entry
+from polish_sim.scoring.journal import Task
+from polish_sim.scoring.score import Scorer
+from polish_sim.workers import Heard
 
-PARTS = ("plate", "sphere_100", "freeform")
-#: Springs as they are by what plan and controller take them for [-]
-STIFFER = (0.25, 0.5, 1.0, 2.0, 4.0)
+LISTS: Mapping[str, tuple[object, ...]] = {
+    "part.file": ("plate", "sphere_100", "freeform"),
+    "head.spring_scale": (0.25, 0.5, 1.0, 2.0, 4.0),
+}
+"""Parts, and springs as they are by what plan and controller take them for [-]."""
 RANGES: Mapping[str, tuple[float, float]] = {
-    "part": (0.0, len(PARTS) - 1e-9),
-    "head.spring_scale": (0.0, len(STIFFER) - 1e-9),
+    **{key: (0.0, len(values) - 1e-9) for key, values in LISTS.items()},
     "seed": (500.0, 100_000.0),
     "part.displacement_m": (0.0, 0.003),
     "part.rotation_rad": (0.0, math.radians(2.0)),
@@ -40,106 +42,95 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "process.approach_speed_m_s": (0.002, 0.010),
     "process.feed_m_s": (0.005, 0.040),
 }
-"""Bounds of each key that is searched; of part and springs, numbers in their lists."""
-FEED_S = 2.0  #: A run is fed for this long [s]
-GROWN = 4  #: Vectors of a generation by keys
-FIGURES = ("worst_peak_force_n", "worst_contact_lost_s", "worst_error_n")
-SETTLED_S = 0.3  #: After the feed begins, before errors count [s]
-
-
-class WorstRun(NamedTuple):
-    """The worst of one figure."""
-
-    value: float
-    scenario: Checked
-    stopped: str  #: Why the robot stopped itself in that run; empty if it did not
-
-
-class Worst(NamedTuple):
-    """What a search found."""
-
-    found: Mapping[str, WorstRun]  #: By the names of ``FIGURES``
-    runs: int
-    stops: int  #: Runs that ended in a protective stop
+"""Bounds of each key that is searched; of `LISTS` the places in them. A setting of the controller's own goes
+before."""
+CASE = Case(
+    "worst",
+    "landing from close by, fed for 2 s",
+    "surface",
+    ("plan.clearance_m=0.01", "plan.stepover_m=0.02", "process.max_feed_s=2", "safety.proof=none"),
+)
+GENERATION = 16  #: Vectors at a time
+FIGURES: Mapping[str, str] = {
+    "worst_peak_force_n": "largest_force_n",
+    "worst_contact_lost_s": "contact_lost_s",
+    "worst_error_n": "max_error_n",
+}
+"""The score's figures that are searched, by what the largest of each is called."""
 
 
 class _Enough(Exception):
     """The runs asked for are done."""
 
 
-def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], None]) -> Worst:
-    """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was
-    found."""
-    tasks: dict[str, SurfaceTask] = {}
-    found: dict[str, WorstRun] = {}
-    done, stops = 0, 0
+def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> tuple[dict[Task, Row], bool]:
+    """Search with a number of runs of a controller: the rows of all, and whether Ctrl-C ended it early.
 
-    def run(x: Array) -> tuple[float, float, float]:
-        nonlocal done, stops
-        if done >= runs:
+    A search that was interrupted makes the same runs again, whose rows are kept.
+
+    Raises:
+        InputError: If none of the runs could be set up.
+    """
+    rows: dict[Task, Row] = {}
+
+    def costs(x: Array, figure: str) -> Array:
+        tasks = [drawn_task(entry, one) for one in x.T]
+        before = len(rows)
+        fresh = [task for task in dict.fromkeys(tasks) if task not in rows][: runs - before]
+        found, interrupted = scorer.fill(fresh, lambda n, _, trouble: heard(before + n, runs, trouble))
+        rows.update(found)
+        if interrupted:
+            raise KeyboardInterrupt
+        if len(rows) >= runs:
             raise _Enough
-        drawn = check(drawn_scenario(scenario, x))
-        figures, stopped = _measure(drawn, tasks)
-        done, stops = done + 1, stops + bool(stopped)
-        for name, value in zip(FIGURES, figures, strict=True):
-            if name not in found or value > found[name].value:
-                found[name] = WorstRun(value, drawn, stopped)
-        progress(done, runs)
-        return figures
+        return np.array([-size_of(rows.get(task, {}), figure) for task in tasks])
 
+    interrupted = False
     try:
-        for number in range(len(FIGURES)):
-            budget = runs * (number + 1) // len(FIGURES) - done
-            keys = len(RANGES)
-            generations = max(1, math.ceil(budget / (GROWN * keys)) - 1)
+        for number, figure in enumerate(FIGURES.values()):
+            left = (runs - max(len(rows), GENERATION)) / (len(FIGURES) - number)
             differential_evolution(
-                lambda x, number=number: -run(x)[number],
+                costs,
                 list(RANGES.values()),
-                popsize=GROWN,
-                maxiter=generations,
+                args=(figure,),
+                maxiter=max(1, math.ceil(left / GENERATION)),
+                init=first_vectors(),
                 tol=0.0,
                 polish=False,
-                rng=np.random.default_rng(number),
-                init="sobol",
+                rng=number,
+                updating="deferred",
+                vectorized=True,
             )
-    except (_Enough, KeyboardInterrupt):
+    except _Enough:
         pass
-    return Worst(found, done, stops)
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        interrupted = True
+    if not any(row["duration"] for row in rows.values()):
+        raise InputError(f"no run could be set up: {next(iter(rows.values()))['protective_stop']}.")
+    return rows, interrupted
 
 
-def worst_base(controller: str) -> Scenario:
-    """The scenario of a search: `surface`, landing from close by and fed for a moment."""
-    table = {"plan": {"clearance_m": 0.01, "stepover_m": 0.02}, "process": {"max_feed_s": FEED_S}}
-    return merge(
-        default_scenario("surface"),
-        {**table, "controller": {"name": controller}, "safety": {"proof": "none"}},
-        "",
-    )
+def size_of(row: Row, figure: str) -> float:
+    """A figure of a run; 0 where it has none, as without contact."""
+    return row.get(figure) or 0.0
 
 
-def drawn_scenario(scenario: Scenario, x: Array) -> Scenario:
-    """The scenario of a vector (9,) of `RANGES`."""
+def first_vectors() -> Array:
+    """The vectors every search begins with, evenly spread over `RANGES`, shape (16, 9)."""
+    low, high = np.array(list(RANGES.values())).T
+    return low + (high - low) * qmc.Sobol(len(RANGES), rng=0).random(GENERATION)
+
+
+def first_tasks(entry: Entry) -> list[Task]:
+    """Their runs."""
+    return [drawn_task(entry, x) for x in first_vectors()]
+
+
+def drawn_task(entry: Entry, x: Array) -> Task:
+    """The run of a vector (9,) of `RANGES`."""
     values = dict(zip(RANGES, x.tolist(), strict=True))
-    table: dict[str, dict[str, object]] = {
-        "part": {"file": PARTS[int(values.pop("part"))]},
-        "head": {"spring_scale": STIFFER[int(values.pop("head.spring_scale"))]},
-    }
     seed = int(values.pop("seed"))
-    for name, value in values.items():
-        section, _, key = name.partition(".")
-        table.setdefault(section, {})[key] = value
-    return replace(merge(scenario, table, ""), seed=seed)
-
-
-def _measure(scenario: Checked, tasks: dict[str, SurfaceTask]) -> tuple[tuple[float, float, float], str]:
-    part = scenario.part.file
-    if part not in tasks:
-        tasks[part] = prepare_surface(scenario)
-    place = tasks[part].place
-    run = build_cell(scenario, place, build_part(scenario, place)).run()
-    trace, wanted = run.trace, scenario.process.contact_force_n
-    force, time, fed = trace.normal_force_n, trace.time_s, trace.fed
-    begun = time[fed][0] + SETTLED_S if fed.any() else math.inf
-    lost = float((force[fed] < 0.5).sum()) * scenario.simulation.timestep_s
-    error = float(np.abs(force[fed & (time > begun)] - wanted).max(initial=0.0))
-    return (float(force.max()), lost, error), run.stop_reason or ""
+    sets = [f"{key}={LISTS[key][int(v)] if key in LISTS else v}" for key, v in values.items()]
+    return Task(replace(CASE, settings=(*CASE.settings, *sets)), entry, seed)

@@ -190,8 +190,8 @@ def read_rows(folder: Path) -> dict[str, Any]:
 
 def run_study(
     study: Study, keys: Keys, table: RunTable, workers: Workers, heard: Heard, logs: bool = False
-) -> None:
-    """Do the runs of `keys_of_runs` that the table does not have; KeyboardInterrupt leaves what is there.
+) -> bool:
+    """Do the runs of `keys_of_runs` that the table does not have; whether Ctrl-C left some out.
 
     Raises:
         WorkersError: If processes die one after the other, or the cluster is gone.
@@ -209,7 +209,7 @@ def run_study(
     def lost(task: Task, trouble: str) -> Row:
         return begun_row(study, task) | {"outcome": LOST, "reason": trouble}
 
-    fill_rows(keys, table, work, lambda task: group_of_point(task[1].values), workers, heard, lost)
+    return fill_rows(keys, table, work, lambda task: group_of_point(task[1].values), workers, heard, lost)[1]
 
 
 def keys_of_runs(study: Study) -> Keys:

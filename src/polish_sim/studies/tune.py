@@ -10,18 +10,17 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import own_parameters
 from polish_sim.errors import InputError, number_text, unknown_name
-from polish_sim.row_file import Row, Rows
+from polish_sim.row_file import Row
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
-from polish_sim.workers import Workers, fill_rows
+from polish_sim.scoring.journal import Task
+from polish_sim.scoring.score import Scorer
 
 SAMPLERS = ("tpe", "cmaes")
 TRAINING = (
@@ -237,19 +236,6 @@ def training_cases(wanted: Sequence[str]) -> tuple[tuple[Case, ...], tuple[Case,
     return seen, tuple(case for case in BATTERY if case not in seen)
 
 
-class Scorer:
-    """Rows of the score, measured by workers or found in the folder's journal."""
-
-    def __init__(self, folder: Path, workers: Workers) -> None:
-        self._kept, self._workers = Rows(folder), workers
-
-    def rows(self, tasks: Sequence[Task]) -> list[Row]:
-        """The rows of tasks; one whose process died is left out."""
-        keys, known = keys_of(tasks), self._kept.known
-        fill_rows(keys, self._kept, measure_row, setup_key, self._workers, lambda *_: None)
-        return [known[key] for key in keys.values() if key in known]
-
-
 def search_best(
     search: Search, trials: int, scorer: Scorer, heard: Callable[[int, str], None]
 ) -> dict[str, float]:
@@ -304,7 +290,8 @@ def score_trial(
     rows: list[Row] = []
     stages, entry = search.stages(), search.entry(values)
     for number, cases in enumerate(stages):
-        rows += scorer.rows([Task(case, entry, seed) for case in cases for seed in range(search.seeds)])
+        tasks = [Task(case, entry, seed) for case in cases for seed in range(search.seeds)]
+        rows += scorer.rows(tasks).values()
         value = search.judge(rows) if rows else math.inf
         lost = value >= BROKEN or (search.goal.how == "worst" and value > best)
         if lost and number + 1 < len(stages):
@@ -341,12 +328,14 @@ def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: S
         places.append(("held-out cases and seeds", search.held_out, fresh))
     verdicts = []
     for what, cases, chosen in places:
-        tasks = {entry.label: [Task(case, entry, seed) for case in cases for seed in chosen]
-                 for entry in (search.entry(None), search.entry(best))}  # fmt: skip
-        shipped, tuned = (scorer.rows(tasks[label]) for label in ("shipped", "tuned"))
-        pairs = [(a, b) for a, b in zip(shipped, tuned, strict=True)]
+        shipped, tuned = (
+            [Task(case, search.entry(values), seed) for case in cases for seed in chosen]
+            for values in (None, best)
+        )
+        rows = scorer.rows([*shipped, *tuned])
+        pairs = [(rows[a], rows[b]) for a, b in zip(shipped, tuned, strict=True) if {a, b} <= rows.keys()]
         kept = [pair for pair in pairs if not any(map(search.breaks, pair))]
         before, after = (search.goal.of([pair[k] for pair in kept]) for k in (0, 1))
-        broken = (sum(map(search.breaks, rows)) for rows in (shipped, tuned))
+        broken = (sum(search.breaks(pair[k]) for pair in pairs) for k in (0, 1))
         verdicts.append(Verdict(what, len(pairs), before, after, *broken))
     return verdicts
