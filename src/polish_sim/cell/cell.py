@@ -39,7 +39,7 @@ from polish_sim.cell.limits import (
 )
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import SILENT, Observer, PythonLaw, interrupts_noted
-from polish_sim.cell.real_arm import build_real_arm
+from polish_sim.cell.real_arm import build_real_arm, joint_inertia
 from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
@@ -419,12 +419,10 @@ class Cell:
 
     def _tangential_mass(self) -> float:
         """Least inertia the tool point shows against a push across the tool axis [kg]."""
-        inertia = np.zeros((self.model.nv, self.model.nv))
-        mujoco.mj_fullM(self.model, self.data, inertia)
         jacobian = np.zeros((3, self.model.nv))
         mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.model.site(f"{self.arm}pad").id)
         across = self.data.site(f"{self.arm}tool").xmat.reshape(3, 3)[:, :2].T @ jacobian
-        mobility = across @ np.linalg.solve(inertia, across.T)
+        mobility = across @ np.linalg.solve(joint_inertia(self.model, self.data), across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
     def _build_kernel(self, part: RealPart) -> CellKernel:

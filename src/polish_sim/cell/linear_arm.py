@@ -10,7 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import RealArm, slip
-from polish_sim.cell.real_arm import build_real_arm, gear_twists, weights
+from polish_sim.cell.real_arm import build_real_arm, gear_twists, joint_inertia, weights
 from polish_sim.cell.scene import build_scene
 from polish_sim.cell.wrist_sensor import carried_payload
 from polish_sim.config import RealArmConfig, Scenario
@@ -43,8 +43,7 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
     for pose, weight in zip(q, weights(model, q + rested), strict=True):
         data.qpos[:6] = pose + rested
         mujoco.mj_forward(model, data)
-        inertia, J = np.zeros((model.nv, model.nv)), np.zeros((6, model.nv))
-        mujoco.mj_fullM(model, data, inertia)
+        inertia, J = joint_inertia(model, data), np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, J[:3], J[3:], tool)
         axis = data.site_xmat[tool].reshape(3, 3)[:, 2].copy()
         carried = float(carried_payload(model, data).mass)

@@ -81,15 +81,11 @@ def advance(  # type: ignore[no-untyped-def]
                 press_on_part(e, state, cell.pad, cell.part)
                 if state.flange.share > 0.0:
                     hold_force(state.flange, e, state.target.force)
-            see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-            if arm.elastic:
-                see_as_host(arm, state, e)
+            see_as_host(arm, state, e)
             read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-            due, cycle = host_is_due(status, cell.control_every), e.dt * cell.control_every
-            if arm.elastic:
-                due, cycle = host_hears(arm, due, status.steps), e.dt * arm.waited
+            due, waited = host_is_due(arm, status, cell.control_every)
             if due:
-                move_target(state, cell.stroke, cycle, t)
+                move_target(state, cell.stroke, e.dt * waited, t)
                 status.waiting = 0 < status.wait_from <= status.steps
                 if status.waiting:
                     return
@@ -99,8 +95,6 @@ def advance(  # type: ignore[no-untyped-def]
             feed_learned(state, cell.lesson)
         command(state, cell.requests, e.ctrl, e.dt, t)
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
-        if arm.elastic:
-            record_exact(recorder, e, state, arm.tool_speed)
         if is_over(cell, 0, t):
             return
 
@@ -169,7 +163,11 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
 
 @kernel
 def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
-    """Replace what was seen exactly by what the host computes from the encoders and its own table."""
+    """What the host sees of the tool: exactly where joints are rigid, else what it computes from the encoders
+    and its own table."""
+    see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+    if not arm.elastic:
+        return
     m = state.measurement
     arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
     hear_joints(arm, e)
@@ -192,9 +190,13 @@ def read_sensor(state: CellState, samples: Array, exact: Array, dt: float, t: fl
 
 
 @kernel
-def host_is_due(status: Status, every: int) -> bool:
-    """Whether the host acts at this step; its cycle is ``every`` steps."""
-    return status.stop == guards.NO_STOP and status.steps % every == 0
+def host_is_due(arm: RealArm, status: Status, every: int) -> tuple[bool, int]:
+    """Whether the host acts at this step, and the steps since it last did; its cycle is ``every`` steps."""
+    due = status.stop == guards.NO_STOP and status.steps % every == 0
+    if not arm.elastic:
+        return due, every
+    due = host_hears(arm, due, status.steps)
+    return due, arm.waited
 
 
 @kernel
@@ -321,6 +323,8 @@ def finish_step(  # type: ignore[no-untyped-def]
         follow_rotors(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1
+    if arm.elastic and other is None:
+        record_exact(recorder, e, state, arm.tool_speed)
 
 
 @kernel

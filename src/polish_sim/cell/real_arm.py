@@ -344,6 +344,13 @@ def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
     return np.column_stack([*first, second * np.cos(phases[:, 1]), second * np.sin(phases[:, 1])])
 
 
+def joint_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Inertia of all joints where they stand, shape (nv, nv) [kg m^2]."""
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    return inertia
+
+
 def _coupling(
     arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, dt: float
 ) -> Array:
@@ -354,9 +361,7 @@ def _coupling(
     """
     stiffest = arm.stiffness.max(axis=1) + arm.lost_torque / arm.rise
     mujoco.mj_forward(model, data)
-    inertia = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
-    alone = 1.0 / np.diag(np.linalg.inv(inertia))[arm.first : arm.first + 6]
+    alone = 1.0 / np.diag(np.linalg.inv(joint_inertia(model, data)))[arm.first : arm.first + 6]
     light = 0.25 * stiffest * dt**2 > _LIGHT * alone
     damping = np.array(real.damping_nm_s_rad)
     return np.where(light, np.maximum(damping, stiffest * dt), damping)

@@ -134,19 +134,14 @@ def advance_pair(  # type: ignore[no-untyped-def]
             press_on_part(e, state, cell.pad, cell.part)
             _push_back(e, state, master.state.part_body)
         if arm.elastic:
-            see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
             see_as_host(arm, state, e)
         else:
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        due = host_is_due(state.status, cell.control_every)
-        cycle = e.dt * cell.control_every
-        if arm.elastic:
-            due = host_hears(arm, due, state.status.steps)
-            cycle = e.dt * arm.waited
+        due, waited = host_is_due(arm, state.status, cell.control_every)
         if due:
-            move_target(state, cell.stroke, cycle, t)
+            move_target(state, cell.stroke, e.dt * waited, t)
             carry_target(master.state, state.target)
             ask_law(state, cell.law, law, t)
         command(state, cell.requests, e.ctrl, e.dt, t)

@@ -28,10 +28,9 @@ from polish_sim.cell.loop import (
     press_on_part,
     read_sensor,
     see_as_host,
-    see_tool,
 )
 from polish_sim.cell.real_part import move_part
-from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder, record_exact
+from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder
 from polish_sim.cell.scene import STAND_NAMES
 from polish_sim.cell.stroke import APPROACH, FEEDING
 from polish_sim.cell.wrist_sensor import DRAWS
@@ -78,9 +77,7 @@ def follow(  # type: ignore[no-untyped-def]
         mj_step1(e.model, e.data)
         move_part(state.motion, t, e.dt, cell.part.position)
         press_on_part(e, state, cell.pad, cell.part)
-        see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-        if arm.elastic:
-            see_as_host(arm, state, e)
+        see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
         state.sequence.stage = FEEDING if state.wrench[2] > FIRST_CONTACT_N else APPROACH
         for j in range(6):
@@ -101,8 +98,6 @@ def follow(  # type: ignore[no-untyped-def]
             e.ctrl[2 * j] = place
             e.ctrl[2 * j + 1] = speed
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
-        if arm.elastic:
-            record_exact(recorder, e, state, arm.tool_speed)
         is_over(cell, 0, t)
         for j in range(6):
             order.felt[j] = e.qfrc_actuator[j]

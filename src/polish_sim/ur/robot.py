@@ -14,6 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Cell, tool_on_flange
+from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
 from polish_sim.spatial import inverse, transform, unit
@@ -550,10 +551,8 @@ class SimulatedRobot:
         data.qpos[:6] = q
         data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
-        inertia = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, inertia)
         own = rotors * self.cell.real_arm.inertia
-        return inertia[:6, :6] + np.diag(own)
+        return joint_inertia(model, data)[:6, :6] + np.diag(own)
 
     def coriolis(self, q: Array, qd: Array) -> Array:
         """Coriolis and centrifugal torques [N m]: what the speeds add to the forces at rest."""
