@@ -131,7 +131,9 @@ def _center(text: str | None) -> tuple[float, float, float]:
     try:
         x, y, z = (1e-3 * float(part) for part in (text or "0,0,0").split(","))
     except ValueError:
-        raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60.") from None
+        x = y = z = math.nan
+    if not all(abs(value) <= 1.0 for value in (x, y, z)):
+        raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60, at most 1000 each.")
     return x, y, z
 
 

@@ -111,6 +111,10 @@ def _init(part: str | None, given: Given) -> int:
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot create '{file.parent}': {error.strerror}. Choose another --out.") from error
     with whole_file(file) as draft:
         draft.write_text(TEMPLATE.format(part=part, name=file.name), encoding="utf-8")
     console.say(f"{file}: run it with polish-sim job {file}")

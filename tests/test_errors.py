@@ -20,5 +20,6 @@ def test_a_name_or_file_that_is_nearly_right_is_asked_back_whatever_its_capitals
     (tmp_path / "Part.STL").touch()
     assert near_file(tmp_path / "part.stl") == " Did you mean 'Part.STL'?"
     assert near_file(tmp_path / "gone" / "part.stl") == ""
+    assert near_file(tmp_path / "Part.STL") == ""  # it is the file itself that cannot be read
     (tmp_path / "inf.stl").touch()
     assert near_file(tmp_path / "missing.stl") == ""  # only the ending is the same

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
+from errno import EINVAL
 from math import isfinite
 from pathlib import Path
 from typing import SupportsFloat
@@ -82,8 +83,18 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" Did you mean '{near}'?" if near else ""
 
 
+def regular(file: Path) -> Path:
+    """The path of a file that is about to be read; OSError for a pipe or a device, which may never end."""
+    if not file.is_file() and not file.is_dir() and file.exists():
+        raise OSError(EINVAL, "Not a regular file")
+    return file
+
+
 def near_file(path: Path) -> str:
-    """Ask whether a file of nearly that name was meant, beginning with a space; empty if there is none."""
+    """Ask whether a file of nearly that name was meant, beginning with a space; empty if there is none,
+    or the file is there and cannot be read."""
+    if path.exists():
+        return ""
     try:
         names = [entry.name for entry in path.parent.iterdir() if not entry.name.startswith(".")]
     except OSError:

@@ -17,7 +17,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import InputError, near_file
+from polish_sim.errors import InputError, near_file, regular
 
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 LARGEST = 1e12  #: No quantity in a file is larger, in whatever unit
@@ -62,7 +62,7 @@ class Columns:
         readings". InputError for no such file, no text, no CSV, or no lines.
         """
         try:
-            text = file.read_text(encoding="utf-8-sig")
+            text = regular(file).read_text(encoding="utf-8-sig")
         except OSError as error:
             raise InputError(
                 f"cannot read the {kind}s '{file}': {error.strerror}.{near_file(file)}"

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from polish_sim.errors import PolishSimError, near_file
+from polish_sim.errors import PolishSimError, near_file, regular
 
 
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no
     TOML."""
     try:
-        text = file.read_text(encoding="utf-8", errors="backslashreplace")
+        text = regular(file).read_text(encoding="utf-8", errors="backslashreplace")
         return tomllib.loads(text)
     except OSError as caught:
         raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught

@@ -62,14 +62,18 @@ def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly():
+def test_ctrl_c_while_the_program_is_loaded_is_one_line():
     loading = "import builtins; real = builtins.__import__\n"
     loading += "def load(name, *rest):\n  if name == 'polish_sim.cli.main': raise KeyboardInterrupt\n"
     loading += (
         "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
     )
     run = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout, run.stderr) == (130, "", "")
+    assert (run.returncode, run.stdout, run.stderr) == (
+        130,
+        "",
+        "error: interrupted; nothing was recorded yet.\n",
+    )
 
 
 def dropped() -> None:

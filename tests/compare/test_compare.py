@@ -174,6 +174,8 @@ def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
         ("--set sensor.model=axia80", "robot.KEY"),
         ("--payload-center 1,2", "X,Y,Z"),
         ("--arm ur20", "ur10e"),
+        ("--payload-center 0,0,nan", "at most 1000"),
+        ("--payload-center 0,0,2000", "at most 1000"),
         ("--asked 20", "--beside"),
         ("--beside nowhere", "nowhere"),
         ("--to 0.0001", "fewer than two"),

@@ -138,7 +138,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
     ("name", "content", "words"),
     [
         ("missing.stl", None, "no such file"),
-        (".", None, "is a folder"),
+        (".", None, "is a directory"),
         ("empty.stl", b"", "empty"),
         ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "no facets"),
         ("cut.stl", STL[:-120], "cut short: .* 12 facets"),

@@ -16,7 +16,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, number_text
+from polish_sim.errors import InputError, number_text, regular
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.row_file import plain
@@ -118,7 +118,7 @@ def write_metrics(folder: Path, figures: Mapping[str, Any]) -> None:
 def read_json(file: Path) -> dict[str, Any]:
     """Read figures written by ``write_json``."""
     try:
-        figures = json.loads(file.read_text(encoding="utf-8"))
+        figures = json.loads(regular(file).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read '{file}': {error}.") from error
     if not isinstance(figures, dict):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple, Protocol
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import InputError, near_file, unknown_name
+from polish_sim.errors import InputError, near_file, regular, unknown_name
 
 BLOCK = 5000  #: Rows read at a time
 SEPARATORS = (",", ";", "\t", "|", " ")
@@ -74,11 +74,15 @@ class CsvSource:
                 f"'{file}' begins with no header. Wanted: names of columns, then one sample a line."
             )
 
-    def _open(self) -> IO[str]:
+    @contextmanager
+    def _open(self) -> Iterator[IO[str]]:
         try:
-            return open(self.file, encoding="utf-8-sig", newline=None)
+            with regular(self.file).open(encoding="utf-8-sig", newline=None) as text:
+                yield text
         except OSError as error:
             raise InputError(f"cannot read the log '{self.file}': {error.strerror}.") from error
+        except UnicodeDecodeError as error:
+            raise InputError(f"'{self.file}' is not a text file ({error.reason}).") from error
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns; InputError where a line is no row of numbers."""
@@ -87,12 +91,9 @@ class CsvSource:
             numbered = (
                 (n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#")
             )
-            try:
-                next(numbered)
-                while lines := list(islice(numbered, BLOCK)):
-                    yield Block(self._numbers(lines, columns), lines[0][0])
-            except UnicodeDecodeError as error:
-                raise InputError(f"'{self.file}' is not a text file ({error.reason}).") from error
+            next(numbered)
+            while lines := list(islice(numbered, BLOCK)):
+                yield Block(self._numbers(lines, columns), lines[0][0])
 
     def _numbers(self, lines: list[tuple[int, str]], columns: list[int]) -> Array:
         try:
@@ -232,8 +233,8 @@ class BagSource:
             from rosbags.typesys import Stores, get_typestore
         except ModuleNotFoundError as error:
             raise InputError("ROS bags need a reader: pip install 'polish-sim[ros]'.") from error
-        reader = AnyReader([self.file], default_typestore=get_typestore(Stores.LATEST))
         try:
+            reader = AnyReader([self.file], default_typestore=get_typestore(Stores.LATEST))
             reader.open()
         except Exception as error:
             raise InputError(

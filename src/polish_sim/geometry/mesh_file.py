@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import MeshError, count_text, near_file
+from polish_sim.errors import MeshError, count_text, near_file, regular
 from polish_sim.geometry.obj_file import is_obj, parse_obj, printable, text_numbers
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
@@ -50,12 +50,8 @@ def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
 
 
 def _read_bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise MeshError(f"{path} is a folder, not a mesh file. Name the file itself.")
-    if not path.exists():
-        raise MeshError(f"{path}: no such file.{near_file(path) or ' Check the name and the folder.'}")
     try:
-        size = path.stat().st_size
+        size = regular(path).stat().st_size
         if size > LARGEST_FILE:
             raise MeshError(
                 f"{path}: the file is too large: {size / 1e6:.0f} MB, at most {LARGEST_FILE / 1e6:.0f} MB "
@@ -63,7 +59,8 @@ def _read_bytes(path: Path) -> bytes:
             )
         content = path.read_bytes()
     except OSError as error:
-        raise MeshError(f"{path} cannot be read ({error.strerror}). Check its permissions.") from None
+        why = str(error.strerror).lower()
+        raise MeshError(f"{path}: {why}.{near_file(path) or ' Name a mesh file that can be read.'}") from None
     if not content.strip():
         raise MeshError(f"{path}: the file is empty. Export the part again.")
     return content

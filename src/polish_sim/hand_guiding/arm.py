@@ -16,7 +16,7 @@ from polish_sim.cell import tool_on_flange
 from polish_sim.cell.real_arm import SIDES
 from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.config import HandConfig, Scenario
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, regular, unknown_name
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
@@ -90,7 +90,7 @@ def chain_of_file(file: Path) -> SerialChain:
     """The chain of an identified MJCF, e.g. identified.xml; InputError if it is none, or has not the arm's
     joints."""
     try:
-        model = mujoco.MjModel.from_xml_path(str(file))
+        model = mujoco.MjModel.from_xml_path(str(regular(file)))
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         raise InputError(

@@ -232,8 +232,8 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
 JOINT_SPEED, TOOL_SPEED, ENERGY, UNSTABLE, TOUCH, JOINT_END = 1, 2, 3, 4, 5, 6
 GUARDS: Mapping[int, str] = MappingProxyType(
     {
-        JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s",
-        TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s",
+        JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s: move the hand more slowly",
+        TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s: move the hand more slowly",
         ENERGY: "the compensation has lent more energy than guide.energy_limit_j: it drives the arm by "
         "itself",
         UNSTABLE: "the simulation is unstable: lower simulation.timestep_s",

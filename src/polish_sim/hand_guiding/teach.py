@@ -28,7 +28,7 @@ from polish_sim.hand_guiding.arm import (
 )
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
-from polish_sim.hand_guiding.law import MODES
+from polish_sim.hand_guiding.law import FADE_FROM, MODES
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, Trace
 from polish_sim.planning.toolpath import arc_length
 
@@ -37,7 +37,6 @@ from polish_sim.planning.toolpath import arc_length
 
 HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then release it during this time [s]
 FAST_S, SLOW_S = 0.6, 1.0  #: Durations of the hand's move in paper 3's trial [s]
-PEAK = 1.875  #: Largest speed of a minimum-jerk move over its mean [-]
 HELD, MOVING, OFF = (
     APPROACH_PHASE,
     PROCESS_PHASE,
@@ -76,14 +75,15 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
         raise unknown_name("mode", guide.mode, MODES)
     if guide.direction and guide.direction not in DIRECTIONS:
         raise unknown_name("direction", guide.direction, DIRECTIONS)
-    shortest = PEAK * hand.distance_m / guide.tool_speed_limit_m_s
-    if 0.0 < guide.duration_s < shortest:
-        raise InputError(
-            f"--duration {guide.duration_s:g}: the hand would move faster than guide.tool_speed_limit_m_s, "
-            f"{guide.tool_speed_limit_m_s:g} m/s. Set --duration {shortest:.3g} or longer."
-        )
     modes = [guide.mode] if guide.mode else list(MODES)
     directions = [guide.direction] if guide.direction else list(DIRECTIONS)
+    if guide.duration_s and guide.duration_s < (
+        shortest := max(least_duration(direction, guide, hand) for direction in directions)
+    ):
+        raise InputError(
+            f"--duration {guide.duration_s:g}: the hand would come so near guide.tool_speed_limit_m_s or "
+            f"guide.joint_speed_limit_rad_s that help fades. Set --duration {shortest:.3f} or longer."
+        )
     durations = [guide.duration_s] if guide.duration_s else [FAST_S, SLOW_S]
     moves = [Move(m, d, s, 0.0) for m in modes for d in directions for s in durations]
     # An arm that does not carry itself is not released.
@@ -114,6 +114,18 @@ def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> M
         np.int8
     )
     return MoveTable(HandMotion(positions, velocities, rotations, grip), servos, phase)
+
+
+def least_duration(direction: str, guide: GuideConfig, hand: HandConfig) -> float:
+    """Of the hand's move, so that neither the tool nor a joint gets to where the compensation fades [s]."""
+    T_base_tool, dt = home_pose(), 0.01
+    table = move_table(Move("", direction, 1.0, 0.0), hand, T_base_tool, dt)
+    q = [np.array(HOME)]
+    for T_base_tool[:3, 3] in table.motion.positions[table.phase == MOVING]:
+        q.append(joints_for(T_base_tool, q[-1]))
+    joints = np.abs(np.gradient(q[1:], dt, axis=0)).max() / guide.joint_speed_limit_rad_s
+    tool = np.abs(table.motion.velocities).max() / guide.tool_speed_limit_m_s
+    return float(max(joints, tool)) / FADE_FROM
 
 
 # Guided moves one after the other as a log, a trace and figures like any other run's.
