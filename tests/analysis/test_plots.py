@@ -152,7 +152,6 @@ def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_e
 
 def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small():
     record = surface_record()
-    assert record.path is not None
     round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
     assert "peaks.png" not in draw_plots(round_)
     metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}

@@ -166,7 +166,6 @@ def on_plane(
 
 def stopped_at(run: CellRun) -> int:
     """Step at which a guard stopped a run with steps of 1 ms."""
-    assert run.safety.protective_stop_time_s is not None
     return round(run.safety.protective_stop_time_s / 0.001)
 
 

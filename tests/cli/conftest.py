@@ -94,6 +94,18 @@ def assert_refused(call: Call, said: str, *there: str) -> None:
     assert {path.name for path in Path().iterdir()} == set(there)
 
 
+def refused(call: Call, *facts: str) -> None:
+    """One error with code 2 that names these facts."""
+    assert call.code == 2, call.err
+    assert [fact for fact in facts if fact not in call.err] == [], call.err
+
+
+def done(call: Call) -> Call:
+    """A command that did what it was asked."""
+    assert call.code == 0, call.err
+    return call
+
+
 @pytest.fixture
 def polish_sim(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

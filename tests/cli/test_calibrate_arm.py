@@ -9,7 +9,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.dual.calibration.arm import read_arm_calibration, read_tracked
-from tests.cli.conftest import assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, done, metrics_of, refused
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +25,11 @@ def test_arms_are_found_again_from_their_residuals(found, polish_sim):
     figures = metrics_of(found)
     assert figures["relative_error_m"] <= 1.5e-4 < 5e-4 < figures["relative_error_nominal_m"]
     assert (found / "arms.png").stat().st_size > 10_000
-    code, out, err = polish_sim(
-        "calibrate", "arm", "--data", found / "residuals.csv", "--pair", "cell 7", "--out", "again"
+    _, out, err = done(
+        polish_sim(
+            "calibrate", "arm", "--data", found / "residuals.csv", "--pair", "cell 7", "--out", "again"
+        )
     )
-    assert code == 0, err
     assert "master: off its table by up to" in out + err
     first, again = (
         read_arm_calibration(folder / "calibration.toml", "cell 7") for folder in (found, Path("again"))
@@ -46,17 +47,13 @@ def test_a_run_takes_the_arms_as_they_were_found(found, polish_sim, tmp_path, mo
     assert code == 2
     assert "another pair of robots: 'cell 7'" in err
     own, short = ("--set", "dual.pair=cell 7"), ("--set", "process.max_feed_s=0.3", "--standoff", "5")
-    code, _, err = polish_sim(*run, *own, *short, "--out", "run")
-    assert code == 0, err
+    done(polish_sim(*run, *own, *short, "--out", "run"))
     monkeypatch.chdir(tmp_path / "run")
-    code, out, err = polish_sim("run", "dual", "--config", "config.toml", "--dry-run")
-    assert code == 0, err
+    out = done(polish_sim("run", "dual", "--config", "config.toml", "--dry-run")).out
     assert "all within reach" in out
     wrong = tmp_path / "wrong.toml"
     wrong.write_text((found / "calibration.toml").read_text().replace("-0.42", "-0.62"))
-    code, _, err = polish_sim("run", "dual", "--calibration", wrong, *own, "--dry-run")
-    assert code == 2
-    assert "another robot's" in err
+    refused(polish_sim("run", "dual", "--calibration", wrong, *own, "--dry-run"), "another robot's")
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
 from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import InputError
-from tests.cli.conftest import assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, done, metrics_of, refused
 
 Rows = list[list[str]]
 PAIR = 'cell "7" \\ left'
@@ -76,9 +76,10 @@ def test_a_calibration_of_another_thing_is_refused(made, polish_sim):
     with pytest.raises(InputError, match="not the calibration of a tool frame"):
         read_tool_calibration(made / "base" / "calibration.toml")
     tool = made / "tcp" / "calibration.toml"
-    code, _, err = polish_sim("run", "force", "--calibration", tool, "--out", "run")
-    assert code == 2
-    assert "is not the calibration of a payload" in err
+    refused(
+        polish_sim("run", "force", "--calibration", tool, "--out", "run"),
+        "is not the calibration of a payload",
+    )
 
 
 def changed(rows: Rows, line: int, columns: str, scale: float, shift: float = 0.0) -> Rows:
@@ -168,7 +169,6 @@ def test_an_arm_whose_axes_do_not_quite_meet_is_told(files, polish_sim):
 )
 def test_a_measurement_off_by_two_millimetres_is_named(name, line, column, said, files, polish_sim):
     write(Path("off.csv"), changed(files[name], line, column, 1.0, 2.0))
-    code, _, err = polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")
-    assert code == 0
+    err = done(polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")).err
     assert f"{said} does not fit" in err
     assert metrics_of("two")["outliers"] == [said]

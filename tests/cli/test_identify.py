@@ -12,14 +12,14 @@ from polish_sim.arms import arm_table
 from polish_sim.cli.identify import asked_of
 from polish_sim.config import RobotConfig
 from polish_sim.identification.arm import arm_of_table
-from polish_sim.identification.excitation import Excitation, ExcitationTask, design, random_motion
+from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
 from polish_sim.identification.settings import ELASTIC, GEARS, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
 from tests.cli.conftest import metrics_of
-from tests.identification.known import ODD, RATE, SIGMA, known_robot, played, write_log
+from tests.identification.known import ODD, RATE, SIGMA, design_once, known_robot, played, write_log
 
 
 def _log(file: Path, still: slice = slice(0)) -> Path:
@@ -64,17 +64,11 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim):
 
 
 def test_many_seeds_are_rows_with_their_mean_and_worst(polish_sim, monkeypatch):
-    found: list[ExcitationTask] = []
-
-    def search(task: ExcitationTask, rng: np.random.Generator, *_: int) -> Excitation:
-        found.append(task)
-        return design(task, rng, iterations=2)
-
-    monkeypatch.setattr("polish_sim.identification.identify.design", search)
+    asked = design_once(monkeypatch, iterations=2)
     words = ("identify", "--periods", "1", "--set", "robot.arm=ideal", "--on", "here", "--out", "many")
     assert polish_sim(*words, "--seed", "3", "--seeds", "1").code == 0
     assert polish_sim(*words, "--seed", "3", "--seeds", "2").code == 0
-    assert len(found) == 2  # the first seed was there
+    assert [settings.seed for settings in asked] == [3, 4]  # the first seed was there
     metrics = metrics_of("many")
     assert metrics["seeds"] == [3, 4]
     assert len(metrics["runs"]["3"]["nrms_heldout"]) == 6

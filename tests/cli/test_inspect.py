@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import assert_refused, metrics_of
+from tests.cli.conftest import assert_refused, done, metrics_of
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
@@ -31,8 +31,7 @@ def write_raster(file: Path, height: float = 20.0) -> None:
 @pytest.mark.pictures
 def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim):
     write_raster(Path("raster.csv"))
-    code, out, err = polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")
-    assert code == 0
+    _, out, err = done(polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen"))
     assert sorted(file.name for file in Path("seen").iterdir()) == FILES
     assert out.rstrip().endswith("folder: seen")
     assert "step-over taken from the path: 10 mm" in err

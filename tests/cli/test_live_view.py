@@ -314,7 +314,6 @@ def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(br
 def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path):
     screen, colors = ["-screen", "0", "640x480x24", "-fbdir", str(tmp_path)], 0
     display = subprocess.Popen(["Xvfb", "-displayfd", "1", *screen], stdout=subprocess.PIPE)
-    assert display.stdout is not None
     name = display.stdout.readline().decode().strip()
     environment = os.environ | {"DISPLAY": f":{name}", "MUJOCO_GL": "glfw"}
     command = [*PROGRAM, "run", "force", "--view", "--set", "process.hold_s=600", "--out", "out"]

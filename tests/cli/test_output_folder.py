@@ -138,7 +138,6 @@ def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(tmp_path
     assert dead.returncode == -signal.SIGKILL
     pipe = subprocess.PIPE
     with subprocess.Popen([*program, str(tmp_path / "live"), "wait"], stdin=pipe, stdout=pipe) as running:
-        assert running.stdout is not None
         assert running.stdout.readline() == b"ready\n"
         with claimed(asked(tmp_path / "next"), "run-force"):
             found = files(tmp_path)

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from polish_sim.models import workpiece_path
-from tests.cli.conftest import UNPROVEN, assert_refused, metrics_of
+from tests.cli.conftest import UNPROVEN, assert_refused, done, metrics_of, refused
 from tests.planning.test_fixture import asked, wall
 
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
@@ -17,8 +17,7 @@ FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 @pytest.mark.pictures
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim):
-    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan")
-    assert code == 0
+    _, out, err = done(polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan"))
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
     assert out.rstrip().endswith("folder: plan")
     assert "note: read in mm: 112 x 112 x 35 mm" in err
@@ -40,20 +39,19 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim):
     words = ("--stepover", "12", "--feed", "100", *ideal)
     assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
     assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run")[0] == 0
-    planned, done = metrics_of("plan"), metrics_of("run")
-    assert planned["motion_time_s"] == pytest.approx(done["motion_time_s"], rel=1e-6)
-    assert planned["cycle_time_s"] == pytest.approx(done["cycle_time_s"], rel=0.02)
+    planned, ran = metrics_of("plan"), metrics_of("run")
+    assert planned["motion_time_s"] == pytest.approx(ran["motion_time_s"], rel=1e-6)
+    assert planned["cycle_time_s"] == pytest.approx(ran["cycle_time_s"], rel=0.02)
     assert polish_sim("inspect", "plan", "--feed", "100", "--out", "inspect")[0] == 0
     tool_alone = metrics_of("inspect")["cycle_time_s"]
-    assert tool_alone < 0.94 * done["cycle_time_s"]
+    assert tool_alone < 0.94 * ran["cycle_time_s"]
 
 
 @pytest.mark.pictures
 def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim):
     trimesh.creation.box((100.0, 100.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export("block.stl")
     words = ("--up", "z", "--stepover", "40", "--reach-map", *UNPROVEN)
-    code, out, _ = polish_sim("plan", "block.stl", *words, "--out", "plan")
-    assert code == 0
+    out = done(polish_sim("plan", "block.stl", *words, "--out", "plan")).out
     assert Path("plan/reach_map.png").stat().st_size > 20_000
     metrics = metrics_of("plan")
     assert np.array(metrics["T_base_work"])[:3, 3] == pytest.approx([0.0, -0.5, 0.08], abs=1e-3)
@@ -67,10 +65,11 @@ def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_s
     assert code == 3
     assert "out of reach" in out
     assert "--part-pose 0.001,-499.862,80,0,0,0" in err
-    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
-    assert code == 2
-    assert "mm of the part" in err
-    assert "--part-pose" in err
+    refused(
+        polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0"),
+        "mm of the part",
+        "--part-pose",
+    )
     assert not Path("results").exists()
 
 
@@ -106,8 +105,7 @@ def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim,
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim):
     trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
-    code, _, err = polish_sim("plan", "small.stl", "--out", "plan")
-    assert code == 0
+    err = done(polish_sim("plan", "small.stl", "--out", "plan")).err
     assert "pad of 20 mm and step-over 3.2 mm, 3.4 mm" in err
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = metrics_of("plan")
@@ -131,9 +129,7 @@ def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(polish_sim):
     words = "--part cube.stl --up z --feed 30 --out run"
     assert polish_sim("run", "surface", *words.split())[0] == 0
     assert metrics_of("run")["path_done"] == 1.0
-    code, _, err = polish_sim("plan", "tiny.stl", "--up", "z")
-    assert code == 2
-    assert "6 mm wide, is too small for 20 N" in err
+    refused(polish_sim("plan", "tiny.stl", "--up", "z"), "6 mm wide, is too small for 20 N")
 
 
 def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allowed(polish_sim):
@@ -141,14 +137,10 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     plate = trimesh.creation.box((160.0, 120.0, 20.0)).apply_translation([0, 0, -10])
     trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
     words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
-    code, _, err = polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")
-    assert code == 0
+    err = done(polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")).err
     assert "cm^2 are left out (" in next(line for line in err.splitlines() if line.startswith("bad: "))
     run = "run surface --path plan --pad-diameter 50 --set process.max_feed_s=0.5 --out run"
-    code, _, err = polish_sim(*run.split(), *UNPROVEN)
-    assert code == 2
-    assert "mm into the part over" in err
-    assert "--allow-contact" in err
+    refused(polish_sim(*run.split(), *UNPROVEN), "mm into the part over", "--allow-contact")
     assert not Path("run").exists()
     assert polish_sim(*run.split(), *UNPROVEN, "--allow-contact")[0] in (0, 3)
     assert 'tool_in_part = "allow"' in Path("run/config.toml").read_text()
@@ -175,8 +167,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim):
     cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
     cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
     cap.export("cap.stl")
-    code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", *UNPROVEN, "--out", "plan")
-    assert code == 0, err
+    _, out, err = done(polish_sim("plan", "cap.stl", "--stepover", "30", *UNPROVEN, "--out", "plan"))
     figures = metrics_of("plan")
     for key, angle, rel in (("region_area_m2", 46.0, 0.01), ("part_area_m2", 75.0, 0.05)):
         area = 2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(angle)))  # of a spherical cap
@@ -189,8 +180,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim):
 def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim):
     # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
-    code, out, err = polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan")
-    assert code == 0, err
+    _, out, err = done(polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan"))
     apart = 1e3 * metrics_of("plan")["stepover_mean_m"]
     assert 11.5 < apart < 14.0
     assert ["step-over,", "mean", "mm", f"{apart:.2f}"] in [line.split() for line in out.splitlines()]

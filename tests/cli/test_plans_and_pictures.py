@@ -14,7 +14,7 @@ from polish_sim.cli import film, run
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, metrics_of
+from tests.cli.conftest import PROGRAM, UNPROVEN, done, metrics_of, refused
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
@@ -60,13 +60,11 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim, command):
 def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothing(polish_sim):
     words = "--order outward --direction climb --start 0,0,25 --lead-in arc --lead-angle 5 --tilt-angle -3"
     words += " --axis-smoothing 15 --axis-deviation 2 --feature-angle 25 --edge-margin 3 --stepover 20"
-    code, out, err = polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")
-    assert code == 0, err
+    out = done(polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")).out
     assert "through the air, leads included" in out
-    code, out, err = polish_sim(
-        "run", "surface", "--part", "sphere_50", *words.split(), *UNPROVEN, "--dry-run"
-    )
-    assert code == 0, err
+    out = done(
+        polish_sim("run", "surface", "--part", "sphere_50", *words.split(), *UNPROVEN, "--dry-run")
+    ).out
     assert "within reach" in out
     assert [path.name for path in Path().iterdir()] == ["plan"]
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
@@ -84,8 +82,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     words = ("--up", "z", "--stepover", "40", *UNPROVEN, "--out", "plan")
     assert polish_sim("plan", mine, *words)[0] == 0
     run = ("run", "surface", "--path", "plan")
-    code, _, err = polish_sim(*run, *QUICK, *UNPROVEN, "--out", "run")
-    assert code == 0, err
+    done(polish_sim(*run, *QUICK, *UNPROVEN, "--out", "run"))
     files = {file.name for file in Path("run").iterdir()}
     assert files >= {"path.csv", "path.json", "path.png", "force.png"}
     figures = metrics_of("run")  # of a run that stops short
@@ -98,14 +95,10 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
         (["--lead-in", "arc", "--overlap", "60"], "leave --lead-in, --overlap out"),
         (["--part", "plate"], "another file than 'plate'"),
     ):
-        code, _, err = polish_sim(*run, *more, "--out", "other")
-        assert code == 2
-        assert said in err
+        refused(polish_sim(*run, *more, "--out", "other"), said)
         assert not Path("other").exists()
     mine.rename("moved.stl")
-    code, _, err = polish_sim(*run, "--dry-run")
-    assert code == 2
-    assert "--part" in err
+    refused(polish_sim(*run, "--dry-run"), "--part")
     assert polish_sim(*run, "--part", "moved.stl", *UNPROVEN, "--dry-run")[0] == 0
 
 
@@ -182,7 +175,6 @@ def test_a_film_that_cannot_be_made_is_refused_before_the_run(
 def test_without_a_display_view_is_told_so_and_the_run_goes_on(polish_sim, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    code, _, err = polish_sim("run", "arc", *QUICK, "--view", "--out", "run")
-    assert code == 0
+    err = done(polish_sim("run", "arc", *QUICK, "--view", "--out", "run")).err
     assert "no viewer" in err
     assert (tmp_path / "run/log.npz").exists()

@@ -45,6 +45,5 @@ def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.wait() == 0
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None
         process.stdin.close()
         assert process.wait() == 1

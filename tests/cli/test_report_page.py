@@ -30,7 +30,7 @@ from polish_sim.page.page import page_html, read_page, tables_page
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
 from polish_sim.spatial import apply, inverse
-from tests.cli.conftest import UNPROVEN, in_browser
+from tests.cli.conftest import UNPROVEN, done, in_browser
 from tests.planning.shapes import shipped_plan
 
 LARGEST = 4_000_000
@@ -179,7 +179,6 @@ def test_a_page_plays_the_run_back_and_colours_what_was_removed(played, surface)
     assert_follows_the_log(played, surface, ("q_rad",))
     assert_clean(played)
     log, removal = surface.record.log, surface.record.removal
-    assert removal is not None
 
     def removed(time: float) -> Array:
         return np.array(played("t => window.page.removal(t)", time))
@@ -220,7 +219,6 @@ def test_two_robots_move_and_the_part_moves_with_the_second(opened):
     assert_clean(tab)
     pad = np.array(tab("Array.from(window.page.data.padOnPart)")).reshape(-1, 3)
     pressing = np.array(tab("Array.from(window.page.data.motion.force)")) > 10.0
-    assert record.path is not None
     near = record.path.positions_work[record.path.process]
     apart = np.linalg.norm(pad[pressing, None] - near[None], axis=2).min(axis=1)
     assert apart.max() < 3e-3  # the real part sits up to a millimetre off and is pressed
@@ -282,8 +280,6 @@ def test_two_runs_lie_over_each_other(opened, surface, harder, tmp_path):
     write_saved_page(tmp_path / "both", [tmp_path / "a", tmp_path / "b"], runs)
     tab = opened((tmp_path / "both" / PAGE).read_text(encoding="utf-8"))
     first, second = (run.removal for run in runs)
-    assert first is not None
-    assert second is not None
     tab.tab.locator("#layers select").first.select_option("minus:0")
     tab.picture()
     drawn = np.array(tab("Array.from(window.page.data.colored)"))
@@ -316,8 +312,6 @@ def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
     write_page(tmp_path, surface.record, surface.model)
     page = read_page(tmp_path / PAGE)
     log, removal = surface.record.log, surface.record.removal
-    assert removal is not None
-    assert page.wear is not None
     assert page.wear.value == pytest.approx(removal.relative, abs=1e-4)
     assert (page.wear.faces == removal.triangles).all()
     assert page.motion.time[[0, -1]] == pytest.approx(numbers(log, "time_s")[[0, -1]])
@@ -335,8 +329,6 @@ def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
 def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
     page = seeds_page([surface.record, harder.record], {"mean": surface.record.metrics})
     force = next(line for line in page.plots[0].lines if line.label == "exact force")
-    assert force.low is not None
-    assert force.high is not None
     assert (force.low <= force.values + 1e-9).all()
     assert (force.high >= force.values - 1e-9).all()
     assert np.median((force.high - force.low)[np.isfinite(page.motion.asked)]) == pytest.approx(6.0, abs=0.5)
@@ -344,8 +336,7 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
 
 def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim):
     words = ["plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan"]
-    code, out, err = polish_sim(*words, *UNPROVEN)
-    assert code == 0, err
+    out = done(polish_sim(*words, *UNPROVEN)).out
     assert "plan/report.html" in out
     page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))
     motion, pressing = page.motion, page.motion.force > 0.0

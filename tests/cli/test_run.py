@@ -15,7 +15,7 @@ from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
-from tests.cli.conftest import metrics_of
+from tests.cli.conftest import done, metrics_of
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]
@@ -24,8 +24,7 @@ DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_
 
 @pytest.mark.pictures
 def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim, tmp_path):
-    code, out, err = polish_sim(*FORCE)
-    assert code == 0, err
+    _, out, err = done(polish_sim(*FORCE))
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
     files = {file.name for file in folder.iterdir()}
     assert {"config.toml", "metrics.json", "log.npz", "force.png", "report.html"} <= files
@@ -61,8 +60,7 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     assert code == 1
     assert " NO" in out
     sluggish = ["--set", "robot.linear_acceleration_m_s2=0.05"]
-    code, out, _ = polish_sim(*ARC, *sluggish, "--out", "run")
-    assert code == 0
+    out = done(polish_sim(*ARC, *sluggish, "--out", "run")).out
     assert " NO" not in out
     assert "robot.linear_acceleration_m_s2 = 0.05 (1.2)" in out
     # Neither the pad of a plan nor what a named sensor stands for is one.
@@ -115,8 +113,7 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim):
 
 def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     words = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
-    code, out, err = polish_sim(*FORCE, *words)
-    assert code == 0, err
+    out = done(polish_sim(*FORCE, *words)).out
     assert "worst seed" in out
     figures = metrics_of("two")
     times = [metrics_of(f"two/seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
@@ -130,8 +127,7 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):
         assert polish_sim(*ARC, "--controller", controller, "--out", name)[0] == 0
     assert polish_sim("report", "a", "--out", "alone")[0] == 0
-    code, out, _ = polish_sim("report", "a", "b", "--out", "both")
-    assert code == 0
+    out = done(polish_sim("report", "a", "b", "--out", "both")).out
     (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("controller")]
     assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
     for folder in ("alone", "both"):

@@ -9,7 +9,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from tests.cli.conftest import assert_refused, metrics_of, undrawn
+from tests.cli.conftest import assert_refused, done, metrics_of, undrawn
 
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
@@ -73,8 +73,7 @@ def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed
 def test_the_tool_alone_needs_no_robot(polish_sim):
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n2000,0,0,0,0,1\n2000,500,0,0,0,1\n")
     words = ("--no-joints", "--rate", 20, "--against", "joint-acceleration", "--out", "out")
-    code, out, _ = polish_sim("smooth", "far.csv", *words)
-    assert code == 0
+    out = done(polish_sim("smooth", "far.csv", *words)).out
     assert "joint-acceleration" in out.splitlines()[2]
     assert {file.name for file in Path("out").iterdir()} == FILES - {"joints.png"}
     metrics = metrics_of("out")
@@ -100,8 +99,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim):
     Path("path.nc").write_text("G0 X0 Y0 Z50\nX50\nG1 X100 F600 U7\nX150 F1200\n")
     words = ("smooth", "path.nc", "--no-joints", "--rate", 1000, "--out", "out")
     assert "line 3, column 14: unknown word 'U7'" in polish_sim(*words)[2]
-    code, _, err = polish_sim(*words, "--lenient")
-    assert code == 0
+    err = done(polish_sim(*words, "--lenient")).err
     assert "left out: 'path.nc', line 3, column 14" in err
     archive = np.load("out/trajectory.npz")
     speed = np.linalg.norm(np.diff(archive["tip_m"], axis=0), axis=1)[:-1] / 0.001
@@ -152,14 +150,12 @@ def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_s
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)
     assert "within reach" in polish_sim("run", "smooth", "--path", "path.csv", "--dry-run").out
-    code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")
-    assert code == 0, err
+    out = done(polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")).out
     assert metrics_of("out")["path_done"] == 1.0
     assert "spline" in out
     assert polish_sim("report", "out")[0] == 0
     seeds = ("--seed", "7", "--seeds", "2", "--on", "here", "--out", "two")
-    code, out, err = polish_sim("run", "smooth", "--path", "path.csv", *seeds)
-    assert code == 0, err
+    out = done(polish_sim("run", "smooth", "--path", "path.csv", *seeds)).out
     assert "smooth, 2 seeds" in out
     first, second = (metrics_of(Path(f"two/seed-000{seed}")) for seed in (7, 8))
     # arms of their own

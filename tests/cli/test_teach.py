@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
-from tests.cli.conftest import UNPROVEN, metrics_of
+from tests.cli.conftest import UNPROVEN, done, metrics_of
 
 SHORT = ("--set", "hand.off_s=2")
 
 
 @pytest.mark.pictures
 def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
-    code, out, _ = polish_sim(
-        "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
-    )
-    assert code == 0
+    out = done(
+        polish_sim(
+            "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
+        )
+    ).out
     assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {
         file.name for file in Path("out").iterdir()
     }
@@ -41,8 +42,7 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
 @pytest.mark.pictures
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
-    code, out, _ = polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")
-    assert code == 0
+    out = done(polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")).out
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
     path = read_path("taught/taught.csv")

@@ -93,7 +93,6 @@ def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free, pressed):
         assert run.figures["speed_mean_m_s"] == pytest.approx(speed, rel=0.02)
         assert run.figures["speed_mean_m_s"] < 1.02 * feed
         figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
-        assert figure is not None
         assert len(figure.axes) == panels
         assert sum("of the part" in line.get_label() for line in figure.axes[0].lines) == 3
 
@@ -225,8 +224,6 @@ def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part
     run = run_experiment(dual(*even))
     path, trace = run.path, run.trace
     assert run.figures["protective_stop"] is None
-    assert path is not None
-    assert path.feed is not None
     assert path.length_m > 4.0 * 2.0 * np.pi * 0.08
     fed = np.flatnonzero(trace.fed)
     fed = fed[len(fed) // 6 : -len(fed) // 6]

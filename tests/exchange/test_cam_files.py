@@ -69,7 +69,6 @@ def test_points_axes_feeds_and_strokes_of_a_cam_file_are_read(tmp_path):
         1e-3 * np.array([[0, 0, 50], [0, 0, 20], [10, 0, 20], [20, 0, 20]])
     )
     assert path.axes_work[:4] == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 0.6, 0.8], [0.6, 0, 0.8]]))
-    assert path.feed is not None
     assert path.feed[:4] == pytest.approx([0.01, 0.01, 0.01, 0.005])
     air, part = APPROACH, PROCESS
     assert path.segment.tolist() == [air, part, part, part, air, air, part, part, RETRACT]
@@ -104,7 +103,6 @@ def test_our_own_file_comes_back_to_print_precision_and_moves_rapid_in_the_air_o
     assert np.abs(back.axes_work - path.axes_work).max() < 2e-9
     assert (back.segment == path.segment).all()
     assert (back.pass_index == path.pass_index).all()
-    assert back.feed is not None
     assert back.feed[path.process] == pytest.approx(path.feed[path.process] if wishes else 0.01, abs=1e-10)
     assert (back.force is None) != wishes
     if wishes:

@@ -47,14 +47,12 @@ def ramp(file: Path, top: float = 2.0) -> Path:
 
 def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     feed = plan.path.feed
-    assert feed is not None
     usual = EVEN.process.feed_m_s
     low, high = EVEN.plan.removal_feed
     assert low * usual * (1.0 - 1e-9) <= feed.min() < feed.max() <= high * usual * (1.0 + 1e-9)
     assert plan.figures["planned_removal_cv"] < 0.06
     assert plan.figures["planned_removal_cv_inside"] < 0.05
     force, asked = plan.path.force, EVEN.process.contact_force_n
-    assert force is not None
     assert force.min() < 0.8 * asked
     assert force.max() <= asked * (1.0 + 1e-9)
     problem = _Problem(EVEN, plan)
@@ -129,7 +127,6 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
 def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(plan):
     """As the proof mends a path: its force and largest feeds are given; 95% of what can be is made up for."""
     path = plan.path
-    assert path.feed is not None
     at = path.process & (np.abs(path.positions_work[:, 0]) < 0.03)
     force = np.where(at, 0.5, 1.0) * path.force_at(path.s, EVEN.process.contact_force_n)
     slow = path.process & (path.positions_work[:, 1] > 0.06)
@@ -137,7 +134,6 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     mended = replace(plan, path=replace(path, force=force, feed=np.minimum(path.feed, most)))
     again = even_out(EVEN, mended, most=most)
     np.testing.assert_array_equal(again.path.force, force)
-    assert again.path.feed is not None
     assert again.path.feed[slow].max() <= 0.008 * (1.0 + 1e-9)
     problem = _Problem(EVEN, mended, again=True)
     feeds = mended.path.feed, again.path.feed

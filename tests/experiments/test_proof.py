@@ -75,7 +75,6 @@ def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_wi
     path, scenario = straight((-0.02, 0.0), (0.02, 0.0)), pressing()
     own = replace(path, force=np.full(120, 30.0), feed=np.linspace(0.01, 0.02, 120))
     proof = prove(scenario, planned(scenario, own)).plan.proof
-    assert proof is not None
     assert (proof["contact_force_n"], proof["feed_m_s"]) == (30.0, pytest.approx(0.02))
 
 
@@ -166,7 +165,6 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
 def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     proven = proven_at_the_corner()
     proof, path = proven.plan.proof, proven.plan.path
-    assert proof is not None
     assert proven.plan.figures["proven"] == 1
     assert max(limit["share"] for limit in proof["limits"].values()) <= 0.8
     for changes, known in (("seed=77", True), ("process.feed_m_s=0.04", False), ("robot.arm=ideal", False)):
@@ -195,7 +193,6 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     scenario = override(default_scenario("surface"), changes)
     proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))
     assert {mend.what for mend in proven.plan.mends} >= {SLOWED}
-    assert proven.plan.path.feed is not None
     assert proven.plan.path.feed.min() < 0.06
     run = run_experiment(replace(proven.scenario, seed=504), proven.plan)
     assert run.stop_reason is None

@@ -37,7 +37,6 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     times = []
     for noise in (NOISELESS, ScanNoise(5e-5, math.radians(1.0))):
         motion = stroke_motion(within_noise(Scenario(), noise).smoothing, stroke, None)
-        assert motion is not None
         times.append(motion.duration)
     assert within_noise(Scenario(), NOISELESS) == Scenario()
     least = 0.1 / 0.02  # at the feed
@@ -55,9 +54,7 @@ def bend(radius: float) -> StrokePath:
 
 def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
     asked = SmoothingConfig(rule=rule, **smoothing)  # type: ignore[arg-type]
-    motion = stroke_motion(asked, bend(radius), None)
-    assert motion is not None
-    return motion
+    return stroke_motion(asked, bend(radius), None)
 
 
 def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows():

@@ -98,7 +98,6 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, m
 
 def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(freeform):
     removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
-    assert removal is not None
     assert (np.diff(running) >= 0.0).all()
     assert running[-1] == pytest.approx(
         float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6

@@ -1,19 +1,23 @@
 """Robots, motions and logs of which everything is known."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from polish_sim.identification import identify
 from polish_sim.identification.estimate import BaseParameters, base_of
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import log_columns
 from polish_sim.identification.regressor import FULL, States, TorqueModel
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
+from polish_sim.identification.settings import IdentifySettings
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 
@@ -110,6 +114,21 @@ def noisy(torque: Array, rng: np.random.Generator) -> Array:
 
 
 RATE = 250.0
+
+
+def design_once(patch: pytest.MonkeyPatch, iterations: int) -> list[IdentifySettings]:
+    """Let the motion that is searched first, in a few iterations, serve all identifications; what each of
+    them asked for."""
+    search, asked, found = identify._design, list[IdentifySettings](), list[Any]()
+
+    def design(arm: Any, base: Any, drawing: Any, settings: IdentifySettings, *more: Any) -> Any:
+        asked.append(settings)
+        if not found:
+            found.append(search(arm, base, drawing, replace(settings, iterations=iterations), *more))
+        return found[0]
+
+    patch.setattr(identify, "_design", design)
+    return asked
 
 
 def write_log(

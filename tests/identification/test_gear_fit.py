@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from polish_sim.identification.settings import GEARS, SCENARIO, IdentifySettings
 from polish_sim.scenario_file import override
 from tests.cell.elastic import HOME, joints_at
 from tests.cli.conftest import undrawn
+from tests.identification.known import design_once
 
 PLANTED = [
     "robot.arm=ur5e",
@@ -44,18 +46,20 @@ class Planted(NamedTuple):
         return np.array([[float(word) if word else math.nan for word in row] for row in words])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _one_motion() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        design_once(patch, iterations=15)
+        yield
+
+
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     folder = tmp_path_factory.mktemp("planted") / "found"
     settings = [word for setting in PLANTED for word in ("--set", setting)]
-    with pytest.MonkeyPatch.context() as patch:
-        usual = IdentifySettings.__init__.__defaults__ or ()
-        patch.setattr(
-            IdentifySettings.__init__, "__defaults__", tuple(15 if each == 300 else each for each in usual)
-        )
-        words = ["identify", "--periods", "2", "--seed", "2", *settings, "--out", str(folder)]
-        with undrawn():
-            code = execute(commands, words)
+    words = ["identify", "--periods", "2", "--seed", "2", *settings, "--out", str(folder)]
+    with undrawn():
+        code = execute(commands, words)
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     rows = csv.DictReader((folder / "parameters.csv").read_text(encoding="utf-8").splitlines())
     return Planted(folder, code, figures, {row["name"]: row for row in rows})
@@ -112,7 +116,7 @@ def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(pl
 
 def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways():
     robot = override(SCENARIO, ["robot.arm=ur5e", "robot.real.gear_error_rad=[0,0,0,0,0,0]"]).robot
-    found = run_identification(IdentifySettings(periods=1, iterations=5, robot=robot, seed=1)).figures
+    found = run_identification(IdentifySettings(periods=1, robot=robot, seed=1)).figures
     driving, driven = np.array(found["friction_by_load"])[:5].T
     real = robot.real
     # Their sum is seen whatever the links weigh.

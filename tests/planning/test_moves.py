@@ -193,7 +193,6 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     path = plan.path
     gone = path.process & (path.s > 0.4) & (path.s < 0.5)
     left = lift_over(path, gone, plan.plan, plan.ready.air)
-    assert left is not None
     np.testing.assert_array_equal(left.lost, gone)
     assert len(stretches(left.path.process)) == len(stretches(path.process)) + 1
     kept = left.path.positions_work[left.path.process]
@@ -205,7 +204,6 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     # Strokes before the first that changes keep every row.
     once = left.path
     again = lift_over(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
-    assert again is not None
     np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
 
 
@@ -222,7 +220,6 @@ def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan)
     assert rest.path.positions_work[process][0] == pytest.approx(
         plan.path.positions_work[plan.path.process & (plan.path.s >= 0.5)][0]
     )
-    assert rest.path.force is not None
     assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force)
     assert rest.path.force[process][-1] == plan.tool.force
     with pytest.raises(PlanError, match="nothing of the path is left behind"):

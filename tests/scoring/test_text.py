@@ -68,10 +68,8 @@ def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_tha
 def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
     summaries = summarize(BOTH)
     worst = worst_case(summaries, B)
-    assert worst is not None
     assert (worst["case"], worst["seed"], worst["stable"]) == ("approach-20", 1, False)
     best = worst_case(summaries, A)
-    assert best is not None
     assert best["max_error_n"] == pytest.approx(0.5)
     assert breaking(summaries, A) == []
     (line,) = breaking(summaries, B)

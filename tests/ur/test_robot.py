@@ -147,7 +147,6 @@ def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot, kind)
     assert np.mean(held) == pytest.approx(40.0, abs=1.0)
     assert np.ptp(held) < 4.0
     felt, arm = np.mean(torques, axis=0), robot.cell.real_arm
-    assert arm is not None
     assert np.abs(felt).max() > 20.0
     for _ in range(2):  # about the tool, and about another tool point
         by_lever = tool_at(robot.actual_q, matrix_of(robot.tcp_offset))[1].T @ robot.tcp_force

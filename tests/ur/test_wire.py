@@ -418,7 +418,7 @@ def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_p
         # Where there is a wheel of ur_rtde.
         if polishes := importlib.util.find_spec("rtde_control") is not None:
             example = Path(__file__).parents[2] / "examples/ur_rtde_polish.py"
-            client = [sys.executable, example, "PLAN/path.csv", "--seconds", "4", "--host", both[0]]
+            client = [sys.executable, example, "PLAN/path.csv", "--seconds", "3", "--host", both[0]]
             done = subprocess.run(client, cwd=tmp_path, capture_output=True, text=True, timeout=240)
             assert done.returncode == 0, done.stdout + done.stderr
             mean = float(done.stdout.partition("mean ")[2].split(" ")[0])
