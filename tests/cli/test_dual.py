@@ -10,7 +10,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Tool, done, metrics_of, refused, undrawn
+from tests.cli.conftest import Call, Tool, done, metrics_of, refused, undrawn
 
 SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 
@@ -36,11 +36,11 @@ def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
     """`run dual` with calibrations by name, in a folder with copies of them."""
     shutil.copytree(calibrations, tmp_path, dirs_exist_ok=True)
 
-    def run(names: str, *words: object) -> tuple[int, str, str]:
+    def run(names: str, *words: object) -> Call:
         taken = [word for name in names.split() for word in ("--calibration", f"{name}/calibration.toml")]
         code, out, err = polish_sim("run", "dual", *taken, *words)
         assert (tmp_path / "run").exists() == ("--out" in words and code == 0)
-        return code, out, err.replace("\n", " ")
+        return Call(code, out, err.replace("\n", " "))
 
     return run
 
