@@ -10,8 +10,7 @@ import pytest
 # each other, fifty times as long as the work takes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test
-# Ctrl-C.
+# A shell starts background jobs with SIGINT ignored; so would be what the tests start, to test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from tests.kept import share_fields, share_parts  # noqa: E402  (imports numpy)
@@ -26,8 +25,7 @@ FIRST = ("cell/test_engine_contact.py", "dual/test_pair.py", "envs/test_envs.py"
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """Folders are shared out to all processors; a file somebody names runs here, where a debugger can look
-    in."""
+    """Folders are shared out to all processors; a file somebody names runs here, for a debugger."""
     whole = all(Path(argument).is_dir() for argument in config.args)
     return None if whole else 0
 

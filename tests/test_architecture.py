@@ -1,5 +1,4 @@
-"""The house stands: imports go down the layers, every package is shipped, nothing heavy loads with the
-command line."""
+"""The house stands: imports go down the layers, packages are shipped, the command line loads light."""
 
 import ast
 import io

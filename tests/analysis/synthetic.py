@@ -46,8 +46,7 @@ def arc_trace(radial_error_m: float = 5e-5, feed_m_s: float = 0.01, ripple_m_s: 
 
 
 def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06) -> ToolPath:
-    """A straight path whose curvature rises to `sharpness` [1/m] in evenly spaced places, gentle between
-    them."""
+    """A straight path whose curvature rises to `sharpness` [1/m] in evenly spaced places."""
     s = np.linspace(0.0, length, 2401)
     centres = (np.arange(bumps) + 0.5) * length / bumps
     curvature = 1.0 + sum(sharpness * np.exp(-0.5 * ((s - c) / 0.008) ** 2) for c in centres)
@@ -90,8 +89,7 @@ def log_of(trace: Trace, every: int = 4) -> RunLog:
 
 
 def removal_map(exposure: Array, preston_1_pa: float = 0.0) -> RemovalMap:
-    """A strip of squares 10 mm wide, level, with these exposures [N/m] along it, each node standing for 100
-    mm^2."""
+    """A level strip of squares 10 mm wide with these exposures [N/m] along it; a node stands for 100 mm^2."""
     n = len(exposure)
     x = 0.01 * np.repeat(np.arange(n), 2)
     vertices = np.column_stack([x, np.tile([0.0, 0.01], n), np.zeros(2 * n)])

@@ -1,5 +1,4 @@
-"""Cells for tests: short strokes in free space or on parts with a formula, a sensor without errors unless
-asked for."""
+"""Cells for tests: short strokes in free space or on parts with a formula; the sensor is exact by default."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -98,8 +97,7 @@ def pressing_stroke(
     lift: float = 0.0,
     wanted: float = 20.0,
 ) -> Stroke:
-    """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m] along
-    tool x."""
+    """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m]."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
     path = path_through(pressed, along_tool(pressed, x=slide))

@@ -105,8 +105,7 @@ def tangents(joints: Joints) -> Array:
 
 
 def first_mode(joints: Joints) -> tuple[complex, Array]:
-    """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape
-    (13,)."""
+    """Slowest linear vibration of links, head and rotors at the pose: eigenvalue [1/s] and shape (13,)."""
     model, arm, nv = joints.model, joints.arm, joints.model.nv
     M = np.zeros((nv + 6, nv + 6))
     links = np.zeros((nv, nv))

@@ -1,5 +1,4 @@
-"""Signed distance fields of parts with a formula, sampled from it: what the contact touches in these
-tests."""
+"""Signed distance fields of parts with a formula, sampled from it: what the contact touches in tests."""
 
 from collections.abc import Callable, Sequence
 from functools import cache

@@ -70,8 +70,7 @@ def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_t
 
 
 def test_a_pad_that_rolls_in_feels_the_side_that_goes_down():
-    """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2
-    / 4."""
+    """Turning at w about x, the point at y moves down at w y: the damped moment is a k d w A a^2 / 4."""
     rate = 2.0
     found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0))
     assert found.force[2] == pytest.approx(FORCE, rel=1e-5)

@@ -63,8 +63,7 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
 
 
 def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment():
-    """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R /
-    3 pi."""
+    """Half the disc carries: twice the compression; the centroid of half a disc, 4 R / 3 pi."""
     edge = sampled(
         lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
     )

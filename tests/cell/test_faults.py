@@ -1,5 +1,4 @@
-"""Injected faults: each at its step, with the reason it should give, the force bounded, the tool off the
-part."""
+"""Injected faults: each at its step and with its reason, the force bounded, the tool off the part."""
 
 import math
 import re
@@ -89,8 +88,7 @@ def test_what_can_be_noticed_stops_the_robot_in_time(event, code, least, most):
 
 @pytest.mark.parametrize(("when", "way"), [(1.0, 0.005), (0.05, 0.009)])
 def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when, way):
-    """While it touches down it is pressed in by 4 mm more: what it has risen counts from where contact
-    was."""
+    """While it touches down it is pressed in by 4 mm more: its rise counts from where contact was."""
     run = faulty(f"part-high@contact+{when}").run()
     assert run.stop_reason == REASONS[RISEN]
     assert run.safety.fault_to_stop_s == pytest.approx(way / SHIFT_SPEED, abs=0.1)

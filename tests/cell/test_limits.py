@@ -1,5 +1,4 @@
-"""Scenarios whose explicit contact, sensor or robot cannot work at this step are refused by the name of the
-limit."""
+"""Scenarios whose contact, sensor or robot cannot work at this step are refused by the limit's name."""
 
 import re
 from dataclasses import replace

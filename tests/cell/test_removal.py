@@ -120,15 +120,13 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
 
 
 def sliding(grid: Array, normals: Array) -> Array:
-    """Speed along the part of a face that turns about z [m/s]: what of it points into the part does not
-    slide."""
+    """Speed along the face of a part that turns about z [m/s]; what points into the part does not slide."""
     moved = SPIN * np.column_stack([grid[:, 1], -grid[:, 0], np.zeros(len(grid))])
     return np.linalg.norm(moved - (moved * normals).sum(axis=1)[:, None] * normals, axis=1)
 
 
 def run_of(turn: Rotation = STRAIGHT) -> tuple[Trace, Array]:
-    """A pass of 30 mm in 1.5 s over a plane by a robot that stands turned, and its constant tool
-    quaternion."""
+    """A pass of 30 mm in 1.5 s over a plane by a robot that stands turned, and its tool quaternion."""
     time = np.arange(0.0, 1.5, 1e-3)
     tip = np.stack([0.02 * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1)
     trace = trace_of(
@@ -208,8 +206,7 @@ TRACK = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros(61), np.zeros(61
 
 @pytest.fixture(scope="module")
 def block() -> tuple[Surface, Region]:
-    """A block of 100 x 100 x 20 mm with its top at z = 0, of which 80 x 30 mm in the middle are to be
-    polished."""
+    """A block of 100 x 100 x 20 mm with its top at z = 0; 80 x 30 mm in the middle are to be polished."""
     box = trimesh.creation.box((0.1, 0.1, 0.02))
     vertices, faces = np.array(box.vertices) - [0.0, 0.0, 0.01], np.array(box.faces, dtype=np.int32)
     surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)

@@ -1,5 +1,4 @@
-"""The exact wrist wrench inside a run, at every instant, against Newton and Euler written out here; tare,
-latency."""
+"""The exact wrist wrench at every instant of a run against Newton and Euler; tare, latency."""
 
 from typing import Any
 
@@ -105,8 +104,7 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
 
 
 def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare():
-    """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its
-    share."""
+    """The force loop holds 20 N of what it believes; the rest is the surplus mass by its share's change."""
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81
     start = along_tool(tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
     stroke = pressing_stroke(hold=1.5)._replace(lead_in=path_through(start, TOUCH))

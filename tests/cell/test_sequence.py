@@ -107,8 +107,7 @@ def test_two_strokes_follow_each_other_through_free_space():
 
 
 def contact_time(reading: Callable[[float], float]) -> float:
-    """When a reading [N] by the time in the air [s] counts as contact, coming down from 20 mm [s]; infinite:
-    never."""
+    """When a reading [N] by the time in the air [s] counts as contact, from 20 mm up [s]; infinite: never."""
     stroke, sequence, target = pressing_stroke(height=0.02), build_sequence(), Target()
     for step in range(20_000):
         t = 0.001 * step - (TARE_START + TARE_TIME)

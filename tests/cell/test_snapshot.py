@@ -47,8 +47,7 @@ def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
 
 
 def test_strokes_and_course_can_be_exchanged_on_the_way():
-    """Exchanged for equal ones nothing changes; for slower ones the run takes longer, and what was done
-    stays."""
+    """Exchanged for equal ones nothing changes; for slower ones the rest of the run takes longer."""
     one = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2")
     before = [one.play(3000)]
     saved = one.save()

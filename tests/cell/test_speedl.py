@@ -41,8 +41,7 @@ def commanded(
     silent: int = 10**9,
     again: int = 10**9,
 ) -> Array:
-    """Twist the interface commands at every step, shape (steps, 6); the host is silent from a step until
-    another."""
+    """Twist commanded at every step, shape (steps, 6); the host is silent from one step until another."""
     robot, found = robot or robot_with(), []
     line = build_request_line(robot)
     for n in range(steps):

@@ -35,8 +35,7 @@ def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
 
 
 def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
-    """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on
-    approach."""
+    """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off."""
     run = on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
     frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
@@ -47,8 +46,7 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
 
 
 def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment():
-    """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's
-    centre."""
+    """Pushed aside by the plane, the pad's force has a lever about the tool point and the head's centre."""
     leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
     part = part_under(plane(), leaning)
     run = on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()

@@ -257,8 +257,7 @@ def test_the_share_of_the_range_is_that_of_the_makers_example():
 
 
 def pressed_hard(*settings: str) -> CellRun:
-    """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, too much for a range of 22
-    N."""
+    """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, beyond a range of 22 N."""
     small = "sensor.model=ur5e-built-in", "sensor.force_range_n=22"
     return on_plane(*small, "safety.force_limit_n=80", "pad.friction=0.1", *settings, wanted=45.0).run()
 

@@ -1,5 +1,4 @@
-"""`calibrate arm` on the command line: simulated arms, a user's file, what a run makes of it, and what is
-refused."""
+"""`calibrate arm` on the command line: simulated arms, a user's file, a run with them, refusals."""
 
 from pathlib import Path
 

@@ -1,5 +1,4 @@
-"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them, and what calibrations of two robots
-refuse."""
+"""`calibrate tcp` and `calibrate base` as a user calls them; what calibrations of two robots refuse."""
 
 import tomllib
 from collections.abc import Callable

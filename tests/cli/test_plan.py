@@ -27,8 +27,7 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim):
     # What the table puts beside each other is of the same way: in contact at 10 mm/s, the rest at 5 mm/s.
     assert metrics["time_in_contact_s"] == pytest.approx(metrics["path_length_m"] / 0.01, rel=0.01)
     assert metrics["motion_time_s"] == pytest.approx(metrics["time_in_contact_s"], rel=0.02)
-    # Sensor zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.42 s of touch-down, up by 30 mm and the
-    # compression.
+    # Zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.42 s of touch-down, up by 30 mm and the compression.
     around = 0.4 + 0.03 / 0.005 + 0.05 + 0.42 + 0.03 / 0.02
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 

@@ -1,5 +1,4 @@
-"""The proof as a user meets it: a plan that has been played, a run that begins behind a place, figures that
-are bad."""
+"""The proof as a user meets it: a plan that was played, a run from a place on, figures that are bad."""
 
 from pathlib import Path
 

@@ -1,5 +1,4 @@
-"""A log of a simulated run compared with its own replay differs by nothing; what is planted in a log is
-found."""
+"""A simulated run's log compared with its own replay differs by nothing; what is planted is found."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""Two robots on one hub: what calibration does to the tool on the part, the force on a moving rim, what is
-refused."""
+"""Two robots on one hub: calibration and the tool on the part, the force on a moving rim, refusals."""
 
 from dataclasses import replace
 from functools import cache
@@ -109,8 +108,7 @@ def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free):
 
 
 def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free):
-    """The engine's own kinematics of the scene, fed with the log: the tool is where the path has it on the
-    part."""
+    """The engine's own kinematics of the scene, fed with the log: the tool is on the part's path."""
     true, log, path = true_chain(free.scenario.dual), free.log, free.path
     part = load_part(workpiece_path("wheel_hub_rim"))
     held = Held(part, 2700.0, true.T_flange_gripper @ true.T_gripper_work)
@@ -153,8 +151,7 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free):
     short = (*FREE, *EXACT, *off, "process.max_feed_s=1")
     nominal, found = (run_experiment(dual(*short, *more)).figures for more in ((), ("dual.arm_poses=60",)))
     assert nominal["relative_error_rms_m"] > 5e-4
-    # With an exact tracker and exact touches what is left is the tracking, as with arms that are as their
-    # tables say.
+    # With an exact tracker and exact touches the tracking is left, as with arms that are as their tables say.
     assert found["relative_error_rms_m"] < 1.2 * free.figures["relative_error_rms_m"] + 2e-5
     for figures in (nominal, found):
         # The host does not see it: by its own table its tool is where it wants it.
@@ -194,8 +191,7 @@ def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed)
         default_scenario("surface"), ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"]
     )
     still = run_experiment(alone, plan)
-    # How it is spread differs a little: the pad levels itself about its own y axis, which the robots hold
-    # differently.
+    # How it is spread differs a little: the pad levels itself about y, held differently by the robots.
     assert pressed.figures["exposure_nm"] == pytest.approx(still.figures["exposure_nm"], rel=0.005)
     assert pressed.figures["removal_unplaced"] == 0.0
     taken = pressed.figures["exposure_nm"] * (1.0 + pressed.figures["removal_elsewhere"])
@@ -309,8 +305,7 @@ def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed):
     assert figures["protective_stop"] is None
     assert figures["force_max_deviation_n"] <= 1.5
     assert figures["chain_residual_m"] < 1e-9
-    # The host sees its own lag only; on the part twelve gears err, each by up to 0.15 mrad at half a metre or
-    # so.
+    # The host sees its own lag only; on the part twelve gears err, each by up to 0.15 mrad at half a metre.
     assert figures["tracking_error_worst_m"] < 1.5e-4
     assert 2.0 * pressed.figures["relative_error_rms_m"] < figures["relative_error_rms_m"] < 5e-4
     # The way found with arms as drawn is taken again once they are calibrated: otherwise tables made around
@@ -322,8 +317,7 @@ def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed):
 
 
 def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones():
-    """Rigid gears without error and an exact table: all that is left are rotors, friction and encoder
-    steps."""
+    """Rigid gears without error and an exact table: rotors, friction and encoder steps are left."""
     rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]
     exact = ("robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]")
     table = "robot.real.kinematics=exact"

@@ -1,5 +1,4 @@
-"""How the master may move the part: turned against the feed, along files, by strokes in the air; what is
-refused."""
+"""How the master may move the part: against the feed, along files, by strokes in the air; refusals."""
 
 import math
 from collections.abc import Callable
@@ -62,8 +61,7 @@ def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits():
 
 
 def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
-    """Part and tool as they came, in where the check looked for them at its moments up to the last feed, (n,
-    4, 4)."""
+    """Part and tool as they came, where the check looked for them up to the last feed, (n, 4, 4)."""
     visits = task.work.visits
     planned = sampled(task.work, task.reach.T_master_work, task.reach.spin)
     there = slice(int(np.flatnonzero(visits.stroke >= 0)[-1]) + 1)

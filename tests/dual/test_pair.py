@@ -1,5 +1,4 @@
-"""Two robots in one cell: the part goes where the master's flange goes, the pad feels it, the host believes
-its own."""
+"""Two robots in one cell: the part goes with the master's flange, the pad feels it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -153,8 +152,7 @@ def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest():
     cell = carried(spacing=0.007)
     _, (seen,) = watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
-    # It has 0.7 s of rows and brakes on the last half a ramp of them: released for 0.7 s, then held until it
-    # stands.
+    # It has 0.7 s of rows and brakes on half a ramp of them: released for 0.7 s, then held until it stands.
     since = 0.001 * np.arange(1, 1 + len(seen) - start)
     let_go = time_let_go(since)
     np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
@@ -181,8 +179,7 @@ def pressed(
 
 
 def test_the_masters_joints_carry_what_is_pressed_on_the_part():
-    """Statics: what servos, bearings and weight leave over at the master's joints is J^T F of 20 N where the
-    pad is."""
+    """Statics: servos, bearings and weight leave J^T F of 20 N at the pad over at the master's joints."""
     left: list[Array] = []
 
     def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -232,8 +229,7 @@ def test_whichever_arm_fails_both_stand_off_the_part(fault, code, delay):
     assert run.trace.tcp_speed_m_s[-1] < 0.1 * run.trace.tcp_speed_m_s.max()
     assert run.trace.normal_force_n.max() < 30.0
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
-    # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a, not for half
-    # a second.
+    # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a.
     stopped, way = stopped_at(run), run.trace.part_shift_m
     v = np.linalg.norm(np.gradient(way, 0.001, axis=0)[stopped - 20])
     assert v > 0.01
@@ -241,8 +237,7 @@ def test_whichever_arm_fails_both_stand_off_the_part(fault, code, delay):
 
 
 def test_the_host_foretells_a_master_that_gains_speed():
-    """Against where the master really is, and how fast it is once a request acts, 8 ms later; its ramps
-    included."""
+    """Against where the master really is, and its speed once a request acts, 8 ms later; ramps included."""
     cell = carried(delay=0.003, period=0.002, lead=0.008)
     host = cell.master.state
     _, (told, coming, q, qd) = watched(

@@ -77,8 +77,7 @@ def unknowns(found: PairAdjustment) -> Array:
 
 
 def test_exact_touches_put_a_wrong_base_right():
-    """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide, the rest is
-    exact."""
+    """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide."""
     rng = np.random.default_rng(1)
     parts = true_parts(rng)
     wrong = parts._replace(

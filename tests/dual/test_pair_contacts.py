@@ -35,8 +35,7 @@ def scene(T_follower_master: Array, clearances: Clearances | None) -> mujoco.MjM
 
 
 def gripper_before(gap: float, aside: float) -> Array:
-    """The master's base, so that its gripper's face is this far before the pad, its axis this far beside
-    [m]."""
+    """The master's base for a gripper's face this far before the pad and an axis this far beside it [m]."""
     face = along_tool(TOOL, x=aside, z=gap) @ np.diag([1.0, -1.0, -1.0, 1.0])
     return np.asarray(face @ inverse(forward(Q_MASTER) @ ON_GRIPPER))
 

@@ -1,5 +1,4 @@
-"""The environments: Gymnasium's own checks, seeds, ends, rewards; a controller as policy is the
-controller."""
+"""The environments: Gymnasium's own checks, seeds, ends, rewards; a controller as policy is itself."""
 
 import subprocess
 import sys

@@ -1,5 +1,4 @@
-"""APT/CLDATA and G-code: what other systems write is read, what we write comes back, what cannot be read is
-named."""
+"""APT/CLDATA and G-code: others' files are read, ours come back, what cannot be read is named."""
 
 import numpy as np
 import pytest

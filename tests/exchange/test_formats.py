@@ -1,5 +1,4 @@
-"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, remarks, ROS
-YAML."""
+"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, ROS YAML."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,5 +1,4 @@
-"""Plan folders and other programs' CSVs: written, read back, refused with the place; damaged files of every
-format."""
+"""Plan folders and other programs' CSVs: written, read back, refused with the place; damaged files."""
 
 import csv
 import json

@@ -27,8 +27,7 @@ def freeform() -> RunResult:
 
 @pytest.fixture(scope="session")
 def cap() -> tuple[Scenario, PlanResult]:
-    """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again with
-    changes."""
+    """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again."""
     scenario = override(default_scenario("surface"), ["part.file=sphere_50", "process.max_feed_s=2"])
     return scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
 

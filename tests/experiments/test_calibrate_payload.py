@@ -1,5 +1,4 @@
-"""The robot visits its poses, and finds the tool it really carries; every run believes what such a
-calibration says."""
+"""The robot visits its poses and finds the tool it carries; every run believes such a calibration."""
 
 import mujoco
 import numpy as np

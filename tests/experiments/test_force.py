@@ -81,8 +81,7 @@ def test_springs_and_latency_it_was_not_told_of(scale, sensor, command):
         f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}"
     )
     assert result.stop_reason is None
-    # Springs a fifth as stiff give by 20 mm: at the 30 mm/s that cannot strike on stiff ones that takes 0.7
-    # s.
+    # Springs a fifth as stiff give by 20 mm: at 30 mm/s, which cannot strike on stiff ones, that takes 0.7 s.
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)
     held = result.trace.normal_force_n[result.trace.phase < RETRACT_PHASE]
     held = held[-400:]  # by then it has landed on any springs

@@ -1,5 +1,4 @@
-"""The part stands where the arm does the whole path; a pose asked for is checked, and a refused one says what
-fits."""
+"""The part stands where the arm does the whole path; a pose asked for is checked, refusals say what fits."""
 
 import re
 from dataclasses import replace
@@ -133,7 +132,6 @@ def test_the_maps_value_is_the_least_determinant_along_the_path():
         done = ~np.isnan(branches).any(axis=(0, 2))
         done &= link_frames(angles)[:, :, 1:6, 2, 3].min(axis=(0, 2)) >= LOWEST_JOINT
         best = np.abs(np.linalg.det(jacobian(angles, np.zeros(3)))).min(axis=0)[done].max()
-        # The map looks at the outermost points and some along the path, so it may miss a lower value between
-        # them.
+        # The map looks at the outermost points and some of the path: it may miss a lower value between.
         assert best <= found.values[height, distance, turn, spin] * (1.0 + 1e-9)
         assert best > 0.8 * found.values[height, distance, turn, spin]

@@ -1,5 +1,4 @@
-"""A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn
-parts."""
+"""A plan is played in the cell before it is used: what fails is slowed or left out; then drawn parts pass."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -187,8 +186,7 @@ def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_pa
 
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
-    """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its transmission error shakes the
-    sensor."""
+    """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its gear error shakes the sensor."""
     changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
     scenario = override(default_scenario("surface"), changes)
     proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))

@@ -38,8 +38,7 @@ def line_on_plate() -> ToolPath:
 
 
 def distances(scenario: Scenario, *lines: np.ndarray) -> list[np.ndarray]:
-    """Signed distances [m] of points (n, 3) of the work frame from what the pad meets along a line over the
-    plate."""
+    """Signed distances [m] of points (n, 3) of the work frame from what the pad meets along a line."""
     met = build_part(scenario, replace(place_force(scenario), path=line_on_plate()))
     return [np.array([field_distance(met.field, *point) for point in line]) for line in lines]
 

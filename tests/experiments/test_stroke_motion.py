@@ -25,8 +25,7 @@ FEED = 0.06
 
 
 def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
-    """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their own noise
-    hardly any."""
+    """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their noise less."""
     rng, s = np.random.default_rng(1), np.linspace(0.0, 0.1, 201)
     knots = np.linspace(0.0, 0.1, 42)
     tilt = np.stack([np.interp(s, knots, math.radians(1.0) * rng.normal(size=42)) for _ in range(2)], axis=1)
@@ -86,8 +85,7 @@ def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
         check_experiment(asked)
 
 
-# Several stretches in contact become several strokes: travel through the air, a way down, the stretch, a
-# lift.
+# Several stretches in contact become several strokes: travel in the air, a way down, the stretch, a lift.
 
 LIFT = PlanConfig().clearance_m
 PLACE = np.array([0.0, -0.5, 0.08])

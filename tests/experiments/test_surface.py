@@ -56,8 +56,7 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
         fed = result.log.fed
         wrench = np.asarray(result.log["wrench_true_tool"][fed][100:], dtype=float).mean(axis=0)
         force[name], moment[name] = np.linalg.norm(wrench[:2]), wrench[5]
-    # Sliding with the feed alone friction opposes it with mu F; spinning, points slide round faster than
-    # along.
+    # Sliding with the feed alone friction opposes it with mu F; spinning, points slide mostly round.
     assert force["off"] == pytest.approx(0.3 * 20.0, rel=0.1)
     assert force["on"] < 0.7 * force["off"]
     # The spindle turns about tool z and drags the part along, by no more than mu F a.
@@ -103,8 +102,7 @@ def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(free
         float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6
     )
     assert freeform.figures["removal_unplaced"] < 0.01
-    # The first seconds run along the part's edge, where the contact's own springs fade out and the map's do
-    # not.
+    # The first seconds run along the part's edge, where the contact's springs fade out and the map's stay.
     assert freeform.figures["pressure_field_ratio"] == pytest.approx(1.0, abs=0.1)
     # A disc pressed flat slides at two thirds of its rim's speed on average, one on an edge near that.
     rim = 628.3 * freeform.scenario.pad.radius_m

@@ -1,5 +1,4 @@
-"""Meshes whose truth is known in closed form: points on them, normals and curvatures; solids, parts and
-regions."""
+"""Meshes with a closed form: points on them, normals and curvatures; solids, parts and regions."""
 
 import struct
 import tracemalloc
@@ -61,8 +60,7 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
 
 
 def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles between two closed rings of as many vertex numbers, outward where the first one runs to the
-    left."""
+    """Triangles between two closed rings of as many vertices, outward where the first runs to the left."""
     ahead, second_ahead = np.roll(first, -1), np.roll(second, -1)
     return np.concatenate(
         [np.stack([first, ahead, second_ahead], -1), np.stack([first, second_ahead, second], -1)]

@@ -201,8 +201,7 @@ def test_the_rim_of_a_drilled_hole_is_round_on_both_sides_of_the_crease():
 
 
 def test_a_cone_is_a_cone_up_to_its_tip():
-    """Its facets follow each other smoothly; one normal for all of them at the tip would make it a dome 7 mm
-    higher."""
+    """Its facets follow each other smoothly; one normal for all at the tip would be a dome 7 mm higher."""
     radius, height = 0.07, 0.06
     surface = fit(trimesh.creation.cone(radius, height, sections=96))
     found = surface.evaluate(*everywhere(surface))

@@ -1,5 +1,4 @@
-"""Parts from files and arrays: the same part whatever the format, its unit, one clear message for what is no
-mesh."""
+"""Parts from files and arrays: the same part whatever the format, its unit, clear refusals."""
 
 import struct
 

@@ -284,8 +284,7 @@ def test_the_worker_of_the_fuzz_holds_its_memory_limit():
 
 
 def test_a_large_file_with_many_wrong_facets_takes_no_more_memory_than_a_whole_one(tmp_path):
-    """Facets too many and corners wrong: nearly every edge is a border, with thousands of others' vertices
-    near it."""
+    """Facets too many and corners wrong: nearly every edge is a border with thousands of vertices near."""
     rng = np.random.default_rng(0)
     ball = trimesh.creation.icosphere(subdivisions=6, radius=40.0)
     faces, corners = np.array(ball.faces), len(ball.vertices)

@@ -1,5 +1,4 @@
-"""The region to polish: what a person would pick, cleanly cut, in pieces that each have their own border; the
-margin along it."""
+"""The region to polish: what a person would pick, cleanly cut, in pieces with a border each; its margin."""
 
 from collections.abc import Callable
 

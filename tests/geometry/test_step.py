@@ -1,5 +1,4 @@
-"""STEP files: what is read is the solid, in the unit the file states; what cannot be read is one clear
-error."""
+"""STEP files: the solid is read in the unit the file states; what cannot be read is one clear error."""
 
 import importlib.util
 import math

@@ -81,8 +81,7 @@ def test_the_wrist_sensor_feels_the_hand():
 
 
 def test_what_the_model_lacks_is_tared_while_the_servos_hold():
-    """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the
-    tare."""
+    """2 kg missing from the payload: the arm stays when the servos release it, and sinks without the tare."""
     moved = []
     for tare in (1.0, 0.0):
         free = Hand(0.0, 0.0, 0.0, 0.0)
@@ -94,8 +93,7 @@ def test_what_the_model_lacks_is_tared_while_the_servos_hold():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_brakes_end_the_motion_in_every_mode(mode):
-    """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held
-    then."""
+    """Even where the law does not carry the arm; 2 kg missing are tared in 0.5 s and held."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
     assert "guide.joint_speed_limit_rad_s" in str(run.stop_reason)
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
@@ -105,8 +103,7 @@ def test_the_brakes_end_the_motion_in_every_mode(mode):
 
 
 def test_links_that_touch_stop_the_arm_and_are_named():
-    """A soft hand pulls the tool slowly home to the foot of the arm; it is braked half a second after the
-    touch."""
+    """A soft hand pulls the tool home to the arm's foot; it is braked half a second after the touch."""
     run = guide(np.array([0.0, 0.6, -0.2]), 3.5, "inertia", Hand(200.0, 300.0, 0.0, 0.0))
     assert str(run.stop_reason).endswith("link_1_collision and tool_collision")
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)

@@ -117,8 +117,7 @@ RATE = 250.0
 
 
 def design_once(patch: pytest.MonkeyPatch, iterations: int) -> list[IdentifySettings]:
-    """Let the motion that is searched first, in a few iterations, serve all identifications; what each of
-    them asked for."""
+    """Let the motion searched first, in a few iterations, serve all identifications; what each asked for."""
     search, asked, found = identify._design, list[IdentifySettings](), list[Any]()
 
     def design(arm: Any, base: Any, drawing: Any, settings: IdentifySettings, *more: Any) -> Any:
@@ -135,8 +134,7 @@ def write_log(
     file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None,
     seed: int = 0,
 ) -> Path:  # fmt: skip
-    """Write states and their torques, with noise, as a log at `RATE`; ``truth`` (p,) if it is not the model's
-    own."""
+    """Write states and noisy torques as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
     torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
     q, force = log_columns(model.chain.geometry.kind.tolist())

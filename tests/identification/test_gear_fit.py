@@ -148,8 +148,7 @@ def test_a_head_on_its_spring_follows_a_slow_arm_and_leaves_a_quick_one():
         states = States(q, filtered(q, dt, 400.0, 1), filtered(q, dt, 400.0, 2))
         torques[hz] = head.torques(states, dt, 400.0)[:, 1] / np.ptp(states.qdd[:, 1])
     assert np.ptp(torques[0.5]) < 1e-3 * np.ptp(torques[150.0])
-    # Far above its resonance the head stands still, but for its damper: what a rigid link would push is taken
-    # off.
+    # Far above its resonance the head stands still but for its damper: what a rigid link would push is gone.
     w = 2.0 * np.pi * 150.0
     lag = np.angle(w**2 - head.stiffness / head.mass - 1j * w * head.damping / head.mass)
     assert np.corrcoef(torques[150.0], -states.qdd[:, 1])[0, 1] == pytest.approx(np.cos(lag), abs=2e-3)

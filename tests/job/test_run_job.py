@@ -72,8 +72,7 @@ def test_planned_and_simulated_time_agree_in_programme_and_figures(job, whole):
 
 @pytest.mark.parametrize(("after", "pieces"), [(1.0, 1), (7.0, 2), (9.5, 2)])
 def test_a_stopped_job_goes_on_and_takes_off_as_much(job, whole, tmp_path, after, pieces):
-    """After 9.5 s what is left is shorter than a step-over: 1.5 of them are polished again, and the
-    touch-down takes 0.5 s."""
+    """After 9.5 s less than a step-over is left: 1.5 of them are polished again, touch-down takes 0.5 s."""
     with pytest.raises(KeyboardInterrupt):
         list(run_job(job, tmp_path, Stops(after)))
     (row,) = run_job(job, tmp_path, Silent())

@@ -23,8 +23,7 @@ def test_every_shipped_tool_is_a_scenario_and_the_spindle_pad_that_of_run_surfac
 
 
 def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
-    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| averaged over the orbit is w for a slow feed
-    u."""
+    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| over the orbit is w for a slow feed u."""
     tool = Tool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
     slide, feed = tool.slide_m_s, 0.05
     exact = (

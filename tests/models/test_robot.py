@@ -1,5 +1,4 @@
-"""The compiled UR5e model against the manufacturer's figures, an independent dynamics library and closed
-forms."""
+"""The compiled UR5e model against the maker's figures, an independent dynamics library, closed forms."""
 
 import mujoco
 import numpy as np
@@ -32,8 +31,7 @@ INERTIAS = [
 ]
 TORQUE_LIMITS = [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
 
-# Solid cylinders along the tool axis: mass [kg], radius, first and second end, distance from the axis along x
-# [m].
+# Solid cylinders along the tool axis: mass [kg], radius, both ends, distance from the axis along x [m].
 TOOL_MOUNT = [
     (0.30, 0.040, 0.000, 0.040, 0.0),
     (0.15, 0.040, 0.040, 0.052, 0.0),
@@ -53,8 +51,7 @@ def cylinders(parts):
 
 
 def build_model():
-    """Pinocchio model of the arm with the spindle and the sliding head (7 joints, the last one the
-    head's)."""
+    """Pinocchio model of the arm with the spindle and the sliding head (7 joints, the last the head's)."""
     model = pin.Model()
     parent, placement = 0, pin.SE3.Identity()
     for i, (a, d, alpha) in enumerate(DH):
@@ -162,8 +159,7 @@ def test_the_heads_end_stops_hold_both_ways(model):
 
 
 def follow(model, joint, amplitude, frequency, seconds=2.0):
-    """Swing one joint sinusoidally as commanded; returns how far the tool strays about its mean offset [m],
-    (n,)."""
+    """Swing one joint sinusoidally as commanded; how far the tool strays about its mean offset [m], (n,)."""
     data, home = at_home(model), at_home(model).qpos[ARM].copy()
     errors = []
     for i in range(round(seconds / model.opt.timestep)):

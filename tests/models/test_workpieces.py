@@ -1,5 +1,4 @@
-"""The shipped STL files are closed, lie on their formulas, and the freeform's curvature is as the paper's
-part asks."""
+"""The shipped STL files are closed, lie on their formulas, and the freeform is curved as the paper's part."""
 
 import numpy as np
 import pytest

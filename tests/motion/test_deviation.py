@@ -138,8 +138,7 @@ def test_three_and_more_at_once_are_measured_as_dense_sampling_does():
 
 
 def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
-    """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w
-    T3/2)."""
+    """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2, by sinc(w T2/2) sinc(w T3/2)."""
     radius, count = 0.05, 720
     angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
     chain = straight(radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]))

@@ -102,8 +102,7 @@ def test_no_profile_within_the_limits_is_shorter():
 
 
 def shortest_by_search(length: float, v: float, a: float, j: float) -> float:
-    """Best of many times of symmetric jerk, acceleration, speed plateaus: from a grid of jerk and plateau
-    times."""
+    """Best of many times of symmetric jerk, acceleration and speed plateaus, from a grid of them."""
     ramp = np.geomspace(1e-4, 1.0, 60) * min(a / j, np.sqrt(v / j), np.cbrt(0.5 * length / j))
     hold = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 60)])[:, None] * v / a
     top = j * ramp * (ramp + hold)

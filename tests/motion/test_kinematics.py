@@ -184,8 +184,7 @@ T_BASE_WORK = from_pose([0.4, 0.1, 0.05, 0.2, -0.1, 0.7])
 
 
 def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float = 0.0) -> tuple[Chain, Arm]:
-    """A segment that starts where the joints put the tool, seen from a work frame turned and moved in the
-    base."""
+    """A segment that starts where the joints put the tool, seen from a moved and turned work frame."""
     T = inverse(T_BASE_WORK) @ forward(q) @ T_FLANGE_TILTED
     normal = np.cross(T[:3, 2], [0.3, 0.2, 0.9])
     turned = Rotation.from_rotvec(turn * normal / np.linalg.norm(normal)).as_matrix()

@@ -75,8 +75,7 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with():
 
 
 def test_on_a_gantry_the_third_time_is_exact():
-    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they just fill the
-    limit."""
+    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they fill the limit."""
     limits = SmoothingLimits(joint_jerk=six(10.0))
     first = np.zeros((1, 9, 6))
     first[..., 0] = 0.1

@@ -29,8 +29,7 @@ TOLERANCES = (1e-4, math.radians(0.2))
 
 
 def stroke(tips: Array, turns: Array | None = None) -> tuple[Chain, Array]:
-    """A chain through tips (n, 3) [m] with frames turned by rotation vectors (n, 3), and arc lengths at its
-    points."""
+    """A chain through tips (n, 3) [m] with frames turned by rotation vectors (n, 3), and its arc lengths."""
     frames = Rotation.from_rotvec(np.zeros_like(tips) if turns is None else turns).as_matrix()
     chain = build_chain(tips, frames)
     return chain, np.concatenate([[0.0], np.cumsum(chain.lengths)])

@@ -1,5 +1,4 @@
-"""A motion over time follows its path at the speed wanted, from rest to rest, with no jump of its
-acceleration."""
+"""A motion over time follows its path at the speed wanted, from rest to rest, its acceleration continuous."""
 
 from typing import NamedTuple
 

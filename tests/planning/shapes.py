@@ -99,8 +99,7 @@ def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimes
 
 
 def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
-    """A square pocket 120 x 120 mm in a block, its floor at z = 0, the wall of a given height and thickness
-    around."""
+    """A square pocket 120 x 120 mm in a block, its floor at z = 0, with this wall around."""
     outer = moved(
         trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10
     )

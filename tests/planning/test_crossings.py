@@ -1,5 +1,4 @@
-"""Crossings of constructed paths, counted by hand: through, touching, along each other, over and under; then
-cut."""
+"""Crossings of constructed paths, counted by hand: through, touching, along, over and under; then cut."""
 
 import numpy as np
 import pytest

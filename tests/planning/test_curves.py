@@ -60,8 +60,7 @@ def test_a_notch_is_rounded_not_cut():
 
 @pytest.mark.parametrize("radius", [0.004, 0.02, 0.3])
 def test_control_points_stand_so_that_the_chord_error_is_the_same(radius):
-    """Chord error of a chord c on a circle is c^2 / 8 R; limits apply on nearly straight and very tight
-    curves."""
+    """Chord error of a chord c on a circle is c^2 / 8 R, limited on nearly straight and very tight curves."""
     chords = adapted_spacing(level(circle(radius, count=4000), closed=True), STEP)
     wanted = np.clip(np.sqrt(8.0 * radius * STEP / 4000.0), STEP / 40.0, STEP / 8.0)
     assert chords == pytest.approx(np.full(len(chords), wanted), rel=0.06)

@@ -21,8 +21,7 @@ from tests.planning.shapes import UP, Array
 
 SAME_M = 1e-6
 SAME_AXIS = 1e-3
-"""Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within
-SAME_M."""
+"""Tool axes of the same path differ by no more than this: a bend of 1 mm radius within SAME_M."""
 
 
 class Body(NamedTuple):
@@ -134,8 +133,7 @@ def test_a_long_strip_that_a_spiral_leaves_in_the_middle_gets_a_line_of_its_own(
 
 
 def test_fermat_goes_through_a_long_place_between_turns_of_two_borders():
-    """Between them a ring with a hole in it leaves a crescent wider than a step-over and too narrow for a
-    loop."""
+    """Between them a ring with a hole leaves a crescent wider than a step-over and too narrow for a loop."""
     outcome = examine(90192, "fermat")
     assert outcome.coverage > 0.99
     assert not outcome.faults
@@ -148,8 +146,7 @@ def test_no_point_comes_twice_where_the_tool_comes_down_again_where_it_went_up()
 
 
 def test_a_plan_that_is_wrong_is_found_out():
-    """The checks can fail: the same plan with one figure spoilt, and with a point of the approach in the
-    part."""
+    """The checks can fail: the same plan with a figure spoilt, or a point of the approach in the part."""
     part = draw_part(6)
     result = plan_mesh(mesh_of(part), part.plan, pad=part.pad)
     assert not list(find_faults(part, result))

@@ -49,8 +49,7 @@ def planned(folder, fixture, pattern="contour", radius=0.025) -> PlanResult:
 def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_must_keep(
     tmp_path, height, body
 ):
-    """The pad keeps 1 mm; the spindle's housing, wider than the pad, 1 mm and what the part may lie
-    otherwise."""
+    """The pad keeps 1 mm; the spindle's wider housing 1 mm and what the part may lie otherwise."""
     result = planned(tmp_path, wall(height))
     spindle = next(known for known in BEHIND_PAD if known.name == body).radius if body == "spindle" else 0.0
     middle = 0.025 + CLEARANCE if body == "pad" else spindle + CLEARANCE + UNSURE_M

@@ -220,8 +220,7 @@ def test_the_corners_of_a_square_spiral_are_left_out():
 
 
 def test_only_the_turn_around_a_spirals_end_is_left_out_not_a_path_that_ends_beside_its_beginning():
-    """In along one arm, out along another between its turns: the end lies beside the beginning, like all the
-    rest."""
+    """In along one arm, out along another between its turns: the end lies beside the beginning."""
     arm = archimedes(12)
     radius = np.linalg.norm(arm, axis=1, keepdims=True)
     inward = arm[radius[:, 0] > 3.0 * STEP]

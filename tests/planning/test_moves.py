@@ -88,8 +88,7 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_and_free_leads_
 
 
 def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path):
-    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg) long: 20.5 mm for 30 mm radius, the ramp 29
-    mm."""
+    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm."""
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
     part = surface_of(bowl, tmp_path)

@@ -86,8 +86,7 @@ def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_o
     for name in ("pad_in_part_max_m", "pad_in_part_length_m"):
         assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9)
     assert any("into the part" in note for note in seen.notes)
-    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm in radius, is in
-    # the wall.
+    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm wide, is in it.
     soft = inspect_path(
         result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0)
     ).quality.pad_in_part

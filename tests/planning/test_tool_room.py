@@ -72,8 +72,7 @@ CASES = {
     "bowl": (bowl, "point:0,0,-20", 0.005),
     "scan": (scan, "auto", 0.005),
 }
-"""Part, region, and how far the pad may be compressed where the ground is hollow, besides by the force
-[m]."""
+"""Part, region, and how far the pad may be compressed on hollow ground besides by the force [m]."""
 
 
 @cache
@@ -128,8 +127,7 @@ def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into
     """The same check on a path planned for a small pad and followed with a large one."""
     result = planned("pocket", "contour", 20.0)
     shared = volumes_in_part(result.path, part_of("pocket"), 0.020, YIELDS)
-    # The outermost turn is 11 mm from the wall: a segment of the disc 20 mm in radius and 21 mm high is in
-    # it.
+    # The outermost turn is 11 mm from the wall, which holds a segment of a disc of 20 mm radius, 21 mm high.
     segment = 400.0 * np.arccos(11.0 / 20.0) - 11.0 * np.sqrt(400.0 - 121.0)
     assert shared["pad"] > 0.9 * 21.0 * segment
     assert shared["head_shaft"] == 0.0
@@ -233,8 +231,7 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(pa
 
 
 def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad(tmp_path):
-    """A lead that keeps only the tool point clear still keeps the tool out of the wall, 6 mm beside the pad's
-    rim."""
+    """A lead that keeps the tool point clear keeps the tool out of the wall, 6 mm beside the pad's rim."""
     part = surface_of(boss(), tmp_path)
     tool = Tool(PadConfig(radius_m=0.010), 20.0)
     for radius in (0.0, 0.010):

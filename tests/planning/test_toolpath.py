@@ -131,8 +131,7 @@ def test_a_wobble_is_averaged_out_over_its_own_length():
 
 @pytest.mark.parametrize("bound", [1e-6, np.radians(1.0), 0.7])
 def test_no_axis_is_turned_further_than_the_bound_nor_into_the_part_whatever_the_path(bound):
-    """Axes that lean 50 deg one way and the other: the bound of 40 deg alone would allow 90 deg from the
-    normal."""
+    """Axes that lean 50 deg one way and the other: the bound of 40 deg alone would allow 90 deg off."""
     rng = np.random.default_rng(3)
     s = np.cumsum(rng.uniform(1e-4, 4e-4, 400))
     normals = rng.normal(size=(400, 3))
@@ -145,8 +144,7 @@ def test_no_axis_is_turned_further_than_the_bound_nor_into_the_part_whatever_the
 
 
 def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
-    """On the saddle the normal turns along the path: averaged over 60 mm it stays within a degree of
-    itself."""
+    """On the saddle the normal turns along the path: averaged over 60 mm it stays within a degree."""
     bound = np.radians(1.0)
     planned, normals, _ = leaned("saddle", axis_smoothing_m=0.06, axis_deviation_rad=bound)
     axes = planned.path.axes_work[planned.path.process]

@@ -1,5 +1,4 @@
-"""The tool as solids of the robot's model, for tests that hold it against a part: nothing of the planner is
-used."""
+"""The tool as solids of the robot's model, to hold against a part: nothing of the planner is used."""
 
 from functools import cache
 
@@ -27,8 +26,7 @@ def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 @cache
 def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
-    """Convex hulls of shaft, spindle and sensor in the tool frame turned over, z from the part to the tool
-    [m]."""
+    """Convex hulls of shaft, spindle and sensor in the tool frame turned over, z from part to tool [m]."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -52,8 +50,7 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
 
 @cache
 def room_behind_pad() -> manifold3d.Manifold:
-    """Cylinders round the bodies behind the pad, few facets: where they share nothing with a part, no body
-    does."""
+    """Cylinders round the bodies behind the pad, few facets: if they are clear of a part, all bodies are."""
     cylinders, sides = [], 32
     for _, hull in bodies_behind_pad():
         x, y, z = hull.to_mesh().vert_properties[:, :3].T

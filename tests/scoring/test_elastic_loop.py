@@ -1,5 +1,4 @@
-"""The force loop on elastic joints: the linear model against the simulated cell, and the margins it
-leaves."""
+"""The force loop on elastic joints: the linear model against the simulated cell, and its margins."""
 
 import math
 
@@ -26,8 +25,7 @@ HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what
 
 
 def test_slow_motion_presses_head_and_arm_in_series():
-    """The host's travel goes into head, pad and gears: 1/k = 1/5000 N/m + compliance of the gears and
-    servos."""
+    """The host's travel meets head and pad, 5000 N/m, in series with the gears and servos."""
     setup = setup_of(override(FORCE, [NO_HYSTERESIS]))
     plant, z = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
     stiffness = abs(plant_response(plant, plant.force, z) / plant_response(plant, plant.position, z))[0]

@@ -15,8 +15,7 @@ from polish_sim.workers import Here
 
 SETTINGS = ["robot.arm=ideal", "controller.force_filter_hz=10"]
 FORCE = override(default_scenario("force"), SETTINGS)
-"""The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it
-first."""
+"""The loop of the model: a stiff arm. With a slower filter limits of speed bend the border first."""
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,4 @@
-"""A robot without mass for tests of the language: it is at once where it is sent, and writes down what it was
-told."""
+"""A robot without mass for tests of the language: it is at once where it is sent, and notes its calls."""
 
 from typing import Any
 

@@ -1,5 +1,4 @@
-"""The served robot's motions, force mode and safety on the cell's physics, against what their names
-promise."""
+"""The served robot's motions, force mode and safety on the cell's physics, against their names."""
 
 from collections.abc import Callable
 

@@ -350,8 +350,7 @@ end
 
 
 def test_a_control_loop_takes_few_calls_of_its_2_ms():
-    """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that
-    moves."""
+    """A loop as of a client's control script: registers read, 70 branches, a second thread that moves."""
     branches = "".join(f"  elif cmd == {k}:\n   textmsg({k})\n" for k in range(1, 71))
     body = f"""
 thread speed():

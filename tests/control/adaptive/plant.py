@@ -96,8 +96,7 @@ def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED
 def follow(
     controller: CompiledController, depth: Callable[[float], float], length: float
 ) -> tuple[Array, Array]:
-    """Land, then feed along a track that lies ``depth(s)`` [m] deeper than flat; places [m] and force errors
-    [N]."""
+    """Land, then feed along a track ``depth(s)`` [m] deeper than flat; places [m] and force errors [N]."""
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     feed, m, t = FEED, measurement_at_rest(), target_to_press(FORCE)
     controller.reset(DT)

@@ -33,8 +33,7 @@ STILL = measurement_at_rest()
 
 
 def test_a_ramp_is_shown_as_late_as_the_sensor_is():
-    """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the
-    hold."""
+    """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), less half a cycle."""
     memory, speed = PressMemory(), 0.02
     for k in range(400):
         seen = as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
@@ -60,8 +59,7 @@ def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_u
 
 @pytest.mark.parametrize(("cycles", "speed"), [(4, 0.002), (9, 0.02), (25, 0.002)])
 def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
-    """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under
-    way."""
+    """A command shows in the encoders ``cycles`` later; when the next is chosen, one less are under way."""
     memory = PressMemory()
     memory.delay.delay = GAINS.command_delay
     commands = [min(speed, 0.05 * k * DT) for k in range(1500)]

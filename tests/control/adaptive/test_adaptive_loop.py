@@ -1,5 +1,4 @@
-"""The composed law on a spring in closed form: it lands fast on any spring at any delay, and follows a rising
-part."""
+"""The composed law on a spring in closed form: it lands fast on any spring at any delay, follows a rise."""
 
 from dataclasses import replace
 from typing import Any
@@ -44,8 +43,7 @@ def test_landing_takes_less_than_a_quarter_second_whatever_approach_and_force(ap
 
 @pytest.mark.parametrize("rise", [-0.004, 0.004])
 def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise):
-    """The observer's rate is the integral action; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) =
-    0.28 N."""
+    """The observer's rate integrates; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) = 0.28 N."""
     run = land(adaptive(), Plant(rise=rise), seconds=2.0)
     assert np.abs(run.force[(run.time > 0.6) & (run.time < 0.7)] - 20.0).max() > 0.4
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
@@ -73,8 +71,7 @@ def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_t
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
-    """The sequence takes noise for contact half a metre above the part: the tool continues at its approach
-    speed."""
+    """The sequence takes noise for contact half a metre above the part: the approach speed is kept."""
     controller, rng = adaptive(), np.random.default_rng(0)
     controller.reset(0.001)
     m, t = measurement_at_rest(), target_to_press()

@@ -1,5 +1,4 @@
-"""What the path contributes: each law against its closed form, and what it is worth on a plant in closed
-form."""
+"""What the path contributes: each law against its closed form, and its worth on a plant in closed form."""
 
 import math
 from dataclasses import replace
@@ -121,8 +120,7 @@ def test_the_rate_is_that_of_the_place_where_the_command_will_act():
 
 
 def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back():
-    """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no
-    lag."""
+    """Leaning 1 deg against the feed, the tool's own z sees v sin(1 deg); a wanted lean is no lag."""
     ahead = seen_with(surplus=np.zeros(200))
     R = Rotation.from_rotvec([0.0, math.radians(1.0), 0.0]).as_matrix()
     assert sent(ahead, 0.05, R=R) == pytest.approx(0.06 * math.sin(math.radians(1.0)))
@@ -141,8 +139,7 @@ def test_turning_is_led_by_its_change_over_the_look_ahead():
 
 
 def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
-    """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the
-    part."""
+    """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2 towards the part."""
     v, radius, height = 0.06, 0.06, 0.1226
     m, turned = measurement_at_rest(), Rotation.random(random_state=1)
     m.rotation[:] = turned.as_matrix()
