@@ -24,8 +24,9 @@ from polish_sim.analysis.metrics import (
 )
 from polish_sim.hand_guiding.figures import measure_taught
 from polish_sim.log import Trace
-from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.planning.toolpath import ToolPath
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
+from tests.planning.shapes import path_through
 
 
 def test_a_first_order_force_response_has_the_textbook_figures():
@@ -146,10 +147,7 @@ def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or
 def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
     x = np.arange(0.0, last + 1e-9, 0.001)
     positions = np.stack([x, np.zeros_like(x), np.full_like(x, height)], axis=1)
-    axes = np.tile([0.0, np.sin(tilt), np.cos(tilt)], (len(x), 1))
-    n = len(x)
-    codes = np.full(n, PROCESS, np.int8)
-    return ToolPath(positions, axes, arc_length(positions), np.zeros(n, np.int64), codes, np.zeros(n))
+    return path_through(positions, (0.0, np.sin(tilt), np.cos(tilt)))
 
 
 def test_a_path_taught_two_millimetres_high_and_too_short():

@@ -202,13 +202,14 @@ def watched(cell: Cell, *quantities: Callable[[], Any]) -> tuple[CellRun, list[A
     return run, [np.array(column) for column in zip(*rows, strict=True)]
 
 
-def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Every vertex of the drawn housing and sensor, base frame [m], shape (n, 3)."""
-    mount, found = model.body("tool_mount").id, []
-    for geom in np.flatnonzero(
-        (model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
-    ):
-        mesh, R = model.geom_dataid[geom], data.geom_xmat[geom].reshape(3, 3)
-        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
-    return np.concatenate(found)
+def drawn_vertices(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+    """Every vertex of a drawn mesh, base frame [m], shape (n, 3)."""
+    mesh, R = model.geom_dataid[geom], data.geom_xmat[geom].reshape(3, 3)
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    return np.asarray(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
+
+
+def meshes_of(model: mujoco.MjModel, body: str) -> Array:
+    """Numbers of a body's drawn meshes."""
+    on_body = model.geom_bodyid == model.body(body).id
+    return np.flatnonzero(on_body & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH))

@@ -22,6 +22,7 @@ from tests.cell.cells import (
     TOUCH,
     along_tool,
     cell_for,
+    drawn_vertices,
     ideal,
     joints_at,
     on_plane,
@@ -60,10 +61,7 @@ def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
     mujoco.mj_step(model, data, 200)
     assert not any(warning.number for warning in data.warning)
     mesh = load_part(workpiece_path(name))
-    geom, number = model.geom("part").id, model.mesh("part").id
-    start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
-    vertices = model.mesh_vert[start : start + count]
-    drawn = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    drawn = drawn_vertices(model, data, model.geom("part").id)
     expected = apply(transform(np.eye(3), np.array([0.0, -0.5, 0.15])), mesh.vertices)
     np.testing.assert_allclose(drawn.min(axis=0), expected.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)

@@ -26,8 +26,9 @@ from polish_sim.geometry import (
 )
 from polish_sim.models import part_path, workpiece_path
 from polish_sim.motion import forward
-from polish_sim.planning.toolpath import PROCESS, ToolPath
+from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
+from tests.planning.shapes import path_through
 
 CHAIN = ClosedChain(
     from_pose([-1.15, 0.0, 0.0, 0.0, 0.0, np.pi]),
@@ -112,9 +113,7 @@ def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it():
 def beside_wall(distance: float) -> ToolPath:
     """A path along a wall at x = 0, on a floor at z = 0."""
     y = np.linspace(-0.02, 0.02, 41)
-    points = np.stack([np.full(41, distance), y, np.zeros(41)], axis=1)
-    kind = np.full(41, PROCESS, dtype=np.int8)
-    return ToolPath(points, np.tile(UP, (41, 1)), y - y[0], np.zeros(41, dtype=np.int64), kind, np.zeros(41))
+    return path_through(np.stack([np.full(41, distance), y, np.zeros(41)], axis=1))
 
 
 def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad():

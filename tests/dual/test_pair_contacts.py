@@ -17,7 +17,7 @@ from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_sce
 from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse
-from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at
+from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke, ideal, joints_at
 from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
@@ -70,13 +70,9 @@ def facing(distance: float) -> Array:
 
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Array:
     """Every vertex of what is drawn of an arm [m], shape (n, 3)."""
-    found = []
-    for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH):
-        if model.geom(geom).name.startswith(arm):
-            mesh, R = model.geom_dataid[geom], data.geom_xmat[geom].reshape(3, 3)
-            start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
-    return np.concatenate(found)
+    meshes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    own = [geom for geom in meshes if model.geom(geom).name.startswith(arm)]
+    return np.concatenate([drawn_vertices(model, data, geom) for geom in own])
 
 
 def base_distance_for(apart: float) -> float:

@@ -12,9 +12,9 @@ from polish_sim.experiments import default_scenario
 from polish_sim.experiments.part_setup import PlacedTool
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning import ToolPath
-from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, from_pose, inverse
+from tests.planning.shapes import path_through
 
 START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])
 TIMES = np.linspace(0.0, 4.0, 81)
@@ -70,14 +70,10 @@ def scenario(*changes: str) -> Scenario:
 
 def square() -> ToolPath:
     """Three sides of 100 mm, a point every millimetre."""
-    way, corners = (
-        np.linspace(0.0, 3.0, 301),
-        np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]),
-    )
+    way = np.linspace(0.0, 3.0, 301)
+    corners = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     points = np.stack([np.interp(way, np.arange(4.0), column) for column in corners.T], axis=1)
-    n, kind = len(points), np.full(len(points), PROCESS, dtype=np.int8)
-    up, none = np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros(n, dtype=np.int64)
-    return ToolPath(points, up, arc_length(points), none, kind, np.zeros(n))
+    return path_through(points)
 
 
 def motion_of(path: ToolPath, *changes: str) -> TimedPath:

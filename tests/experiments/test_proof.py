@@ -19,17 +19,15 @@ from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_p
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, PreparedRegion
 from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
-from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
 from tests.kept import plate_file
+from tests.planning.shapes import path_through
 
 
 def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
     """A line on the plate, whose top is 200 x 200 mm at z = 20 mm."""
-    points = np.linspace([*begin, 0.02], [*end, 0.02], 120)
-    up, none = np.tile([0.0, 0.0, 1.0], (120, 1)), np.zeros(120, np.int64)
-    return ToolPath(points, up, arc_length(points), none, np.full(120, PROCESS, np.int8), np.zeros(120))
+    return path_through(np.linspace([*begin, 0.02], [*end, 0.02], 120))
 
 
 def planned(scenario: Scenario, path: ToolPath) -> PlanResult:

@@ -17,8 +17,9 @@ from polish_sim.geometry import field_distance
 from polish_sim.models import workpiece_path
 from polish_sim.models.parts import part
 from polish_sim.planning import ToolPath
-from polish_sim.planning.toolpath import PROCESS
 from polish_sim.scenario_file import override
+from tests.cell.cells import drawn_vertices
+from tests.planning.shapes import path_through
 
 AS_DRAWN = ("part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0")
 ACROSS = np.linspace(-0.06, 0.06, 13)
@@ -30,11 +31,7 @@ def on_plate(*changes: str) -> Scenario:
 
 def line_on_plate() -> ToolPath:
     """A path along x over the plate's top."""
-    count = len(ACROSS)
-    positions = np.column_stack([ACROSS, 0.0 * ACROSS, np.full(count, 0.020)])
-    axes = np.tile([0.0, 0.0, 1.0], (count, 1))
-    segment, turns = np.full(count, PROCESS, np.int8), np.zeros(count, np.int64)
-    return ToolPath(positions, axes, ACROSS - ACROSS[0], turns, segment, np.zeros(count))
+    return path_through(np.column_stack([ACROSS, 0.0 * ACROSS, np.full(len(ACROSS), 0.020)]))
 
 
 def distances(scenario: Scenario, *lines: np.ndarray) -> list[np.ndarray]:
@@ -79,9 +76,7 @@ def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies
     model = prepare_force(scenario)[1].model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    geom, number = model.geom("part").id, model.mesh("part").id
-    start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
-    heights = model.mesh_vert[start : start + count] @ data.geom_xmat[geom].reshape(3, 3)[2]
+    heights = drawn_vertices(model, data, model.geom("part").id)[:, 2]
     assert np.ptp(heights) == pytest.approx(0.0245, abs=1e-6)
     facts = shape_figures(place_force(scenario).shape, line_on_plate())["real_part"]
     assert facts["lowest_m"] == pytest.approx(0.0, abs=1e-6)

@@ -19,6 +19,7 @@ from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.moves.leads import AirSpace
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
+from tests.cell.cells import drawn_vertices, meshes_of
 from tests.planning.shapes import moved, pocket, surface_of
 from tests.planning.tools import reached_share, volumes_in_part
 
@@ -200,15 +201,10 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
     mujoco.mj_kinematics(model, data)
     tool = data.site("tool")
     for body in ("tool_mount", "link_6", "link_5", "link_4"):
-        for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
-            if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
-                continue
-            mesh = model.geom_dataid[geom]
-            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            points = model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
-            seen = (points + data.geom_xpos[geom] - tool.xpos) @ tool.xmat.reshape(3, 3)
+        for geom in meshes_of(model, body):
+            seen = (drawn_vertices(model, data, geom) - tool.xpos) @ tool.xmat.reshape(3, 3)
             height, wide = -seen[:, 2], np.hypot(seen[:, 0], seen[:, 1])
-            held = np.zeros(count, dtype=bool)
+            held = np.zeros(len(seen), dtype=bool)
             for cylinder in BEHIND_PAD:
                 beside = (height >= cylinder.low - 1e-6) & (height <= cylinder.high + 1e-6)
                 held |= beside & (wide <= cylinder.radius)

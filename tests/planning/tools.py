@@ -11,6 +11,7 @@ from polish_sim.arrays import Array
 from polish_sim.models import robot_model_path
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import perpendicular
+from tests.cell.cells import drawn_vertices
 
 HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
 """What the head's spring yields at 20 N: all behind the pad is that much nearer to the part."""
@@ -36,13 +37,10 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
     for name in ("head_shaft", "spindle_housing", "spindle_trim", "sensor_body", "link_6_shell"):
         geom = model.geom(name)
         if geom.type[0] == mujoco.mjtGeom.mjGEOM_MESH:
-            first, count = model.mesh_vertadr[geom.dataid[0]], model.mesh_vertnum[geom.dataid[0]]
-            points = model.mesh_vert[first : first + count]
+            in_base = drawn_vertices(model, data, geom.id)
         else:
-            points = np.array(
-                trimesh.creation.cylinder(geom.size[0], 2.0 * geom.size[1], sections=48).vertices
-            )
-        in_base = points @ data.geom_xmat[geom.id].reshape(3, 3).T + data.geom_xpos[geom.id]
+            solid = trimesh.creation.cylinder(geom.size[0], 2.0 * geom.size[1], sections=48)
+            in_base = solid.vertices @ data.geom_xmat[geom.id].reshape(3, 3).T + data.geom_xpos[geom.id]
         hull = manifold3d.Manifold.hull_points((in_base - tool.xpos) @ R_tool_up)
         found.append((name, hull.translate((0.0, 0.0, -HEAD_SINKS_M))))
     return tuple(found)
