@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -47,15 +46,6 @@ def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
     step, turn = 10.0 ** rng.uniform(-4, -2), 10.0 ** rng.uniform(-3, -1)
     steps, turns = step * rng.normal(size=(n, 3)), turn * rng.normal(size=(n, 3))
     return stroke(np.cumsum(steps, axis=0), np.cumsum(turns, axis=0))
-
-
-def distance_from(points: Array, tips: Array) -> Array:
-    """Of points (m, 3) from the polyline through tips (n, 3), segment by segment, shape (m,)."""
-    nearest = np.full(len(points), np.inf)
-    for a, b in pairwise(tips):
-        share = np.clip((points - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-30), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
-    return nearest
 
 
 def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLERANCES) -> Curve:
@@ -104,7 +94,7 @@ def test_a_corner_uses_the_whole_tolerance_on_both_sides_of_the_path(turn, toler
     tips = 0.03 * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(angle), np.sin(angle), 0]])
     curve = fit(*stroke(tips), (tolerance, 1e-3))
     drawn = curve_rates(curve, np.linspace(0.0, curve.length, 40001)).tips[0]
-    off = distance_from(drawn, tips)
+    off = to_polyline(drawn, tips)
     missed = np.linalg.norm(drawn, axis=1).min()
     assert max(off.max(), 0.5 * missed) == pytest.approx(tolerance, rel=0.05)
     assert off.max() <= tolerance
