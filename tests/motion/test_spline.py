@@ -20,6 +20,7 @@ from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyli
 from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, smooth_by_spline
 from polish_sim.motion.timed_path import time_schedule
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
+from tests.planning.shapes import to_polyline
 
 DEFAULT = SmoothingLimits()
 TIP = {"tip_speed": math.inf, "tip_acceleration": 0.6, "tip_jerk": 15.0}
