@@ -129,11 +129,10 @@ def budget(given: Given) -> int:
     trial = replace(trial, dual=replace(trial.dual, **settings))
     depends, work = str(replace(trial, draws=0)), partial(draw_errors, trial)
     many = Many("calibrate-budget", "the calibration", depends, lambda _folder: work, CALIBRATIONS["budget"])
-    with seed_rows(many, given, range(trial.draws), "draw") as (folder, drawn, interrupted):
+    with seed_rows(many, given, range(trial.draws), "draw") as (folder, drawn):
         if len(drawn) < LEAST_DRAWS:
             raise KeyboardInterrupt
-        outcome = budget_of(trial, list(drawn.values()), folder)
-    return replace(outcome, interrupted=interrupted).finish(folder, given["--check"])
+        return budget_of(trial, list(drawn.values()), folder).finish(folder, given["--check"])
 
 
 for _command, _text in (

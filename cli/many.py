@@ -144,8 +144,11 @@ def scored(
     files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
     with asked_folder(given, kind, asked) as folder:
         with at_work(given, stage, files) as (workers, heard):
-            done = work(Scorer(folder, workers), heard)
+            scorer = Scorer(folder, workers)
+            done = work(scorer, heard)
         yield folder, done
+        if scorer.interrupted:
+            raise KeyboardInterrupt
 
 
 def duration(seconds: float) -> str:
@@ -175,8 +178,9 @@ class Many(NamedTuple):
 @contextmanager
 def seed_rows(
     many: Many, given: Given, seeds: Sequence[int], seed: str = "seed"
-) -> Iterator[tuple[Path, dict[int, Figures], bool]]:
-    """The folder with a row of each seed, those rows, and whether an interrupt left some out.
+) -> Iterator[tuple[Path, dict[int, Figures]]]:
+    """The folder with a row of each seed, and those rows; an interrupt that left some out is raised behind
+    the block.
 
     ``seed``: what one of them is called.
     """
@@ -194,7 +198,9 @@ def seed_rows(
         whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
         for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
             shutil.rmtree(left, ignore_errors=True)
-        yield folder, rows, interrupted
+        yield folder, rows
+        if interrupted:
+            raise KeyboardInterrupt
 
 
 def run_seeds(
@@ -209,7 +215,7 @@ def run_seeds(
     from polish_sim.analysis.run_record import write_metrics
 
     first = given["--seed"] or 0
-    with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs, interrupted):
+    with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs):
         middle, worst = aggregate(many.claims, list(runs.values()), many.mean)
         facts = {
             "experiment": many.kind.removeprefix("run-"),
@@ -220,8 +226,8 @@ def run_seeds(
         write_metrics(folder, {**facts, "runs": runs})
         columns = {many.mean: middle, "worst seed": worst}
         title = f"{many.what}, {count_text(len(runs), 'seed')}"
-        outcome = finish(folder, runs, Outcome(many.claims, title, columns, interrupted=interrupted))
-    return outcome.finish(folder, given["--check"])
+        outcome = finish(folder, runs, Outcome(many.claims, title, columns))
+        return outcome.finish(folder, given["--check"])
 
 
 def aggregate(

@@ -126,13 +126,12 @@ def score(given: Given) -> int:
         return show(found, folder)
 
 
-def show_worst(found: tuple[Mapping[Task, Row], bool], folder: Path) -> int:
+def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
     """Print the worst runs of a search with the commands that repeat them, and keep their configs."""
     from polish_sim.analysis.run_record import write_json
     from polish_sim.scenario_file import to_toml
     from polish_sim.scoring.worst import FIGURES, size_of
 
-    rows, interrupted = found
     shown: list[Sequence[str]] = []
     figures: dict[str, float] = {}
     for (name, figure), label, unit in zip(
@@ -157,8 +156,6 @@ def show_worst(found: tuple[Mapping[Task, Row], bool], folder: Path) -> int:
     for name in FIGURES:
         console.say(f"to repeat: polish-sim run surface --config {folder / name}.toml")
     console.say_folder(folder)
-    if interrupted:
-        raise KeyboardInterrupt
     return DONE
 
 
@@ -171,8 +168,6 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
     _write(folder, given, score, verdicts)
     _show(given, score, verdicts)
     console.say_folder(folder)
-    if score.interrupted:
-        raise KeyboardInterrupt
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
     return SHORT if given["--check"] and short else DONE
 

@@ -60,7 +60,6 @@ class Rows:
     def __init__(self, folder: Path) -> None:
         self.path = folder / ROWS
         self.known: dict[str, Any] = {}
-        _cut_torn_line(self.path)
         for key, row in self.read():
             self.note(key, row)
 
@@ -111,12 +110,13 @@ def plain(value: Any) -> Any:
 @contextmanager
 def locked(folder: Path, what: str = "score") -> Iterator[None]:
     """Keep a second command out of a folder while the block runs (InputError), where the system has file
-    locks."""
+    locks. What a killed command left of a line is cut off."""
     with (folder / ROWS).open("ab") as file:
         if not _lock(file.fileno()):
             raise InputError(
                 f"another {what} is at work in '{folder}'. Wait for it, or choose another --out."
             )
+        _cut_torn_line(folder / ROWS)
         yield
 
 

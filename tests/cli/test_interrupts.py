@@ -134,7 +134,10 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path
 
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polish_sim):
     many = ["run", "arc", "--seeds", "8", "--set", "process.max_feed_s=0.5"]
-    interrupted([*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0)
+    err = interrupted(
+        [*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0
+    )
+    assert err.splitlines()[-1].endswith("the same command with --out out/cut resumes.")
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
     assert 1 <= len(kept) < 8
     assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [

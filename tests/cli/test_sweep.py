@@ -64,6 +64,13 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     after = rows_of(Path("s"))
     assert len(after) == 4
     assert {key: after[key] for key in before} == before
+    with Path("s/rows.jsonl").open("ab") as rows:
+        rows.write(b'{"key": "half')  # of a sweep that is at work
+    begun = Path("s/rows.jsonl").read_bytes()
+    dry = polish_sim("sweep", "s", "--dry-run")
+    assert (dry.code, Path("s/rows.jsonl").read_bytes()) == (0, begun)
+    assert polish_sim("sweep", "s", *ONE).code == 0
+    assert rows_of(Path("s")) == after
     assert "hello" not in done.out + more.out
 
 

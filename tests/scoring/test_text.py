@@ -43,7 +43,7 @@ def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
 
 
 def score_of(*rows: dict[str, Any], entries: tuple[Entry, ...] = (A, B)) -> Score:
-    return Score((HOLD, PATH), entries, 2, rows, len(rows), interrupted=False)
+    return Score((HOLD, PATH), entries, 2, rows, len(rows))
 
 
 BROKEN = row(

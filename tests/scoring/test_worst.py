@@ -19,8 +19,8 @@ from polish_sim.workers import Here
 
 def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats(tmp_path):
     entry, heard = user_entry("position"), []
-    rows, interrupted = search_worst(entry, 9, Scorer(tmp_path, Here()), lambda *at: heard.append(at[:2]))
-    assert (len(rows), interrupted) == (9, False)
+    rows = search_worst(entry, 9, Scorer(tmp_path, Here()), lambda *at: heard.append(at[:2]))
+    assert len(rows) == 9
     assert heard == [(done, 9) for done in range(10)]
     peak = max(rows, key=lambda task: size_of(rows[task], "largest_force_n"))
     # A part 2 mm too high on springs as drawn presses with 10 N more.
@@ -35,8 +35,10 @@ def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_i
 class Planted:
     """Rows whose figures are known from the scenario: largest in a corner, along an edge, and at a point."""
 
-    def fill(self, tasks: Sequence[Task], _heard: object) -> tuple[dict[Task, Row], bool]:
-        return {task: self.row(task.scenario) for task in tasks}, False
+    interrupted = False
+
+    def fill(self, tasks: Sequence[Task], _heard: object) -> dict[Task, Row]:
+        return {task: self.row(task.scenario) for task in tasks}
 
     def row(self, drawn: Scenario) -> Row:
         part, process = drawn.part, drawn.process
@@ -59,7 +61,7 @@ class Planted:
 
 def test_a_search_finds_more_than_as_many_runs_spread_evenly():
     entry, planted, runs = user_entry("hybrid-pi"), Planted(), 600
-    rows, _ = search_worst(entry, runs, planted, lambda *_: None)  # type: ignore[arg-type]
+    rows = search_worst(entry, runs, planted, lambda *_: None)  # type: ignore[arg-type]
     low, high = np.array([*RANGES.values()]).T
     even = low + (high - low) * qmc.Sobol(len(RANGES), rng=1).random(1024)[:runs]
     spread = [planted.row(drawn_task(entry, x).scenario) for x in even]

@@ -11,6 +11,7 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.registry import default_scenario
+from polish_sim.row_file import locked
 from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Study, read_axis, read_study, to_text
@@ -151,9 +152,10 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
     with (tmp_path / "rows.jsonl").open("a") as file:
         file.write('{"key": "torn')
-    again = RunTable(tmp_path)
-    assert len(again.missing(keys)) == 1
-    run_study(asked, keys, again, Here(), silent)
+    with locked(tmp_path):
+        again = RunTable(tmp_path)
+        assert len(again.missing(keys)) == 1
+        run_study(asked, keys, again, Here(), silent)
     again.write()
     columns = read_rows(tmp_path)
     assert sorted(columns["outcome"]) == [DONE, DONE, FAILED, FAILED]

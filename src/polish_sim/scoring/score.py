@@ -27,7 +27,6 @@ class Score:
     seeds: int
     rows: tuple[Row, ...]  #: In the order of controllers, cases and seeds
     wanted: int  #: Number of rows there are when all is done
-    interrupted: bool
 
     @property
     def complete(self) -> bool:
@@ -81,14 +80,17 @@ class Scorer:
     Rows do not depend on the workers or their number.
     """
 
+    interrupted = False  #: Whether Ctrl-C left rows out
+
     def __init__(self, folder: Path, workers: Workers) -> None:
         self._kept, self._workers = Rows(folder), workers
 
     def fill(
         self, tasks: Iterable[Task], heard: Heard, work: Callable[[Task], Row] = measure_row
-    ) -> tuple[dict[Task, Row], bool]:
-        """The rows of tasks, and whether Ctrl-C left some out; one whose process died is left out as well."""
-        return fill_rows(keys_of(tasks), self._kept, work, setup_key, self._workers, heard)
+    ) -> dict[Task, Row]:
+        """The rows of tasks; those Ctrl-C or the death of a process left out are not there."""
+        rows, self.interrupted = fill_rows(keys_of(tasks), self._kept, work, setup_key, self._workers, heard)
+        return rows
 
     def rows(
         self,
@@ -97,8 +99,8 @@ class Scorer:
         work: Callable[[Task], Row] = measure_row,
     ) -> dict[Task, Row]:
         """The same for a search, which needs all of them: Ctrl-C ends it."""
-        rows, interrupted = self.fill(tasks, heard, work)
-        if interrupted:
+        rows = self.fill(tasks, heard, work)
+        if self.interrupted:
             raise KeyboardInterrupt
         return rows
 
@@ -109,8 +111,8 @@ def run_score(
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there. Seeds count up from
     0."""
     tasks = list_tasks(cases, entries, seeds)
-    rows, interrupted = scorer.fill(tasks, heard)
-    return Score(tuple(cases), tuple(entries), seeds, tuple(rows.values()), len(tasks), interrupted)
+    rows = tuple(scorer.fill(tasks, heard).values())
+    return Score(tuple(cases), tuple(entries), seeds, rows, len(tasks))
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -60,11 +61,11 @@ FIGURES: Mapping[str, str] = {
 
 
 class _Enough(Exception):
-    """The runs asked for are done."""
+    """The runs asked for are done, or Ctrl-C came."""
 
 
-def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> tuple[dict[Task, Row], bool]:
-    """Search with a number of runs of a controller: the rows of all, and whether Ctrl-C ended it early.
+def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> dict[Task, Row]:
+    """Search with a number of runs of a controller: the rows of all; Ctrl-C ends it early.
 
     A search that was interrupted makes the same runs again, whose rows are kept.
 
@@ -77,16 +78,12 @@ def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> tuple
         tasks = [drawn_task(entry, one) for one in x.T]
         before = len(rows)
         fresh = [task for task in dict.fromkeys(tasks) if task not in rows][: runs - before]
-        found, interrupted = scorer.fill(fresh, lambda n, _, trouble: heard(before + n, runs, trouble))
-        rows.update(found)
-        if interrupted:
-            raise KeyboardInterrupt
-        if len(rows) >= runs:
+        rows.update(scorer.fill(fresh, lambda n, _, trouble: heard(before + n, runs, trouble)))
+        if scorer.interrupted or len(rows) >= runs:
             raise _Enough
         return np.array([-size_of(rows.get(task, {}), figure) for task in tasks])
 
-    interrupted = False
-    try:
+    with suppress(_Enough):
         for number, figure in enumerate(FIGURES.values()):
             left = (runs - max(len(rows), GENERATION)) / (len(FIGURES) - number)
             differential_evolution(
@@ -101,15 +98,9 @@ def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> tuple
                 updating="deferred",
                 vectorized=True,
             )
-    except _Enough:
-        pass
-    except KeyboardInterrupt:
-        if not rows:
-            raise
-        interrupted = True
     if not any(row["duration"] for row in rows.values()):
         raise InputError(f"no run could be set up: {next(iter(rows.values()))['protective_stop']}.")
-    return rows, interrupted
+    return rows
 
 
 def size_of(row: Row, figure: str) -> float:
