@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import FIRST_PARTS, PARTS, SIZES, Bounded, caps_of, norms, time_factors
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
@@ -434,6 +435,7 @@ def _spread(u: Array, square: Array, gain: Array) -> None:
 LOOKS = 5  #: Places in every span of the law at which limits are looked at
 MOST_SLOWED = 1.0003  #: A law that keeps its limits when it takes this much more time is slowed as a whole
 MOST_TRIES = 5
+MOST_HALVED = 2
 HALVED = 1.01  #: A span that needs so much more time than the law gives it is divided
 Look = Callable[[Array], tuple[Bounded, Array]]
 TIGHTER = 3.3  #: Power of the time that is missing by which limits are planned lower: jerk goes by the third
@@ -447,7 +449,7 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
     squares, controls = law.squares, law.controls
     spans = np.diff(squares.knots)[:, None]
     bend, slope = around(squares.bends, controls)[:, None], around(squares.slopes, controls)[:-1, None]
-    past = np.arange(LOOKS + 1) / LOOKS * spans
+    past = chebyshev_nodes(LOOKS + 1) * spans
     speed = np.sqrt(around(squares.values, controls)[:-1, None] + (slope + 0.5 * bend * past) * past).ravel()
     acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
     places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
@@ -455,12 +457,14 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
     return time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1)
 
 
-def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] | None:
+def fastest_law(
+    knots: Array, look: Look, launch: Launch, slower: Callable[[Law], Indices]
+) -> tuple[Law, float] | None:
     """The fastest law that keeps its limits between its knots too, and how much more time it still needs for
     that.
 
     Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m]
-    and the largest u' wanted there.
+    and the largest u' wanted there. A law is not improved where ``slower`` finds way points to stop at.
     """
     shares, law, best, seen = np.ones(len(knots)), None, None, None
     for attempt in range(MOST_TRIES):
@@ -470,18 +474,21 @@ def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] |
         law = plan_law(knots, caps[::LOOKS], bounded.every(LOOKS), launch, shares, law)
         if law is None:
             break
+        if len(slower(law)):
+            return law, 1.0
         factors = factors_of_spans(law, bounded)
         most = factors.max()
         if best is None or most < best[1]:
             best = law, most
         if not most > MOST_SLOWED:
             break
-        far = factors > HALVED
+        far = (factors > HALVED) & (attempt < MOST_HALVED)
+        factors[far] = 1.0
         beside = np.maximum(np.append(factors[0], factors), np.append(factors, factors[-1]))
         shares *= np.where(beside > 1.0, beside, 1.0) ** -TIGHTER
-        if attempt < 2 and far.any():
+        if far.any():
             more = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])[far])
-            shares, knots, seen = np.ones(len(more)), more, None
+            shares, knots, seen = np.interp(more, knots, shares), more, None
     return best
 
 
@@ -495,11 +502,12 @@ SETTLED = 0.3
 times what jerk limits take to build up an acceleration [s]."""
 LAUNCH_PART = 0.3  #: Of the time in which the largest jerk passes the whole way that is launch, at most
 LAUNCH_SPEED = 0.6  #: Of the speed wanted at the ends, which the launch reaches half of
+LAUNCH_TIMES = 0.85 ** np.arange(40.0)[::-1]  #: Of the longest launch, which are tried
 LAUNCH_SHARE = 0.98  #: Of the largest jerk from rest
 BEFORE_LIMITS = 0.9999  #: Of the speed at which a limit would be met, in the launch
 Ends = Callable[[Array], Bounded]
 """What is bounded so far from the start (m,) [m], and then so far from the end."""
-LAUNCH_GROWTH = 1.2
+LAUNCH_GROWTH = 1.12
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
 MUCH = 1.5  #: Ratio of what a quantity goes along u at both ends of a span from which the span is divided
 BENT, BEND_SPAN = 0.1, 3e-4
@@ -511,7 +519,7 @@ SAME_KNOT = 2e-5  #: Knots nearer than this count as one [m]
 def divided(knots: Array, parts: int) -> Array:
     """The knots and ``parts`` - 1 places in each of the spans between them [m], shape (spans * parts +
     1,)."""
-    shares = np.arange(parts) / parts
+    shares = chebyshev_nodes(parts + 1)[:-1]
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
@@ -522,15 +530,12 @@ def launch_of(length: float, slowest: float, jerk: float, ends: Ends) -> Launch:
     ``slowest``, the smaller speed wanted at the ends [m/s]. ``jerk`` is the largest from rest [m/s^3].
     """
     longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
-    launch = Launch(LAUNCH_SHARE * jerk, longest)
-    at = np.linspace(0.25, 1.0, 4)
-    while True:
-        times = at * launch.duration
-        speed, acceleration = 0.5 * launch.jerk * times**2, launch.jerk * times
-        moved = np.tile(speed, 2), np.concatenate([acceleration, -acceleration]), np.full(8, launch.jerk)
-        if time_factors(ends(launch.jerk * times**3 / 6.0), *moved).max() <= BEFORE_LIMITS:
-            return launch
-        launch = launch._replace(duration=0.7 * launch.duration)
+    jerk, times = LAUNCH_SHARE * jerk, longest * LAUNCH_TIMES
+    speed, acceleration = np.tile(0.5 * jerk * times**2, 2), jerk * times
+    moved = speed, np.concatenate([acceleration, -acceleration]), np.full(len(speed), jerk)
+    factors = time_factors(ends(jerk * times**3 / 6.0), *moved).reshape(2, -1).max(axis=0)
+    kept = np.count_nonzero(np.maximum.accumulate(factors) <= BEFORE_LIMITS)
+    return Launch(jerk, float(times[max(kept - 1, 0)]))
 
 
 def with_bends(knots: Array, bounded: Bounded, caps: Array) -> Array:

@@ -240,7 +240,7 @@ class Stretch(NamedTuple):
 
 
 MOST_ROUNDS = 12  #: Of stops added
-LAUNCH_SHARES = (1.0, 0.5, 0.1)  #: Of the launch that are tried until a law is found
+LAUNCH_SHARES = (0.5, 0.1)  #: Of the launch that are tried until a law is found
 SPARE = 1.0003  #: More time than the places looked at need
 STOP_STEP = 0.05  #: Between knots of a curve without corners [rad]
 FINAL_LOOKS = np.clip(chebyshev_nodes(17), 1e-6, 1.0 - 1e-6)  #: In every piece of a passage
@@ -274,37 +274,30 @@ def plan_spline(
     feeds = np.where(steps > 0.0, slowest * chain.lengths / np.where(steps > 0.0, steps, 1.0), np.inf)
     stops = plan_stops(chain, limits, arm, feeds)
     lasting, turns = stops.triples.sum(axis=1), -np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
-    known: dict[tuple[int, int], Stretch | None] = {}
+    known: dict[tuple[int, int], Stretch | Indices] = {}
     cuts = np.arange(n + 1) if min(tolerances) <= 0.0 else np.array([0, n])
     for _ in range(MOST_ROUNDS):
-        more = [np.zeros(0, dtype=np.int64)]
-        for a, b in pairwise(cuts.tolist()):
+        old = cuts
+        for a, b in pairwise(old.tolist()):
             if b - a > 1 and (a, b) not in known:
-                known[a, b] = _stretch(task, chain, places, a, b, stops)
-            if b - a > 1:
-                more.append(a + 1 + _slower(known[a, b], lasting[a:b], turns[a : b - 1]))
-        stopped = np.concatenate(more)
-        if not len(stopped):
+                inner = lasting[a:b], turns[a : b - 1]
+                known[a, b] = found = _stretch(task, chain, places, a, b, stops, *inner)
+                cuts = cuts if isinstance(found, Stretch) else np.union1d(cuts, a + 1 + found)
+        if len(cuts) == len(old):
             break
-        cuts = np.union1d(cuts, stopped)
     parts: list[Stretch] = []
     for a, b in pairwise(cuts.tolist()):
         smooth = known.get((a, b))
-        if smooth is None or smooth.passage.duration > lasting[a:b].sum():
+        if not isinstance(smooth, Stretch) or smooth.passage.duration > lasting[a:b].sum():
             parts += [_stop(task, chain, places, k, stops) for k in range(a, b)]
         else:
             parts.append(smooth)
     return _joined(polyline_of(chain, places), parts)
 
 
-def _slower(stretch: Stretch | None, lasting: Array, turns: Array) -> Indices:
+def _slower(stretch: Stretch, lasting: Array) -> Indices:
     """Inner way points where stops are faster, from middle to middle of their segments, and more so than
-    beside them.
-
-    Where there is no motion the way point with the largest of ``turns`` (segments - 1,).
-    """
-    if stretch is None:
-        return np.array([int(turns.argmax())])
+    beside them."""
     middles = stretch.times_at(0.5 * (stretch.line.u[1:] + stretch.line.u[:-1]))
     spans = np.diff(np.concatenate([[0.0], middles[1:-1], [stretch.passage.duration]]))
     stopped = 0.5 * (lasting[1:] + lasting[:-1])
@@ -314,13 +307,19 @@ def _slower(stretch: Stretch | None, lasting: Array, turns: Array) -> Indices:
     return np.flatnonzero((lost[1:-1] > 0.0) & (lost[1:-1] >= np.maximum(lost[:-2], lost[2:])))
 
 
-def _stretch(task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops) -> Stretch | None:
-    """The fastest motion along a smooth curve near some segments; None where there is none."""
-    line = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1])
+def _stretch(
+    task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops, lasting: Array, turns: Array
+) -> Stretch | Indices:
+    """The fastest motion along a smooth curve near some segments, or the inner way points to stop at.
+
+    These are where stops, ``lasting`` (segments,) [s], are faster; where there is no motion the one with the
+    largest of ``turns`` (segments - 1,).
+    """
+    line, sharpest = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1]), turns.argmax()[None]
     try:
         curve = fit_curve(line, *task.tolerances)
     except SmoothingError:
-        return None
+        return sharpest
 
     def ends(way: Array) -> Bounded:
         first = task.bounded(curve, way, stops.q[a])
@@ -335,21 +334,28 @@ def _stretch(task: SplineTask, chain: Chain, places: Array, a: int, b: int, stop
         rates = curve_rates(curve, u)
         return bounded_quantities(rates, task.limits, arm), task.feed_cap(rates)
 
+    def slower(law: Law) -> Indices:
+        return _slower(Stretch(line, curve, pass_by(law)), lasting)
+
     coarse = with_bends(coarse, *look(coarse))
     bounded, caps = look(coarse)
     launch = launch_of(curve.length, float(caps[[0, -1]].min()), jerk_from_rest(ends(np.zeros(1))), ends)
     for share in LAUNCH_SHARES:
         begun = launch._replace(duration=share * launch.duration)
         found = fastest_law(
-            law_knots(coarse, envelope(coarse, caps, bounded, begun), caps, begun), look, begun
+            law_knots(coarse, envelope(coarse, caps, bounded, begun), caps, begun), look, begun, slower
         )
         if found is not None:
             break
     if found is None or not math.isfinite(found[1]):
-        return None
+        return sharpest
+    if len(stopped := slower(found[0])):
+        return stopped
     passage = pass_by(found[0])
     passage.places[-1] = curve.length
-    return Stretch(line, curve, _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a]))
+    passage = _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a])
+    stretch = Stretch(line, curve, passage)
+    return stopped if len(stopped := _slower(stretch, lasting)) else stretch
 
 
 def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -> Stretch:
