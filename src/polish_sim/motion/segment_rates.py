@@ -29,6 +29,7 @@ from polish_sim.kernels import (
     matvec,
     minus,
     plus,
+    plus_matvec,
     scaled,
     second_by_turning,
     set_to,
@@ -334,14 +335,9 @@ def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, a
     Raises:
         ReachError: A sample cannot be reached, or is singular.
     """
-    R = arm.T_base_work[:3, :3]
-    poses = np.zeros((len(tips), 4, 4))
-    poses[:, :3, :3] = R @ rotations
-    poses[:, :3, 3] = tips @ R.T + arm.T_base_work[:3, 3]
-    poses[:, 3, 3] = 1.0
-    twists = np.ascontiguousarray(np.concatenate([linear @ R.T, angular @ R.T], axis=2).swapaxes(0, 1))
     out = JointRates(*(np.full((len(tips), 6), np.nan) for _ in range(4)))
-    status, row = _fill_motion(poses, twists, arm, ArmState(q=arm.q_start), out)
+    given = (np.ascontiguousarray(each) for each in (tips, rotations, linear, angular))
+    status, row = _fill_motion(*given, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:
         raise unreachable(status, row, tips[row])
     return out
@@ -354,18 +350,22 @@ def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
 
 
 @njit
-def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
+def _fill_motion(
+    tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm, state: ArmState, out: JointRates
+) -> tuple[int, int]:
     """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
-    for row in range(poses.shape[0]):
-        for i in range(4):
-            for j in range(4):
-                state.T[i, j] = poses[row, i, j]
+    T, base = state.T, arm.T_base_work
+    T[3, 3] = 1.0
+    for row in range(len(tips)):
+        set_to(T[:, 3], plus_matvec(base[:, 3], base, tips[row]))
+        for i in range(3):
+            set_to(T[:, i], matvec(base, rotations[row, :, i]))
         status = reach_pose(state, arm)
         if status != REACHED:
             return status, row
-        for i in range(twists.shape[1]):
-            for j in range(6):
-                state.twists[i, j] = twists[row, i, j]
+        for i in range(3):
+            set_to(state.twists[i], matvec(base, linear[i, row]))
+            set_to(state.twists[i, 3:], matvec(base, angular[i, row]))
         solve_rates(state)
         _keep_rates(state, out, row)
     return REACHED, -1

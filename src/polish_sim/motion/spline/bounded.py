@@ -9,13 +9,14 @@ where b_u and b_uu are derivatives to u: but for u', linear in b.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
 
@@ -31,10 +32,6 @@ class Bounded(NamedTuple):
     rates: Array  #: X1, X2, X3, shape (3, n, 12)
     limits: Array  #: Largest Euclidean norms of speeds, accelerations and jerks, shape (3, 8)
 
-    def every(self, step: int) -> Bounded:
-        """At every ``step``-th place."""
-        return self._replace(rates=self.rates[:, ::step])
-
 
 def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | None) -> Bounded:
     """Tip, tool axis and, with an arm, its six joints.
@@ -43,7 +40,7 @@ def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | No
         ReachError: The arm cannot reach a place, or is singular there.
     """
     known, most = np.zeros((3, len(rates.rotations), PARTS)), limits.values()
-    known[:, :, :3], known[:, :, 3:6] = rates.tips[1:], turning(rates.axes.swapaxes(0, 1)).swapaxes(0, 1)
+    known[:, :, :3], known[:, :, 3:6] = rates.tips[1:], rates.turns
     if arm is not None:
         known[:, :, 6:] = joint_motion(rates.tips[0], rates.rotations, rates.tips[1:], rates.spins, arm)[1:]
     tip = (most.tip_speed, most.tip_acceleration, most.tip_jerk)
@@ -75,8 +72,29 @@ def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Arra
     ``speed`` is u' at the n places [m/s], ``acceleration`` and ``jerk`` are its derivatives, shape (n,) each;
     the factors, shape (n,), are up to 1 where it keeps them.
     """
-    x1, x2, x3 = bounded.rates
-    v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
-    moved = np.stack([x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j])
-    over = (norms(moved) / bounded.limits[:, None]).max(axis=2)
-    return np.maximum.reduce([over[0], np.sqrt(over[1]), np.cbrt(over[2])])
+    factors = np.empty(len(speed))
+    _fill_factors(bounded.rates, bounded.limits, speed, acceleration, jerk, factors)
+    return factors
+
+
+@njit(_nrt=False)
+def _fill_factors(
+    rates: Array, limits: Array, speed: Array, acceleration: Array, jerk: Array, out: Array
+) -> None:
+    for n in range(out.shape[0]):
+        v, a, j, factor = speed[n], acceleration[n], jerk[n], 0.0
+        for q in range(8):
+            speeds = accelerations = jerks = 0.0
+            for i in range(FIRST_PARTS[q], FIRST_PARTS[q] + SIZES[q]):
+                x1, x2, x3 = rates[0, n, i], rates[1, n, i], rates[2, n, i]
+                speeds += (x1 * v) ** 2
+                accelerations += (x2 * v * v + x1 * a) ** 2
+                jerks += (x3 * v**3 + 3.0 * x2 * v * a + x1 * j) ** 2
+            over = max(
+                math.sqrt(speeds) / limits[0, q],
+                math.sqrt(math.sqrt(accelerations) / limits[1, q]),
+                (math.sqrt(jerks) / limits[2, q]) ** (1.0 / 3.0),
+            )
+            # What is not a number stays: all of a place's are none where its speed is none.
+            factor = factor if over <= factor else over
+        out[n] = factor

@@ -74,8 +74,8 @@ def normalize_orders(f: Array, room: Array, out: Array) -> None:
 
 
 @njit(_nrt=False)
-def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array) -> None:
-    """Write tool axes (n, 4, 3), frames (n, 3, 3) and spins (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4,
+def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array, turns: Array) -> None:
+    """Write tool axes (n, 4, 3), frames, spins and turns (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4,
     3)."""
     x, y, part, numbers = room[0], room[1], room[2], room[3].reshape(3, 4)
     for n in range(jets.shape[0]):
@@ -93,6 +93,7 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
         # e x e' summed over the axes is twice the angular velocity.
         for e in (x, y, z):
             cross(e[:3], e[1:], 0.5, spins[n])
+        cross(z[:3], z[1:], 1.0, turns[n])
 
 
 DEGREE = 5
@@ -169,6 +170,7 @@ class CurveRates(NamedTuple):
     axes: Array  #: Unit tool axis, shape (4, n, 3)
     rotations: Array  #: Tool frames, shape (n, 3, 3)
     spins: Array  #: Angular velocity per u and its first two derivatives [rad/m^k], shape (3, n, 3)
+    turns: Array  #: Of the axis, without spin, shape (3, n, 3)
     places: Array  #: Arc length of the path [m], shape (4, n)
 
 
@@ -226,10 +228,9 @@ class Corner(NamedTuple):
         return self.place + np.concatenate([-half[:0:-1], half])
 
 
-def corner_units(line: Polyline, tolerance: float, axis_tolerance: float) -> Array:
-    """The unit the tolerances allow every inner way point's corner [m], infinite without one, shape (n -
-    1,)."""
-    before, after = line.slopes()
+def corner_units(before: Array, after: Array, tolerance: float, axis_tolerance: float) -> Array:
+    """The unit the tolerances allow every inner way point's corner by the slopes beside it (n - 1, 10) [m],
+    infinite without one, shape (n - 1,)."""
     units = np.full(len(before), np.inf)
     for rows, most in ((slice(0, 3), tolerance), (slice(6, 9), axis_tolerance)):
         a, b = before[:, rows], after[:, rows]
@@ -241,9 +242,9 @@ def corner_units(line: Polyline, tolerance: float, axis_tolerance: float) -> Arr
     return units
 
 
-def _isolated(line: Polyline, k: int, unit: float, least: float) -> Corner | None:
-    """Way point k rounded on its own, with the swing that is fastest in the room there is; None below
-    ``least``."""
+def _isolated(line: Polyline, k: int, unit: float, change: Array, least: float) -> Corner | None:
+    """Way point k, where slopes ``change`` (10,), rounded on its own, with the swing that is fastest in the
+    room there is; None below ``least``."""
     steps, last = np.diff(line.u), len(line.u) - 2
     room = min(
         steps[k - 1] * (END_SHARE if k == 1 else LEG_SHARE),
@@ -253,8 +254,7 @@ def _isolated(line: Polyline, k: int, unit: float, least: float) -> Corner | Non
     share, swing = max(zip(shares, SWINGS, strict=True), key=lambda fit: fit[1].gain * math.cbrt(fit[0]))
     if share < least:
         return None
-    before, after = line.slopes()
-    return Corner(float(line.u[k]), share * unit, swing, after[k - 1] - before[k - 1])
+    return Corner(float(line.u[k]), share * unit, swing, change)
 
 
 def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
@@ -266,24 +266,29 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
     Raises:
         SmoothingError: There is none; names a place.
     """
-    length, units = float(line.u[-1]), corner_units(line, tolerance, axis_tolerance)
+    length, (before, after) = float(line.u[-1]), line.slopes()
+    units, changes = corner_units(before, after, tolerance, axis_tolerance), after - before
     knots = np.linspace(0.0, length, max(2, int(np.ceil(length / LONGEST_SPAN)) + 1))
     found = {
-        int(k): _isolated(line, int(k) + 1, units[k], LEAST_CORNER)
+        int(k): _isolated(line, int(k) + 1, units[k], changes[k], LEAST_CORNER)
         for k in np.flatnonzero(units < LONGEST_UNIT)
     }
     known = {k: corner for k, corner in found.items() if corner is not None}
     for _ in range(MOST_HALVINGS):
         corners = [known[k] for k in sorted(known)]
         knots = _with_corners(knots, corners)
-        spline = _drawn(line, knots, corners)
+        spline = draw_spline(line, knots, corners)
         off = _off(line, spline, knots, (tolerance, axis_tolerance))
         off &= ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
         if not off.any():
             return Curve(spline, length)
         place = place_in_mm(line.at(knots[:-1][off][:1])[0, :3])
         more = [int(k) - 1 for k in _alone(line, knots, off) if int(k) - 1 not in known]
-        known |= {k: corner for k in more if (corner := _isolated(line, k + 1, units[k], 0.0)) is not None}
+        known |= {
+            k: corner
+            for k in more
+            if (corner := _isolated(line, k + 1, units[k], changes[k], 0.0)) is not None
+        }
         knots = _halved(knots, off)
     raise SmoothingError(
         f"no smooth curve stays within {tolerance * 1e3:g} mm and {math.degrees(axis_tolerance):g} deg of "
@@ -295,14 +300,16 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
 def curve_rates(curve: Curve, u: Array) -> CurveRates:
     """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
     jets, n = np.stack([curve.spline(u, k) for k in range(4)], axis=1), len(u)
-    axes, rotations, spins = np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.zeros((n, 3, 3))
-    _frames(jets, np.empty((4, 4, 3)), axes, rotations, spins)
-    first = (jets[..., :3], axes, spins, jets[..., 9])
-    tips, axes, spins, places = (np.ascontiguousarray(each.swapaxes(0, 1)) for each in first)
-    return CurveRates(tips, axes, rotations, spins, places)
+    axes, rotations = np.empty((n, 4, 3)), np.empty((n, 3, 3))
+    spins, turns = np.zeros((2, n, 3, 3))
+    _frames(jets, np.empty((4, 4, 3)), axes, rotations, spins, turns)
+    first = (jets[..., :3], axes, spins, turns, jets[..., 9])
+    tips, axes, spins, turns, places = (np.ascontiguousarray(each.swapaxes(0, 1)) for each in first)
+    return CurveRates(tips, axes, rotations, spins, turns, places)
 
 
-def _drawn(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
+def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
+    """Control points from the line at the Greville places, and once more from what that leaves over."""
     t = np.concatenate([np.full(DEGREE, knots[0]), knots, np.full(DEGREE, knots[-1])])
     greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
     greville[0], greville[-1] = knots[0], knots[-1]

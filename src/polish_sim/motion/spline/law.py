@@ -88,8 +88,7 @@ class Law(NamedTuple):
 
     squares: Squares
     controls: Array  #: Its control values [m^2/s^2], shape (n + 1,)
-    launch: Launch
-    landing: Launch  #: Played backwards
+    launch: Launch  #: And, played backwards, the landing
 
 
 # The programme: rows of three control values each, compiled.
@@ -166,7 +165,7 @@ def plan_law(
     shapes = (r, (n, ROWS, 3), r, r, r, r, r, (m, 3), m, m, m, m)
     work = LawRoom(*(np.zeros(shape) for shape in shapes))
     found = _solve(programme, work, unknowns, weight)
-    return Law(squares, (unknowns * size)[:-1], launch, launch) if found else None
+    return Law(squares, (unknowns * size)[:-1], launch) if found else None
 
 
 def _programme(
@@ -453,7 +452,7 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
     speed = np.sqrt(around(squares.values, controls)[:-1, None] + (slope + 0.5 * bend * past) * past).ravel()
     acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
     places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
-    here = bounded._replace(rates=bounded.rates[:, places])
+    here = bounded._replace(rates=bounded.rates.take(places, axis=1))
     return time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1)
 
 
@@ -471,7 +470,8 @@ def fastest_law(
         if seen is None:
             seen = look(divided(knots, LOOKS))
         bounded, caps = seen
-        law = plan_law(knots, caps[::LOOKS], bounded.every(LOOKS), launch, shares, law)
+        at_knots = bounded._replace(rates=bounded.rates[:, ::LOOKS])
+        law = plan_law(knots, caps[::LOOKS], at_knots, launch, shares, law)
         if law is None:
             break
         if len(slower(law)):

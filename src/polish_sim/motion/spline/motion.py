@@ -25,6 +25,7 @@ from polish_sim.motion.spline.curve import (
     CurveRates,
     Polyline,
     curve_rates,
+    draw_spline,
     fit_curve,
     polyline_of,
 )
@@ -63,17 +64,17 @@ class Passage(NamedTuple):
 
 def pass_by(law: Law) -> Passage:
     """When the parameter is where."""
-    squares, controls, launch, landing = law
+    squares, controls, launch = law
     speeds = np.sqrt(around(squares.values, controls))
     bends, slopes = 0.5 * around(squares.bends, controls), 0.5 * around(squares.slopes, controls)
     # The way over the sum of both speeds is tan(w T / 2) / w, with w^2 = -beta, or tanh.
     share, rate = np.diff(squares.knots) / (speeds[1:] + speeds[:-1]), np.sqrt(np.abs(bends))
     angles = np.where(bends > 0.0, np.arctanh(np.minimum(rate * share, 1.0 - 1e-15)), np.arctan(rate * share))
     spans = 2.0 * np.where(rate * share > 1e-6, angles / np.maximum(rate, 1e-300), share)
-    times = np.cumsum([0.0, launch.duration, *spans, landing.duration])
+    times = np.cumsum([0.0, launch.duration, *spans, launch.duration])
     jerks = np.zeros(len(times) - 1)
-    jerks[[0, -1]] = launch.jerk, landing.jerk
-    places = np.concatenate([[0.0], squares.knots, [squares.knots[-1] + landing.way]])
+    jerks[[0, -1]] = launch.jerk
+    places = np.concatenate([[0.0], squares.knots, [squares.knots[-1] + launch.way]])
     bends = np.concatenate([[0.0], bends, [0.0]])
     return Passage(times, places, np.append(0.0, speeds), np.append(0.0, slopes), bends, jerks)
 
@@ -103,15 +104,8 @@ def passage_at(passage: Passage, times: Array) -> Array:
 
 def slowed(passage: Passage, factor: float) -> Passage:
     """The same way in ``factor`` times the time."""
-    times, places, speeds, accelerations, bends, jerks = passage
-    return Passage(
-        times * factor,
-        places,
-        speeds / factor,
-        accelerations / factor**2,
-        bends / factor**2,
-        jerks / factor**3,
-    )
+    powers = (1, 0, -1, -2, -2, -3)
+    return Passage(*(column * factor**k for column, k in zip(passage, powers, strict=True)))
 
 
 def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
@@ -126,7 +120,7 @@ def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
 
 
 class SplineMotion(NamedTuple):
-    """A curve and when its parameter is passed; what `Smoothed` is for other rules."""
+    """A curve and when its parameter is passed, from rest to rest; what `Smoothed` is for other rules."""
 
     line: Polyline
     curve: Curve
@@ -226,19 +220,6 @@ class SplineTask(NamedTuple):
         return None if self.arm is None else build_arm(self.arm.T_base_work, self.arm.T_flange_tool, q)
 
 
-class Stretch(NamedTuple):
-    """A motion from rest to rest."""
-
-    line: Polyline
-    curve: Curve
-    passage: Passage
-
-    def times_at(self, u: Array) -> Array:
-        """When places (n,) [m] are passed [s]."""
-        times = np.linspace(0.0, self.passage.duration, 20 * len(self.passage.places))
-        return np.interp(u, passage_at(self.passage, times)[0], times)
-
-
 MOST_ROUNDS = 12  #: Of stops added
 LAUNCH_SHARES = (0.5, 0.1)  #: Of the launch that are tried until a law is found
 SPARE = 1.0003  #: More time than the places looked at need
@@ -274,7 +255,7 @@ def plan_spline(
     feeds = np.where(steps > 0.0, slowest * chain.lengths / np.where(steps > 0.0, steps, 1.0), np.inf)
     stops = plan_stops(chain, limits, arm, feeds)
     lasting, turns = stops.triples.sum(axis=1), -np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
-    known: dict[tuple[int, int], Stretch | Indices] = {}
+    known: dict[tuple[int, int], SplineMotion | Indices] = {}
     cuts = np.arange(n + 1) if min(tolerances) <= 0.0 else np.array([0, n])
     for _ in range(MOST_ROUNDS):
         old = cuts
@@ -282,24 +263,26 @@ def plan_spline(
             if b - a > 1 and (a, b) not in known:
                 inner = lasting[a:b], turns[a : b - 1]
                 known[a, b] = found = _stretch(task, chain, places, a, b, stops, *inner)
-                cuts = cuts if isinstance(found, Stretch) else np.union1d(cuts, a + 1 + found)
+                cuts = cuts if isinstance(found, SplineMotion) else np.union1d(cuts, a + 1 + found)
         if len(cuts) == len(old):
             break
-    parts: list[Stretch] = []
+    parts: list[SplineMotion] = []
     for a, b in pairwise(cuts.tolist()):
         smooth = known.get((a, b))
-        if not isinstance(smooth, Stretch) or smooth.passage.duration > lasting[a:b].sum():
+        if not isinstance(smooth, SplineMotion) or smooth.end > lasting[a:b].sum():
             parts += [_stop(task, chain, places, k, stops) for k in range(a, b)]
         else:
             parts.append(smooth)
     return _joined(polyline_of(chain, places), parts)
 
 
-def _slower(stretch: Stretch, lasting: Array) -> Indices:
+def _slower(motion: SplineMotion, lasting: Array) -> Indices:
     """Inner way points where stops are faster, from middle to middle of their segments, and more so than
     beside them."""
-    middles = stretch.times_at(0.5 * (stretch.line.u[1:] + stretch.line.u[:-1]))
-    spans = np.diff(np.concatenate([[0.0], middles[1:-1], [stretch.passage.duration]]))
+    line, passage, duration = motion.line, motion.passage, motion.end
+    times = np.linspace(0.0, duration, 4 * len(passage.places))
+    middles = np.interp(0.5 * (line.u[1:] + line.u[:-1]), passage_at(passage, times)[0], times)
+    spans = np.diff(np.concatenate([[0.0], middles[1:-1], [duration]]))
     stopped = 0.5 * (lasting[1:] + lasting[:-1])
     stopped[0] += 0.5 * lasting[0]
     stopped[-1] += 0.5 * lasting[-1]
@@ -309,7 +292,7 @@ def _slower(stretch: Stretch, lasting: Array) -> Indices:
 
 def _stretch(
     task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops, lasting: Array, turns: Array
-) -> Stretch | Indices:
+) -> SplineMotion | Indices:
     """The fastest motion along a smooth curve near some segments, or the inner way points to stop at.
 
     These are where stops, ``lasting`` (segments,) [s], are faster; where there is no motion the one with the
@@ -335,7 +318,7 @@ def _stretch(
         return bounded_quantities(rates, task.limits, arm), task.feed_cap(rates)
 
     def slower(law: Law) -> Indices:
-        return _slower(Stretch(line, curve, pass_by(law)), lasting)
+        return _slower(SplineMotion(line, curve, pass_by(law)), lasting)
 
     coarse = with_bends(coarse, *look(coarse))
     bounded, caps = look(coarse)
@@ -354,26 +337,22 @@ def _stretch(
     passage = pass_by(found[0])
     passage.places[-1] = curve.length
     passage = _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a])
-    stretch = Stretch(line, curve, passage)
-    return stopped if len(stopped := _slower(stretch, lasting)) else stretch
+    return SplineMotion(line, curve, passage)
 
 
-def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -> Stretch:
+def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -> SplineMotion:
     """One segment from rest to rest."""
     line = polyline_of(part_of(chain, slice(k, k + 1)), places[k : k + 2])
     length = float(line.u[-1])
     knots = np.linspace(
         0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP))
     )
-    t = np.concatenate([np.full(DEGREE, 0.0), knots, np.full(DEGREE, length)])
-    greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
-    once = line.at(greville)
-    curve = Curve(BSpline(t, 2.0 * once - BSpline(t, once, DEGREE)(greville), DEGREE), length)
+    curve = Curve(draw_spline(line, knots, []), length)
     durations, c = np.zeros(PIECES), np.zeros((PIECES, 4))
     n = box_pieces(*stops.triples[k], durations, c)
     times, c = np.concatenate([[0.0], np.cumsum(durations[:n])]), length * c[:n]
     passage = Passage(times, np.append(c[:, 0], length), c[:, 1], 2.0 * c[:, 2], np.zeros(n), 6.0 * c[:, 3])
-    return Stretch(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
+    return SplineMotion(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
 
 
 def _within_limits(
@@ -387,7 +366,7 @@ def _within_limits(
     return slowed(passage, max(1.0, spare * float(time_factors(task.bounded(curve, u, q), *moved).max())))
 
 
-def _joined(line: Polyline, parts: list[Stretch]) -> SplineMotion:
+def _joined(line: Polyline, parts: list[SplineMotion]) -> SplineMotion:
     """Stretches one after the other, the curve kinked between them."""
     t, points, columns, place, clock = [np.zeros(DEGREE + 1)], [], [], 0.0, 0.0
     for part in parts:
