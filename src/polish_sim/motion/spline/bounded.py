@@ -61,11 +61,6 @@ def caps_of(bounded: Bounded) -> tuple[Array, Array]:
     return speed, np.minimum(speed, np.minimum(np.sqrt(acceleration), np.cbrt(jerk)))
 
 
-def jerk_from_rest(bounded: Bounded) -> float:
-    """Largest third derivative of u from rest at the places [m/s^3]."""
-    return float((bounded.limits[2] / np.maximum(norms(bounded.rates[0]), SLOWEST_TURN)).min())
-
-
 def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Array) -> Array:
     """How much more time a passage must take to keep the limits, wholly used, place by place.
 

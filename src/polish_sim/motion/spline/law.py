@@ -17,7 +17,16 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.segment_rates import chebyshev_nodes
-from polish_sim.motion.spline.bounded import FIRST_PARTS, PARTS, SIZES, Bounded, caps_of, norms, time_factors
+from polish_sim.motion.spline.bounded import (
+    FIRST_PARTS,
+    PARTS,
+    SIZES,
+    SLOWEST_TURN,
+    Bounded,
+    caps_of,
+    norms,
+    time_factors,
+)
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
@@ -465,11 +474,9 @@ def fastest_law(
     Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m]
     and the largest u' wanted there. A law is not improved where ``slower`` finds way points to stop at.
     """
-    shares, law, best, seen = np.ones(len(knots)), None, None, None
+    shares, law, best = np.ones(len(knots)), None, None
+    bounded, caps = look(divided(knots, LOOKS))
     for attempt in range(MOST_TRIES):
-        if seen is None:
-            seen = look(divided(knots, LOOKS))
-        bounded, caps = seen
         at_knots = bounded._replace(rates=bounded.rates[:, ::LOOKS])
         law = plan_law(knots, caps[::LOOKS], at_knots, launch, shares, law)
         if law is None:
@@ -488,7 +495,8 @@ def fastest_law(
         shares *= np.where(beside > 1.0, beside, 1.0) ** -TIGHTER
         if far.any():
             more = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])[far])
-            shares, knots, seen = np.interp(more, knots, shares), more, None
+            shares, knots = np.interp(more, knots, shares), more
+            bounded, caps = look(divided(knots, LOOKS))
     return best
 
 
@@ -523,12 +531,14 @@ def divided(knots: Array, parts: int) -> Array:
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
-def launch_of(length: float, slowest: float, jerk: float, ends: Ends) -> Launch:
+def launch_of(length: float, slowest: float, ends: Ends) -> Launch:
     """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
 
     After it the speed still rises by as much again while the acceleration fades: that may not pass
-    ``slowest``, the smaller speed wanted at the ends [m/s]. ``jerk`` is the largest from rest [m/s^3].
+    ``slowest``, the smaller speed wanted at the ends [m/s].
     """
+    still = ends(np.zeros(1))
+    jerk = float((still.limits[2] / np.maximum(norms(still.rates[0]), SLOWEST_TURN)).min())
     longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
     jerk, times = LAUNCH_SHARE * jerk, longest * LAUNCH_TIMES
     speed, acceleration = np.tile(0.5 * jerk * times**2, 2), jerk * times

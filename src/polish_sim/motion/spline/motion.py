@@ -18,7 +18,7 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.paper_rules import Stops, plan_stops
 from polish_sim.motion.rules.schedule import Samples
 from polish_sim.motion.segment_rates import chebyshev_nodes
-from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, jerk_from_rest, time_factors
+from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, time_factors
 from polish_sim.motion.spline.curve import (
     DEGREE,
     Curve,
@@ -322,7 +322,7 @@ def _stretch(
 
     coarse = with_bends(coarse, *look(coarse))
     bounded, caps = look(coarse)
-    launch = launch_of(curve.length, float(caps[[0, -1]].min()), jerk_from_rest(ends(np.zeros(1))), ends)
+    launch = launch_of(curve.length, float(caps[[0, -1]].min()), ends)
     for share in LAUNCH_SHARES:
         begun = launch._replace(duration=share * launch.duration)
         found = fastest_law(
