@@ -544,7 +544,7 @@ def launch_of(length: float, slowest: float, ends: Ends) -> Launch:
     speed, acceleration = np.tile(0.5 * jerk * times**2, 2), jerk * times
     moved = speed, np.concatenate([acceleration, -acceleration]), np.full(len(speed), jerk)
     factors = time_factors(ends(jerk * times**3 / 6.0), *moved).reshape(2, -1).max(axis=0)
-    kept = np.count_nonzero(np.maximum.accumulate(factors) <= BEFORE_LIMITS)
+    kept = int(np.count_nonzero(np.maximum.accumulate(factors) <= BEFORE_LIMITS))
     return Launch(jerk, float(times[max(kept - 1, 0)]))
 
 

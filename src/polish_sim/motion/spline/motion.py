@@ -298,7 +298,7 @@ def _stretch(
     These are where stops, ``lasting`` (segments,) [s], are faster; where there is no motion the one with the
     largest of ``turns`` (segments - 1,).
     """
-    line, sharpest = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1]), turns.argmax()[None]
+    line, sharpest = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1]), np.array([turns.argmax()])
     try:
         curve = fit_curve(line, *task.tolerances)
     except SmoothingError:
