@@ -6,22 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polish_sim.analysis.metrics import (
-    PAPER_ARC,
-    WINDOW_M,
-    curvature_peaks,
-    distance_to_circle,
-    errors_at_peaks,
-    force_shares,
-    measure_arc,
-    measure_force,
-    measure_surface,
-    moving_average,
-    rise_time,
-    settling_time,
-    shortcomings,
-    steady_feed,
-)
+from polish_sim.analysis import metrics
 from polish_sim.hand_guiding.figures import measure_taught
 from polish_sim.log import Trace
 from polish_sim.planning.toolpath import ToolPath
@@ -30,7 +15,7 @@ from tests.planning.shapes import path_through
 
 
 def test_a_first_order_force_response_has_the_textbook_figures():
-    figures = measure_force(force_trace(tau=0.1), 20.0)
+    figures = metrics.measure_force(force_trace(tau=0.1), 20.0)
     # contact is noticed at 0.5 N, that is tau ln(20/19.5) after the touch
     late = 0.1 * math.log(20.0 / 19.5)
     assert figures["contact_time_s"] == pytest.approx(2.0 + late, abs=2e-3)
@@ -41,20 +26,22 @@ def test_a_first_order_force_response_has_the_textbook_figures():
     assert figures["steady_within_3n"] == 1.0
     assert figures["steady_std_n"] < 0.1  # the retract is no loss of force
     assert figures["overshoot_n"] == 0.0
-    assert measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
+    assert metrics.measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(
+        5.0, abs=1e-3
+    )
 
 
 def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface():
     in_air = trace_of(np.zeros(1000, np.int8))
-    assert all(math.isnan(value) for value in measure_force(in_air, 20.0).values())
-    figures = measure_surface(in_air, bumpy_path(), 20.0)
+    assert all(math.isnan(value) for value in metrics.measure_force(in_air, 20.0).values())
+    figures = metrics.measure_surface(in_air, bumpy_path(), 20.0)
     assert math.isnan(figures["force_rms_error_n"])
     assert math.isnan(figures["force_error_at_peaks_n"])
     assert figures["curvature_peaks"] == 0
 
 
 def test_a_constant_radial_error_is_the_tracking_error_of_the_arc():
-    figures = measure_arc(arc_trace(radial_error_m=7e-5))
+    figures = metrics.measure_arc(arc_trace(radial_error_m=7e-5))
     assert figures["tracking_error_max_m"] == pytest.approx(7e-5, abs=1e-12)
     assert figures["tracking_error_rms_m"] == pytest.approx(7e-5, abs=1e-12)
     assert figures["speed_mean_m_s"] == pytest.approx(0.01)
@@ -66,30 +53,32 @@ def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_s
     ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
     # the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it
     known = pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
-    assert measure_arc(ramped)["speed_max_deviation_m_s"] == known
+    assert metrics.measure_arc(ramped)["speed_max_deviation_m_s"] == known
 
 
 def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim():
-    centre, normal = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal)
-    rim_top = centre + np.array([0.0, 0.0, PAPER_ARC.radius])
+    centre, normal = np.asarray(metrics.PAPER_ARC.center), np.asarray(metrics.PAPER_ARC.normal)
+    rim_top = centre + np.array([0.0, 0.0, metrics.PAPER_ARC.radius])
     points = np.array([centre, rim_top, rim_top + 0.03 * normal])
-    assert distance_to_circle(points, PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
+    assert metrics.distance_to_circle(points, metrics.PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
 
 
 def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top():
     path = bumpy_path(bumps=6)
-    assert path.s[curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
+    assert path.s[metrics.curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
 
-    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=-1 / 0.06))) == 4  # hollows count like humps
-    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0  # gentle ones do not
+    assert (
+        len(metrics.curvature_peaks(bumpy_path(bumps=4, sharpness=-1 / 0.06))) == 4
+    )  # hollows count like humps
+    assert len(metrics.curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0  # gentle ones do not
     rippled = path.curvature + 1.0 * np.sin(path.s / 0.0005)
-    assert len(curvature_peaks(replace(path, curvature=rippled))) == 6
+    assert len(metrics.curvature_peaks(replace(path, curvature=rippled))) == 6
 
 
 def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     path = bumpy_path(bumps=6)
     trace = surface_trace(path, dip_n=5.0)
-    figures = measure_surface(trace, path, 20.0)
+    figures = metrics.measure_surface(trace, path, 20.0)
     assert figures["curvature_peaks"] == 6
     assert figures["force_error_at_peaks_n"] == pytest.approx(5.0, abs=0.01)
     assert figures["force_error_between_peaks_n"] < 0.1
@@ -101,16 +90,19 @@ def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     assert figures["speed_mean_m_s"] == pytest.approx(0.01)
     force = trace.normal_force_n.copy()
     force[50_000:50_250] = 0.0
-    lost = measure_surface(trace._replace(normal_force_n=force), path, 20.0)
+    lost = metrics.measure_surface(trace._replace(normal_force_n=force), path, 20.0)
     assert lost["contact_lost_s"] == pytest.approx(0.25)
-    until = int(np.searchsorted(trace.path_s_m, 0.5 + WINDOW_M))
-    assert measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)["curvature_peaks"] == 3
+    until = int(np.searchsorted(trace.path_s_m, 0.5 + metrics.WINDOW_M))
+    assert (
+        metrics.measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)["curvature_peaks"]
+        == 3
+    )
 
 
 def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them():
     s = np.linspace(0.0, 2.0, 200_000)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
-    errors = errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
+    errors = metrics.errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
     assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
 
 
@@ -123,25 +115,25 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
     wanted = np.array([8.0, 20.0, 20.0, 2.0, 20.0, 2.0, 8.0])
     most = np.array([8.0, 20.0, 20.0, 8.0, 20.0, 8.0, 8.0])
     held = np.array([False, True, True, True, False, False, True])
-    shares = [force_shares(*row) for row in zip(force, wanted, most, held, strict=True)]
+    shares = [metrics.force_shares(*row) for row in zip(force, wanted, most, held, strict=True)]
     np.testing.assert_allclose(shares, [1.0, 1.0, 0.75, 1.0, 0.8, 0.0, 1.0])
     calm = {"contact_lost_s": 0.0, "force_within_4n": 1.0}
     for peak, bad in ((9.99, 0), (10.01, 1)):
-        assert len(shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
+        assert len(metrics.shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
 def test_settling_counts_from_the_last_excursion_not_the_first_entry():
     error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
-    assert abs(settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
+    assert abs(metrics.settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
 
 
 def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or_is_not_a_number():
-    assert settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
-    assert math.isnan(settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
-    assert math.isnan(settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
-    assert math.isnan(settling_time(np.empty(0), np.empty(0), 3.0))
-    assert math.isnan(rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
-    assert moving_average(TIME[:20], TIME[:20], 0.05).size == 0  # shorter than the window
+    assert metrics.settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
+    assert math.isnan(metrics.settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
+    assert math.isnan(metrics.settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
+    assert math.isnan(metrics.settling_time(np.empty(0), np.empty(0), 3.0))
+    assert math.isnan(metrics.rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
+    assert metrics.moving_average(TIME[:20], TIME[:20], 0.05).size == 0  # shorter than the window
 
 
 def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
@@ -165,5 +157,5 @@ def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again():
     s = 0.01 * time - 0.5 * 0.01 * np.maximum(time - 4.0, 0.0) ** 2
     s[4700:4704] = s[4700]
     assert np.diff(s)[4703] > 0.99e-5
-    steady = steady_feed(time >= 0.0, time, s)
+    steady = metrics.steady_feed(time >= 0.0, time, s)
     assert time[steady][-1] == pytest.approx(4.01, abs=0.003)

@@ -8,16 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import (
-    REMOVAL,
-    RunRecord,
-    ending,
-    notes_of,
-    read_record,
-    read_records,
-    write_json,
-    write_record,
-)
+from polish_sim.analysis import run_record
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import setting_rows
@@ -26,16 +17,16 @@ from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_tr
 
 
 @pytest.fixture
-def record() -> RunRecord:
+def record() -> run_record.RunRecord:
     scenario = replace(Scenario(), seed=7)
     path, removal = bumpy_path(bumps=2, length=0.1), removal_map(np.ones(5))
     log = log_of(surface_trace(path))
-    return RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log, path, removal)
+    return run_record.RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log, path, removal)
 
 
 def test_a_run_reads_back_as_it_was_written(record, tmp_path):
-    write_record(tmp_path, record)
-    back = read_record(tmp_path)
+    run_record.write_record(tmp_path, record)
+    back = run_record.read_record(tmp_path)
     assert back.scenario == record.scenario
     assert back.metrics == record.metrics
     np.testing.assert_array_equal(back.path.curvature, record.path.curvature)
@@ -45,7 +36,7 @@ def test_a_run_reads_back_as_it_was_written(record, tmp_path):
 
 def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path):
     numpys = {"b": np.float64(2.0), "c": np.int64(3), "e": np.array([1.0])}
-    write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
+    run_record.write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
 
     def refuse(text: str) -> float:
         raise AssertionError(f"{text} is not JSON")
@@ -56,25 +47,25 @@ def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path):
 
 def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
     with pytest.raises(InputError, match=r"lacks config.toml, metrics.json, log.npz"):
-        read_record(tmp_path)
+        run_record.read_record(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", REMOVAL])
+@pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", run_record.REMOVAL])
 def test_a_truncated_file_is_refused_by_name(record, tmp_path, name):
-    write_record(tmp_path, record)
+    run_record.write_record(tmp_path, record)
     file = tmp_path / name
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     with pytest.raises(InputError, match=name):
-        read_record(tmp_path)
+        run_record.read_record(tmp_path)
 
 
-def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> RunRecord:
+def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> run_record.RunRecord:
     scenario = merge(Scenario(), dict(sections), "")
     log = log_of(trace_of(np.zeros(4, np.int8)))
-    return RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
+    return run_record.RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
 
 
-def row(records: list[RunRecord], label: str) -> list[str]:
+def row(records: list[run_record.RunRecord], label: str) -> list[str]:
     (found,) = [row for row in setting_rows(records) if row[0] == label]
     return found[2:]
 
@@ -103,17 +94,17 @@ def test_part_force_and_feed_of_every_run_stand_in_its_own_column():
     ],
 )
 def test_how_a_run_ended_is_said(metrics, said):
-    assert ending(run(metrics=metrics)) == said
+    assert run_record.ending(run(metrics=metrics)) == said
 
 
 def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not_whole():
     other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
-    assert notes_of([run(), replace(run(), scenario=other)]) == []
+    assert run_record.notes_of([run(), replace(run(), scenario=other)]) == []
     stopped = run("b", {"path_done": 0.5, "protective_stop": "the force was too large"})
-    (note,) = notes_of([run("a"), stopped])
+    (note,) = run_record.notes_of([run("a"), stopped])
     assert note.startswith("'b' stopped at 50.0% (the force was too large)")
     runs = [run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})]
-    (note,) = notes_of(runs)
+    (note,) = run_record.notes_of(runs)
     assert note.endswith("they differ in part.file, sensor.force_noise_n.")
 
 
@@ -121,8 +112,8 @@ def test_runs_of_one_name_are_told_apart(tmp_path):
     folders = [tmp_path / "first" / "seed-0000", tmp_path / "second" / "seed-0000"]
     for folder in folders:
         folder.mkdir(parents=True)
-        write_record(folder, run())
-    assert [record.name for record in read_records(folders)] == [str(folder) for folder in folders]
-    twice = [record.name for record in read_records([folders[0], folders[0]])]
+        run_record.write_record(folder, run())
+    assert [record.name for record in run_record.read_records(folders)] == [str(folder) for folder in folders]
+    twice = [record.name for record in run_record.read_records([folders[0], folders[0]])]
     assert len(set(twice)) == 2
-    assert [record.name for record in read_records(folders[:1])] == ["seed-0000"]
+    assert [record.name for record in run_record.read_records(folders[:1])] == ["seed-0000"]

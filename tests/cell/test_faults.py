@@ -6,22 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from polish_sim.cell import Cell, CellRun, Silent
+from polish_sim.cell import Cell, CellRun, Silent, guards
 from polish_sim.cell.faults import FaultEvent, as_planned, parse_events
-from polish_sim.cell.guards import (
-    CONTROLLER_NAN,
-    FALLEN,
-    FROZEN,
-    HIGH,
-    JUMP,
-    LOW,
-    MISSING,
-    NO_READING,
-    REASONS,
-    RISEN,
-    SILENT_HOST,
-    SPINDLE,
-)
 from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
@@ -64,24 +50,24 @@ def assert_it_ends_well(run: CellRun) -> None:
 @pytest.mark.parametrize(
     ("event", "code", "least", "most"),
     [
-        ("sensor-dropout@0.8", NO_READING, 0.0, 0.020),
-        ("sensor-zeros@contact+0.02", NO_READING, 0.0, 0.020),
-        ("sensor-jump@contact+0.02", JUMP, 0.0, 0.020),
-        ("sensor-drop@contact+1", JUMP, 0.0, 0.020),
-        ("controller-nan@contact+0.02", CONTROLLER_NAN, 0.0, 0.020),
+        ("sensor-dropout@0.8", guards.NO_READING, 0.0, 0.020),
+        ("sensor-zeros@contact+0.02", guards.NO_READING, 0.0, 0.020),
+        ("sensor-jump@contact+0.02", guards.JUMP, 0.0, 0.020),
+        ("sensor-drop@contact+1", guards.JUMP, 0.0, 0.020),
+        ("controller-nan@contact+0.02", guards.CONTROLLER_NAN, 0.0, 0.020),
         # What shows by its absence, when its time is over; the spindle runs down a fifth in 0.1 s.
-        ("sensor-frozen@contact+1", FROZEN, 0.016, 0.024),
-        ("command-lost@contact+1", SILENT_HOST, 0.102, 0.110),
-        ("spindle-stop@contact+1", SPINDLE, 0.096, 0.104),
+        ("sensor-frozen@contact+1", guards.FROZEN, 0.016, 0.024),
+        ("command-lost@contact+1", guards.SILENT_HOST, 0.102, 0.110),
+        ("spindle-stop@contact+1", guards.SPINDLE, 0.096, 0.104),
         # The surface falls away under the pad, or seems to.
-        ("part-low@contact+1", FALLEN, 0.0, 12.0),
-        ("part-missing@contact+1", FALLEN, 0.0, 12.0),
-        ("sensor-drift@contact+1", FALLEN, 0.0, 12.0),
+        ("part-low@contact+1", guards.FALLEN, 0.0, 12.0),
+        ("part-missing@contact+1", guards.FALLEN, 0.0, 12.0),
+        ("sensor-drift@contact+1", guards.FALLEN, 0.0, 12.0),
     ],
 )
 def test_what_can_be_noticed_stops_the_robot_in_time(event, code, least, most):
     run = faulty(event, "spindle.speed_rpm=6000", hold=12.0).run()
-    assert run.stop_reason == REASONS[code]
+    assert run.stop_reason == guards.REASONS[code]
     assert least <= run.safety.fault_to_stop_s <= most
     assert_it_ends_well(run)
 
@@ -90,7 +76,7 @@ def test_what_can_be_noticed_stops_the_robot_in_time(event, code, least, most):
 def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when, way):
     """While it touches down it is pressed in by 4 mm more: its rise counts from where contact was."""
     run = faulty(f"part-high@contact+{when}").run()
-    assert run.stop_reason == REASONS[RISEN]
+    assert run.stop_reason == guards.REASONS[guards.RISEN]
     assert run.safety.fault_to_stop_s == pytest.approx(way / SHIFT_SPEED, abs=0.1)
     assert run.trace.part_shift_m[stopped_at(run), 2] == pytest.approx(way, abs=0.002)
     assert run.trace.part_shift_m[-1, 2] == pytest.approx(0.010)
@@ -98,12 +84,12 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
 
 
 @pytest.mark.parametrize(
-    ("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)]
+    ("name", "code"), [("part-high", guards.HIGH), ("part-low", guards.LOW), ("part-missing", guards.MISSING)]
 )
 def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
     stroke = pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
     run = cell_for(faulty(f"{name}@0").scenario, stroke, part=part_under(plane())).run()
-    assert run.stop_reason == REASONS[code]
+    assert run.stop_reason == guards.REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
     assert_it_ends_well(run)
 

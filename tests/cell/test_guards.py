@@ -9,17 +9,7 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, no_part
-from polish_sim.cell.guards import (
-    CONTROLLER_ERROR,
-    CRASH,
-    JUMP,
-    NO_STOP,
-    REASONS,
-    check_reading,
-    forget_shares,
-    guard_shares,
-)
+from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, guards, no_part
 from polish_sim.cell.scene import Drawn
 from polish_sim.cell.stroke import FEEDING
 from polish_sim.geometry import load_part
@@ -105,11 +95,11 @@ def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
         size = 40.0 * float(np.clip((t - 1.0) / grown_s if grown_s else t >= 1.0, 0.0, 1.0))
         state.sensor.reading[2] = 50.0 + size * math.sin(2.0 * math.pi * 24.0 * (t - 1.0))
         state.sensor.changed = t
-        code = check_reading(state, 0.001, t)
+        code = guards.check_reading(state, 0.001, t)
         codes |= {code} if t > 0.5 else set()  # before, the reading comes from nothing
         largest = max(largest, state.guards.found if t > 0.5 else 0.0)
     assert 15.0 < largest < 30.0
-    assert codes == ({NO_STOP} if grown_s else {NO_STOP, JUMP})
+    assert codes == ({guards.NO_STOP} if grown_s else {guards.NO_STOP, guards.JUMP})
 
 
 def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
@@ -122,7 +112,7 @@ def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
 def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it():
     """Between pad and housing there is only the shaft of 9 mm radius."""
     run = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
-    assert run.stop_reason == REASONS[CRASH]
+    assert run.stop_reason == guards.REASONS[guards.CRASH]
     assert run.log["tcp_position_m"][stopped_at(run), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
 
 
@@ -130,7 +120,7 @@ def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_
     assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
     cell = past_a_wall(wall(0.08), -0.5, 0.0)
     run = cell.run()
-    assert run.stop_reason == REASONS[CRASH]
+    assert run.stop_reason == guards.REASONS[guards.CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
     housing = (drawn_vertices(cell.model, cell.data, k) for k in meshes_of(cell.model, "tool_mount"))
     deepest = max(vertices[:, 0].max() for vertices in housing) - 0.08
@@ -189,15 +179,15 @@ def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place():
     cell = on_plane("process.hold_s=1")
     run = cell.run()
     assert run.stop_reason is None
-    shares, log = guard_shares(cell.state.guards), run.log
+    shares, log = guards.guard_shares(cell.state.guards), run.log
     force = np.linalg.norm(log["wrench_measured_tool"][:, :3], axis=1)
     assert shares["force"].share == pytest.approx(force.max() / cell.scenario.safety.force_limit_n)
     assert shares["force"].time_s == pytest.approx(log["time_s"][force.argmax()])
     assert shares["force"].at_m == pytest.approx(log["path_s_m"][force.argmax()])
     assert 0.0 < shares["near a singularity"].share < 1.0
     assert shares["sensor overloaded"].share == 0.0  # the sensor has no such limit
-    forget_shares(cell.state.guards)
-    assert all(share == (0.0, 0.0, 0.0) for share in guard_shares(cell.state.guards).values())
+    guards.forget_shares(cell.state.guards)
+    assert all(share == (0.0, 0.0, 0.0) for share in guards.guard_shares(cell.state.guards).values())
 
 
 LOST = "faults.events=sensor-dropout@contact+0.5"
@@ -249,7 +239,7 @@ def test_a_stopped_robot_does_not_ask_the_controller_any_more():
         return np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
 
     run = on_plane(controller=Law(insane), height=0.03).run()
-    assert str(run.stop_reason).startswith(f"{REASONS[CONTROLLER_ERROR]}: RuntimeError: broken")
+    assert str(run.stop_reason).startswith(f"{guards.REASONS[guards.CONTROLLER_ERROR]}: RuntimeError: broken")
     assert len(asked) == 601
     assert run.steps > 700
     assert run.safety.retracted is True

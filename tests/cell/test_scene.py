@@ -17,18 +17,7 @@ from polish_sim.identification.model_file import write_portable
 from polish_sim.models import workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, transform
-from tests.cell.cells import (
-    EVERY_STEP,
-    TOUCH,
-    along_tool,
-    cell_for,
-    drawn_vertices,
-    ideal,
-    joints_at,
-    on_plane,
-    part_under,
-    pressing_stroke,
-)
+from tests.cell import cells
 from tests.cell.fields import sphere
 
 HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
@@ -61,7 +50,7 @@ def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
     mujoco.mj_step(model, data, 200)
     assert not any(warning.number for warning in data.warning)
     mesh = load_part(workpiece_path(name))
-    drawn = drawn_vertices(model, data, model.geom("part").id)
+    drawn = cells.drawn_vertices(model, data, model.geom("part").id)
     expected = apply(transform(np.eye(3), np.array([0.0, -0.5, 0.15])), mesh.vertices)
     np.testing.assert_allclose(drawn.min(axis=0), expected.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)
@@ -108,11 +97,13 @@ def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path):
 def run_turned(angle: float, controller: str) -> CellRun:
     """Press on a ball that lies 2 mm aside and 1 mm low, and slide over it, with noise and spindle on."""
     turn = transform(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix(), np.zeros(3))
-    stroke = pressing_stroke(turn @ TOUCH, slide=0.01, lift=0.005)
-    part = part_under(sphere(0.1), turn @ along_tool(TOUCH, x=0.002, y=0.001, z=0.001))
+    stroke = cells.pressing_stroke(turn @ cells.TOUCH, slide=0.01, lift=0.005)
+    part = cells.part_under(sphere(0.1), turn @ cells.along_tool(cells.TOUCH, x=0.002, y=0.001, z=0.001))
     noise = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"]
-    cell = cell_for(ideal("force", EVERY_STEP, f"controller.name={controller}", *noise), stroke, part=part)
-    straight = joints_at(along_tool(TOUCH, z=-0.005))
+    cell = cells.cell_for(
+        cells.ideal("force", cells.EVERY_STEP, f"controller.name={controller}", *noise), stroke, part=part
+    )
+    straight = cells.joints_at(cells.along_tool(cells.TOUCH, z=-0.005))
     np.testing.assert_allclose(cell.data.qpos[:6] - straight, [angle, 0, 0, 0, 0, 0], atol=1e-9)
     return cell.run()
 
@@ -130,7 +121,7 @@ def test_a_world_turned_about_the_robots_axis_changes_nothing(controller):
 
 
 def test_a_cell_spends_no_time_on_the_engines_timers():
-    cell = on_plane("process.max_feed_s=0.1")
+    cell = cells.on_plane("process.max_feed_s=0.1")
     before = [stage.duration for stage in cell.data.timer]
     assert cell.run().steps > 100
     assert [stage.duration for stage in cell.data.timer] == before

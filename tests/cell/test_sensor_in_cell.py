@@ -8,20 +8,7 @@ import pytest
 
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
-from tests.cell.cells import (
-    EVERY_STEP,
-    TOUCH,
-    EachStep,
-    along_tool,
-    cell_for,
-    free_stroke,
-    ideal,
-    on_plane,
-    part_under,
-    path_through,
-    pressing_stroke,
-    tool_pose,
-)
+from tests.cell import cells
 from tests.cell.fields import plane, sphere
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -68,31 +55,33 @@ class NewtonEuler:
 
 def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
     look = NewtonEuler(cell.data.qvel)
-    return look, cell.run(EachStep(look))
+    return look, cell.run(cells.EachStep(look))
 
 
 def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant():
     poses = (
-        tool_pose(0.0, -0.5, 0.2),
-        tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)),
-        tool_pose(0.1, -0.5, 0.2),
+        cells.tool_pose(0.0, -0.5, 0.2),
+        cells.tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)),
+        cells.tool_pose(0.1, -0.5, 0.2),
     )
-    look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.2)))
+    look, run = watched(
+        cells.cell_for(cells.ideal("arc", cells.EVERY_STEP), cells.free_stroke(*poses, feed=0.2))
+    )
     assert run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(look.worst) < 1e-9
 
 
 def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant():
-    scenario = ideal("force", EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
-    stroke = pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
-    look, run = watched(cell_for(scenario, stroke, part=part_under(sphere(0.1))))
+    scenario = cells.ideal("force", cells.EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
+    stroke = cells.pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
+    look, run = watched(cells.cell_for(scenario, stroke, part=cells.part_under(sphere(0.1))))
     assert run.stop_reason is None
     assert run.trace.normal_force_n.max() > 10.0
     assert np.max(look.worst) < 1e-9
 
 
 def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
-    pressed = on_plane("sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2", hold=1.5, lift=0.01).run()
+    pressed = cells.on_plane("sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2", hold=1.5, lift=0.01).run()
     np.testing.assert_allclose(pressed.log["wrench_raw_sensor"][300, :3], [0.0, 0.0, -2.0 * 9.81], atol=0.01)
     measured = pressed.log["wrench_measured_tool"]
     assert np.abs(measured[:100, :3]).max() > 1.0
@@ -106,9 +95,9 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
 def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare():
     """The force loop holds 20 N of what it believes; the rest is the surplus mass by its share's change."""
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81
-    start = along_tool(tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
-    stroke = pressing_stroke(hold=1.5)._replace(lead_in=path_through(start, TOUCH))
-    scenario = ideal("force", "sensor.payload_mass_error=0.2")
-    run = cell_for(scenario, stroke, part=part_under(plane())).run()
+    start = cells.along_tool(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
+    stroke = cells.pressing_stroke(hold=1.5)._replace(lead_in=cells.path_through(start, cells.TOUCH))
+    scenario = cells.ideal("force", "sensor.payload_mass_error=0.2")
+    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
     expected = 20.0 - surplus * (1.0 - np.cos(lean))
     assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)

@@ -17,19 +17,7 @@ from polish_sim.cell.stroke import (
 )
 from polish_sim.control.signals import Target
 from polish_sim.log import APPROACH_PHASE, RETRACT_PHASE, TOUCH_PHASE
-from tests.cell.cells import (
-    EVERY_STEP,
-    TOUCH,
-    along_tool,
-    cell_for,
-    ideal,
-    on_plane,
-    part_under,
-    phases,
-    pressing_stroke,
-    tool_pose,
-    way_through,
-)
+from tests.cell import cells
 from tests.cell.fields import plane
 
 HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
@@ -41,17 +29,17 @@ def span(run: CellRun, phase: int) -> float:
 
 
 def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
-    run = on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
+    run = cells.on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
     time, force, phase = run.trace.time_s, run.trace.normal_force_n, run.trace.phase
-    place, speed, down = run.trace.tcp_position_m, run.trace.tcp_speed_m_s, TOUCH[:3, 2]
+    place, speed, down = run.trace.tcp_position_m, run.trace.tcp_speed_m_s, cells.TOUCH[:3, 2]
     assert run.stop_reason is None
-    assert phases(run) == [0, 1, 2, 3]
+    assert cells.phases(run) == [0, 1, 2, 3]
     # It stands still while the sensor is tared, then approaches at 5 mm/s.
     assert np.linalg.norm(place[time < 0.39] - place[0], axis=1).max() < 2e-5
     np.testing.assert_allclose(speed[(phase == APPROACH_PHASE) & (time > 1.0)], 0.005, atol=1e-4)
     # Touch-down begins at half a newton, 0.1 mm deep, and lasts half a second.
     assert force[phase == APPROACH_PHASE].max() <= 0.5 < force[phase == TOUCH_PHASE][0]
-    assert 0.0 < (place[phase == TOUCH_PHASE][0] - TOUCH[:3, 3]) @ down < 2e-4
+    assert 0.0 < (place[phase == TOUCH_PHASE][0] - cells.TOUCH[:3, 3]) @ down < 2e-4
     assert TOUCH_DOWN_TIME < span(run, 1) < TOUCH_DOWN_TIME + 0.1
     # The feed goes from the first process point to the last at its speed.
     path_s = run.trace.path_s_m[run.trace.fed]
@@ -59,10 +47,10 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     assert np.all(np.diff(path_s) >= 0.0)
     assert np.diff(path_s).max() == pytest.approx(0.01 * 0.001, rel=1e-6)
     slid = place[run.trace.fed]
-    assert TOUCH[:3, 0] @ (slid[-1] - slid[0]) == pytest.approx(SLIDE, abs=2e-4)
+    assert cells.TOUCH[:3, 0] @ (slid[-1] - slid[0]) == pytest.approx(SLIDE, abs=2e-4)
     # The retract lifts straight off; the run ends as the target arrives.
     lifted = place[phase == RETRACT_PHASE]
-    np.testing.assert_allclose(lifted[-1] - TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
+    np.testing.assert_allclose(lifted[-1] - cells.TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
     assert force[-1] == 0.0
     # The retract at 20 mm/s is the fastest.
@@ -72,17 +60,17 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
 
 def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
     for offset in (0.004, -0.004):
-        part = part_under(plane(), along_tool(TOUCH, z=-offset))
-        run = on_plane(part=part, height=HEIGHT, hold=1.5).run()
+        part = cells.part_under(plane(), cells.along_tool(cells.TOUCH, z=-offset))
+        run = cells.on_plane(part=part, height=HEIGHT, hold=1.5).run()
         assert run.stop_reason is None
         first = int(np.argmax(run.trace.phase == TOUCH_PHASE))
-        assert run.trace.tcp_position_m[first, 2] - TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
+        assert run.trace.tcp_position_m[first, 2] - cells.TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
         assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.3)
 
 
 def test_the_feed_time_ends_the_feed_early():
-    stroke = pressing_stroke(slide=0.03)._replace(feed_time=1.0)
-    run = cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
+    stroke = cells.pressing_stroke(slide=0.03)._replace(feed_time=1.0)
+    run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under(plane())).run()
     assert span(run, 2) == pytest.approx(1.0, abs=0.002)
     # up, and down again before the time is over
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
@@ -92,13 +80,20 @@ def test_the_feed_time_ends_the_feed_early():
 
 
 def test_two_strokes_follow_each_other_through_free_space():
-    second_touch = tool_pose(0.03, -0.48, 0.1)
-    first, second = pressing_stroke(hold=0.5, lift=LIFT), pressing_stroke(second_touch, hold=0.5, lift=LIFT)
-    above = along_tool(TOUCH, z=-LIFT)
-    second = second._replace(travel=way_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
-    run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()
+    second_touch = cells.tool_pose(0.03, -0.48, 0.1)
+    first, second = (
+        cells.pressing_stroke(hold=0.5, lift=LIFT),
+        cells.pressing_stroke(second_touch, hold=0.5, lift=LIFT),
+    )
+    above = cells.along_tool(cells.TOUCH, z=-LIFT)
+    second = second._replace(
+        travel=cells.way_through(above, cells.along_tool(second_touch, z=-0.005)), start_s=0.1
+    )
+    run = cells.cell_for(
+        cells.ideal("force", cells.EVERY_STEP), first, second, part=cells.part_under(plane())
+    ).run()
     assert run.stop_reason is None
-    assert phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
+    assert cells.phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
     crossing = (run.trace.phase == APPROACH_PHASE) & (run.trace.time_s > 3.0)
     assert run.trace.normal_force_n[crossing].max() <= 0.5
     fed = run.trace.fed
@@ -108,7 +103,7 @@ def test_two_strokes_follow_each_other_through_free_space():
 
 def contact_time(reading: Callable[[float], float]) -> float:
     """When a reading [N] by the time in the air [s] counts as contact, from 20 mm up [s]; infinite: never."""
-    stroke, sequence, target = pressing_stroke(height=0.02), build_sequence(), Target()
+    stroke, sequence, target = cells.pressing_stroke(height=0.02), build_sequence(), Target()
     for step in range(20_000):
         t = 0.001 * step - (TARE_START + TARE_TIME)
         if not advance_sequence(stroke, sequence, reading(t), 1.0, 0.001, target, 0.005, 0.0):

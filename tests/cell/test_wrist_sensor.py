@@ -9,18 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun
+from polish_sim.cell import CellRun, wrist_sensor
 from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
-from polish_sim.cell.wrist_sensor import (
-    GRAVITY,
-    Payload,
-    build_sample_line,
-    build_sensor,
-    read_at_rest,
-    sample_sensor,
-    share_of_range,
-    tool_wrench,
-)
 from polish_sim.config import SensorConfig, SpindleConfig
 from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.experiments import default_scenario
@@ -40,11 +30,11 @@ def readings(
 ) -> Array:
     """What the host reads at every step, shape (n, 6)."""
     rng = np.random.default_rng(seed)
-    sensor = build_sensor(config, rng)
-    line = build_sample_line(sensor)
+    sensor = wrist_sensor.build_sensor(config, rng)
+    line = wrist_sensor.build_sample_line(sensor)
     found = []
     for n in range(round(seconds / dt)):
-        sample_sensor(sensor, line, n * dt, exact(n * dt), rng.standard_normal(12))
+        wrist_sensor.sample_sensor(sensor, line, n * dt, exact(n * dt), rng.standard_normal(12))
         found.append(sensor.reading.copy())
     return np.array(found)
 
@@ -127,13 +117,13 @@ def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_bo
 def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool_point():
     """Newton at rest: weight, and a tool that presses with force and moment at the tool point (tool axes)."""
     center, lever = np.array([0.002, -0.001, 0.097]), np.array([0.0, 0.0, 0.22])
-    sensor, found = build_sensor(PERFECT, np.random.default_rng(0)), np.zeros(6)
+    sensor, found = wrist_sensor.build_sensor(PERFECT, np.random.default_rng(0)), np.zeros(6)
     force, moment = np.array([1.0, -2.0, 20.0]), np.array([0.1, 0.3, -0.2])
     for R_base_tool in Rotation.random(10, random_state=0).as_matrix():
-        up = R_base_tool.T @ [0.0, 0.0, 2.0 * GRAVITY]
+        up = R_base_tool.T @ [0.0, 0.0, 2.0 * wrist_sensor.GRAVITY]
         sensor.reading[:3] = up + force
         sensor.reading[3:] = np.cross(center, up) + np.cross(lever, force) + moment
-        tool_wrench(Payload(2.0, center, lever), sensor, R_base_tool.copy(), found)
+        wrist_sensor.tool_wrench(wrist_sensor.Payload(2.0, center, lever), sensor, R_base_tool.copy(), found)
         np.testing.assert_allclose(found, np.concatenate([force, moment]), atol=1e-12)
 
 
@@ -218,8 +208,10 @@ def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant():
 def test_it_warms_up_on_the_way_between_poses_too():
     config = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0)
     rng = np.random.default_rng(1)
-    sensor = build_sensor(config, rng)
-    read_at_rest(sensor, build_sample_line(sensor), LOAD[None], np.array([4.0]), 0.5, 0.5, rng)
+    sensor = wrist_sensor.build_sensor(config, rng)
+    wrist_sensor.read_at_rest(
+        sensor, wrist_sensor.build_sample_line(sensor), LOAD[None], np.array([4.0]), 0.5, 0.5, rng
+    )
     assert sensor.warmth == pytest.approx(1.0 - math.exp(-5.0 / 10.0))
 
 
@@ -251,9 +243,9 @@ def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were():
 def test_the_share_of_the_range_is_that_of_the_makers_example():
     """ATI, EtherCAT Axia manual, table 5.9, with 500 N along the axis, too."""
     full, load = np.repeat([500.0, 20.0], 3), np.array([87.5, -151.6, -500.0, 1.0, 2.0, -17.5])
-    assert share_of_range(full, load) == pytest.approx(0.350 + 0.875, abs=1e-3)
+    assert wrist_sensor.share_of_range(full, load) == pytest.approx(0.350 + 0.875, abs=1e-3)
     load[:2] = load[5] = 0.0
-    assert share_of_range(full, load) == pytest.approx(1.0 + math.hypot(1.0, 2.0) / 20.0)
+    assert wrist_sensor.share_of_range(full, load) == pytest.approx(1.0 + math.hypot(1.0, 2.0) / 20.0)
 
 
 def pressed_hard(*settings: str) -> CellRun:
@@ -267,7 +259,7 @@ def test_an_overloaded_sensor_stops_the_robot_and_says_so():
     assert "wrist sensor overloaded" in str(run.stop_reason)
     stopped = stopped_at(run)
     load = run.log["wrench_raw_sensor"][stopped - 2 : stopped + 1].astype(float)
-    shares = [share_of_range(np.repeat([22.0, 10.0], 3), row) for row in load]
+    shares = [wrist_sensor.share_of_range(np.repeat([22.0, 10.0], 3), row) for row in load]
     assert [share > 1.0 for share in shares] == [False, True, True]  # the sensor's sample is a step old
     assert run.safety.protective_stop_measured in {f"{100.0 * share:.0f}% of the range" for share in shares}
 
@@ -276,4 +268,4 @@ def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs
     run = pressed_hard("sensor.overload=0")
     assert "the surface has fallen away" in str(run.stop_reason)
     assert run.trace.normal_force_n.max() > 50.0
-    assert run.log["wrench_measured_tool"][1000:, 2].max() < 22.0 + 2.0 * GRAVITY + 0.1
+    assert run.log["wrench_measured_tool"][1000:, 2].max() < 22.0 + 2.0 * wrist_sensor.GRAVITY + 0.1

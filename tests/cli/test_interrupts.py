@@ -17,6 +17,7 @@ import typer
 from polish_sim.cli.boundary import execute
 from polish_sim.log import read_log
 from tests.cli.conftest import metrics_of
+from tests.kept import plate_file
 
 
 def _at_work(out: Path) -> Path:
@@ -152,7 +153,7 @@ def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polis
 
 
 def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path, polish_sim):
-    job = 'part = "plate"\n[cell]\nsafety.proof = "none"\n[[setup]]\n[[setup.pass]]\n'
+    job = f'part = "{plate_file()}"\n[cell]\nsafety.proof = "none"\n[[setup]]\n[[setup.pass]]\n'
     (tmp_path / "job.toml").write_text(f"{job}plan.stepover_m = 0.04\nprocess.feed_m_s = 0.06\n")
     pieces = tmp_path / "out/cut/setup_1/region_1/pass_1/pieces"
     err = interrupted(["job", "job.toml"], tmp_path, lambda *_: any(pieces.rglob("[0-9]*.npz")), 0.0)

@@ -13,22 +13,14 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.signals import CompiledController, Measurement, Target
-from tests.control.signals import (
-    CONFIG,
-    DT,
-    controller,
-    measurement_at_rest,
-    measurement_from,
-    target_near,
-    target_to_press,
-)
+from tests.control import signals
 
 
 def drawn(seed: int, contact: float = 1.0) -> tuple[Measurement, Target]:
     """A random measurement and a target near it."""
     rng = np.random.default_rng(seed)
-    m = measurement_from(rng)
-    return m, target_near(m, rng, contact)
+    m = signals.measurement_from(rng)
+    return m, signals.target_near(m, rng, contact)
 
 
 def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
@@ -40,22 +32,22 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
 def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed, hybrid, law):
     m, t = drawn(seed)
-    linear, _ = in_tool(m, controller(hybrid).step(m, t))
+    linear, _ = in_tool(m, signals.controller(hybrid).step(m, t))
     error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
-    wanted = feed + error / CONFIG.look_ahead_s
+    wanted = feed + error / signals.CONFIG.look_ahead_s
     by_law = {
-        6: wanted + CONFIG.position_p * (wanted - speed),
-        5: feed + CONFIG.position_rate_p * error + CONFIG.position_rate_d * (feed - speed),
+        6: wanted + signals.CONFIG.position_p * (wanted - speed),
+        5: feed + signals.CONFIG.position_rate_p * error + signals.CONFIG.position_rate_d * (feed - speed),
     }[law]
     np.testing.assert_allclose(linear[:2], (m.rotation.T @ by_law)[:2], atol=1e-12)
     force_error = 20.0 - m.wrench[2]
-    rate = CONFIG.force_p_m_sn * force_error + CONFIG.force_i_m_s2n * force_error * 0.001
+    rate = signals.CONFIG.force_p_m_sn * force_error + signals.CONFIG.force_i_m_s2n * force_error * 0.001
     # No faster than it can stop gently on springs four times as stiff as drawn before they press with 25 N:
     # readings are up to 4 ms late behind a low-pass of 80 Hz, motions 10 ms, and a cycle lasts 1 ms.
     unseen = (0.004 + 0.5 / (math.pi * 80.0) + 0.01 + 0.001) * max(float(m.rotation[:, 2] @ speed), 0.0)
     room = (25.0 - m.wrench[2]) / (4.0 * 5000.0) - unseen
     highest = math.sqrt(2.0 * 0.25 * 0.8 * 1.2 * max(room, 0.0))
-    limited = min(max(rate, -CONFIG.force_limit_m_s), CONFIG.force_limit_m_s, highest)
+    limited = min(max(rate, -signals.CONFIG.force_limit_m_s), signals.CONFIG.force_limit_m_s, highest)
     assert linear[2] == pytest.approx(limited, abs=1e-12)
 
 
@@ -63,31 +55,33 @@ def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed, hybr
 def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed):
     m, t = drawn(seed)
     t.rotation[:] = Rotation.from_rotvec([0.003, -0.002, 0.004]).as_matrix() @ m.rotation
-    _, angular = in_tool(m, controller("hybrid-pi").step(m, t))
-    _, free = in_tool(m, controller("position").step(m, t))
+    _, angular = in_tool(m, signals.controller("hybrid-pi").step(m, t))
+    _, free = in_tool(m, signals.controller("position").step(m, t))
     np.testing.assert_allclose(angular[[0, 2]], free[[0, 2]], atol=1e-12)
     planned = float(m.rotation[:, 1] @ t.twist[3:])
-    rate = -(CONFIG.moment_p_rad_snm + CONFIG.moment_i_rad_s2nm * 0.001) * float(m.wrench[4])
-    limited = min(max(rate, -CONFIG.moment_limit_rad_s), CONFIG.moment_limit_rad_s)
+    rate = -(signals.CONFIG.moment_p_rad_snm + signals.CONFIG.moment_i_rad_s2nm * 0.001) * float(m.wrench[4])
+    limited = min(max(rate, -signals.CONFIG.moment_limit_rad_s), signals.CONFIG.moment_limit_rad_s)
     assert angular[1] == pytest.approx(planned + limited, abs=1e-12)
 
 
 def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force():
     m, t = drawn(0, contact=0.0)
-    np.testing.assert_array_equal(controller("hybrid-pi").step(m, t), controller("position").step(m, t))
+    np.testing.assert_array_equal(
+        signals.controller("hybrid-pi").step(m, t), signals.controller("position").step(m, t)
+    )
     m, t = drawn(0)
-    quiet = controller("position").step(m, t)
+    quiet = signals.controller("position").step(m, t)
     m.wrench[:] += 100.0
-    np.testing.assert_array_equal(controller("position").step(m, t), quiet)
+    np.testing.assert_array_equal(signals.controller("position").step(m, t), quiet)
 
 
 def leaning(made: CompiledController, steps: int, moment: Callable[[float], float]) -> list[float]:
     """Angles about tool y [rad] of a tool at rest in contact that turns as commanded under a moment [N m]."""
-    m, t, angles = measurement_at_rest(), target_to_press(contact=1.0), [0.0]
+    m, t, angles = signals.measurement_at_rest(), signals.target_to_press(contact=1.0), [0.0]
     for _ in range(steps):
         m.rotation[:] = Rotation.from_rotvec([0.0, angles[-1], 0.0]).as_matrix()
         m.wrench[4] = moment(angles[-1])
-        angles.append(angles[-1] + DT * made.step(m, t)[4])
+        angles.append(angles[-1] + signals.DT * made.step(m, t)[4])
     return angles
 
 
@@ -95,42 +89,42 @@ def leaning(made: CompiledController, steps: int, moment: Callable[[float], floa
 def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(p, i):
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     stiffness, lean = 3.0, -0.01
-    made = controller(
-        "hybrid-pi", replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
+    made = signals.controller(
+        "hybrid-pi", replace(signals.CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
     )
     angles = leaning(made, 5000, lambda angle: stiffness * (angle - lean))
     root = cmath.sqrt((stiffness * p) ** 2 - 4.0 * stiffness * i)
     r1, r2 = 0.5 * (-stiffness * p + root), 0.5 * (-stiffness * p - root)
-    time = DT * np.arange(len(angles))
+    time = signals.DT * np.arange(len(angles))
     error = lean * ((r1 * np.exp(r1 * time) - r2 * np.exp(r2 * time)) / (r1 - r2)).real
     np.testing.assert_allclose(angles, lean - error, atol=0.005 * abs(lean))
 
 
 def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit():
     # A moment no tilt relieves: the pad hangs over an edge.
-    angles = leaning(controller("hybrid-pi"), 4000, lambda _angle: -5.0)
-    assert max(angles) < CONFIG.moment_tilt_limit_rad + 1e-6
+    angles = leaning(signals.controller("hybrid-pi"), 4000, lambda _angle: -5.0)
+    assert max(angles) < signals.CONFIG.moment_tilt_limit_rad + 1e-6
     assert angles[-1] == pytest.approx(math.radians(2.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_reset_forgets_everything(name):
     rng = np.random.default_rng(0)
-    readings = [measurement_from(rng) for _ in range(20)]
-    targets = [target_near(m, rng, contact=1.0) for m in readings]
-    made = controller(name)
+    readings = [signals.measurement_from(rng) for _ in range(20)]
+    targets = [signals.target_near(m, rng, contact=1.0) for m in readings]
+    made = signals.controller(name)
     first = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
-    made.reset(DT)
+    made.reset(signals.DT)
     again = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
     np.testing.assert_array_equal(first, again)
 
 
 def test_leaving_contact_forgets_the_force_integral():
     rng = np.random.default_rng(0)
-    m = measurement_from(rng)
-    t, free = target_near(m, rng, contact=1.0), target_near(m, rng, contact=0.0)
-    fresh = in_tool(m, controller("hybrid-pi").step(m, t))[0][2]
-    made = controller("hybrid-pi")
+    m = signals.measurement_from(rng)
+    t, free = signals.target_near(m, rng, contact=1.0), signals.target_near(m, rng, contact=0.0)
+    fresh = in_tool(m, signals.controller("hybrid-pi").step(m, t))[0][2]
+    made = signals.controller("hybrid-pi")
     for target in (t, t, t, free):
         made.step(m, target)
     assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
@@ -138,13 +132,13 @@ def test_leaving_contact_forgets_the_force_integral():
 
 def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up():
     rng = np.random.default_rng(0)
-    m = measurement_from(rng)
+    m = signals.measurement_from(rng)
     m.twist[:], m.wrench[:] = 0.0, 0.0
-    t, free = target_near(m, rng, contact=1.0), target_near(m, rng, contact=0.0)
+    t, free = signals.target_near(m, rng, contact=1.0), signals.target_near(m, rng, contact=0.0)
     for target in (t, free):
         target.position[:], target.twist[:] = m.position, 0.0
         target.rotation[:] = Rotation.from_rotvec(0.02 * m.rotation[:, 1]).as_matrix() @ m.rotation
-    fresh, made = controller("hybrid-pi").step(m, free), controller("hybrid-pi")
+    fresh, made = signals.controller("hybrid-pi").step(m, free), signals.controller("hybrid-pi")
     for _ in range(5000):
         made.step(m, t)
     np.testing.assert_allclose(made.step(m, free), fresh, atol=1e-6)
@@ -152,16 +146,16 @@ def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up(
 
 def pressing(force: float = 0.0, speed: float = 0.0) -> tuple[Measurement, Target]:
     """A tool at rest on its target, z along base z, wanted to press with 20 N."""
-    m = measurement_at_rest()
+    m = signals.measurement_at_rest()
     m.wrench[2], m.twist[2] = force, speed
-    return m, target_to_press(contact=1.0)
+    return m, signals.target_to_press(contact=1.0)
 
 
 def speeds(damping: float, force: float, speed: float, count: int = 20) -> Array:
     """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in
     place, no speed limit in the way."""
-    baselines = replace(CONFIG.baselines, mode_damping=damping)
-    law = controller("force-mode", replace(CONFIG, force_limit_m_s=1.0, baselines=baselines))
+    baselines = replace(signals.CONFIG.baselines, mode_damping=damping)
+    law = signals.controller("force-mode", replace(signals.CONFIG, force_limit_m_s=1.0, baselines=baselines))
     m, t = pressing(force, speed)
     return np.array([law.step(m, t)[2] for _ in range(count)])
 
@@ -169,7 +163,7 @@ def speeds(damping: float, force: float, speed: float, count: int = 20) -> Array
 def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_share_of_its_speed():
     answer = speeds(0.0, force=15.0, speed=0.0)
     np.testing.assert_array_equal(answer[1::2][:-1], answer[2::2])
-    mass = CONFIG.baselines.mode_mass_kg / CONFIG.baselines.mode_gain_scaling
+    mass = signals.CONFIG.baselines.mode_mass_kg / signals.CONFIG.baselines.mode_gain_scaling
     np.testing.assert_allclose(np.diff(answer[1::2]), 5.0 / mass * 0.002)
     np.testing.assert_allclose(speeds(0.0, force=20.0, speed=0.01), 0.01)
     slower = speeds(0.3, force=20.0, speed=0.01)
@@ -178,14 +172,14 @@ def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_sha
 
 @pytest.mark.parametrize("speed", [-0.02, 0.02])
 def test_force_control_begins_at_the_speed_the_tool_has(speed):
-    law, (m, t) = controller("force-mode"), pressing(20.0, speed)
+    law, (m, t) = signals.controller("force-mode"), pressing(20.0, speed)
     assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)
 
 
 def test_the_speed_stays_within_its_limit_and_does_not_wind_up():
-    law, (m, t) = controller("force-mode"), pressing(-500.0)
+    law, (m, t) = signals.controller("force-mode"), pressing(-500.0)
     pushed = [law.step(m, t)[2] for _ in range(500)]
-    assert max(pushed) == pytest.approx(CONFIG.force_limit_m_s)
+    assert max(pushed) == pytest.approx(signals.CONFIG.force_limit_m_s)
     m.wrench[2] = 520.0
     back = np.array([law.step(m, t)[2] for _ in range(100)])
     assert (back < 0.0).argmax() < 20
@@ -193,17 +187,17 @@ def test_the_speed_stays_within_its_limit_and_does_not_wind_up():
 
 def test_everything_but_tool_z_is_as_in_hybrid_pi():
     rng = np.random.default_rng(0)
-    m = measurement_from(rng)
+    m = signals.measurement_from(rng)
     for contact in (0.0, 1.0):
-        t = target_near(m, rng, contact)
-        ours, hybrid = controller("force-mode").step(m, t), controller("hybrid-pi").step(m, t)
+        t = signals.target_near(m, rng, contact)
+        ours, hybrid = signals.controller("force-mode").step(m, t), signals.controller("hybrid-pi").step(m, t)
         across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
         np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
         np.testing.assert_array_equal(ours[3:], hybrid[3:])
 
 
 def test_a_second_contact_begins_afresh():
-    law, (m, t) = controller("force-mode"), pressing(0.0)
+    law, (m, t) = signals.controller("force-mode"), pressing(0.0)
     first = [law.step(m, t)[2] for _ in range(100)]
     t.contact = False
     law.step(m, t)

@@ -6,26 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.control.loops import (
-    VelocityGains,
-    VelocityMemory,
-    add_axis_rotation,
-    low_pass_step,
-    rotation_error,
-    velocity_pid,
-)
+from polish_sim.control import loops
 
 
 def test_equations_6_and_7_add_the_pid_of_the_velocity_error():
-    gains, dt = VelocityGains(0.1, p=0.2, d=0.01, i=0.5), 0.001
-    state, out = VelocityMemory(), np.zeros(3)
+    gains, dt = loops.VelocityGains(0.1, p=0.2, d=0.01, i=0.5), 0.001
+    state, out = loops.VelocityMemory(), np.zeros(3)
     wanted, first, second = np.random.default_rng(3).normal(size=(3, 3))
-    velocity_pid(wanted, first, gains, dt, state, out)
+    loops.velocity_pid(wanted, first, gains, dt, state, out)
     one = wanted - first
     np.testing.assert_allclose(out, wanted + 0.2 * one + 0.5 * one * dt, rtol=1e-12)
-    velocity_pid(wanted, second, gains, dt, state, out)
+    loops.velocity_pid(wanted, second, gains, dt, state, out)
     two = wanted - second
-    derivative = np.array([low_pass_step(0.0, rate, 10.0, dt) for rate in (two - one) / dt])
+    derivative = np.array([loops.low_pass_step(0.0, rate, 10.0, dt) for rate in (two - one) / dt])
     np.testing.assert_allclose(
         out, wanted + 0.2 * two + 0.5 * (one + two) * dt + 0.01 * derivative, rtol=1e-12
     )
@@ -33,7 +26,7 @@ def test_equations_6_and_7_add_the_pid_of_the_velocity_error():
 
 def error_between(R_actual: np.ndarray, R_wanted: np.ndarray) -> np.ndarray:
     out = np.zeros(3)
-    rotation_error(np.ascontiguousarray(R_actual), np.ascontiguousarray(R_wanted), out)
+    loops.rotation_error(np.ascontiguousarray(R_actual), np.ascontiguousarray(R_wanted), out)
     return out
 
 
@@ -68,7 +61,7 @@ def test_an_axis_onto_its_opposite_takes_half_a_turn_about_a_perpendicular():
         spare = np.cross(axis, random_axes(1, seed=9)[0])
         spare /= np.linalg.norm(spare)
         out = np.zeros(3)
-        add_axis_rotation(axis, -axis, spare, out)
+        loops.add_axis_rotation(axis, -axis, spare, out)
         assert np.linalg.norm(out) == pytest.approx(math.pi)
         assert abs(out @ axis) < 1e-12
         np.testing.assert_allclose(Rotation.from_rotvec(out).apply(axis), -axis, atol=1e-12)
@@ -77,7 +70,7 @@ def test_an_axis_onto_its_opposite_takes_half_a_turn_about_a_perpendicular():
 def test_an_axis_turns_into_the_other_the_short_way():
     for first, second in zip(random_axes(50), random_axes(50, seed=1), strict=True):
         out = np.zeros(3)
-        add_axis_rotation(first, second, np.zeros(3), out)
+        loops.add_axis_rotation(first, second, np.zeros(3), out)
         np.testing.assert_allclose(Rotation.from_rotvec(out).apply(first), second, atol=1e-12)
         assert np.linalg.norm(out) == pytest.approx(math.acos(first @ second), abs=1e-7)
 

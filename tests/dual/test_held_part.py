@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from polish_sim import geometry
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import ClosedChain, follow_joints, limit_margin
 from polish_sim.dual.frames import spread_marks
@@ -15,15 +16,6 @@ from polish_sim.dual.task import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft
-from polish_sim.geometry import (
-    PartMesh,
-    Region,
-    Surface,
-    fit_surface,
-    load_part,
-    part_from_arrays,
-    select_region,
-)
 from polish_sim.models import part_path, workpiece_path
 from polish_sim.motion import forward
 from polish_sim.planning.toolpath import ToolPath
@@ -81,19 +73,19 @@ ANGLE = default_scenario("dual").plan.feature_angle_rad
 
 
 @cache
-def hub() -> PartMesh:
-    return load_part(workpiece_path("wheel_hub_rim"))
+def hub() -> geometry.PartMesh:
+    return geometry.load_part(workpiece_path("wheel_hub_rim"))
 
 
-def fitted(mesh: trimesh.Trimesh) -> Surface:
-    return fit_surface(part_from_arrays(mesh.vertices, mesh.faces), ANGLE)
+def fitted(mesh: trimesh.Trimesh) -> geometry.Surface:
+    return geometry.fit_surface(geometry.part_from_arrays(mesh.vertices, mesh.faces), ANGLE)
 
 
 @pytest.mark.parametrize("pose", [[0.0] * 6, [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
 def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose):
     T_file_hub = from_pose(pose)
-    moved = part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
-    seat = seat_part(fit_surface(moved, ANGLE), T_file_hub[:3, 2])
+    moved = geometry.part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
+    seat = seat_part(geometry.fit_surface(moved, ANGLE), T_file_hub[:3, 2])
     on_gripper = apply(seat.T_gripper_work, moved.vertices)
     np.testing.assert_allclose(on_gripper[:, 2], hub().vertices[:, 2], atol=1e-6)
     np.testing.assert_allclose(on_gripper[:, :2].max(axis=0) + on_gripper[:, :2].min(axis=0), 0.0, atol=3e-4)
@@ -129,10 +121,10 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad():
 
 
 @cache
-def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
-    mesh = load_part(part_path(name))
-    surface = fit_surface(mesh)
-    return select_region(surface, mesh, choice), surface
+def part(name: str, choice: str = "auto") -> tuple[geometry.Region, geometry.Surface]:
+    mesh = geometry.load_part(part_path(name))
+    surface = geometry.fit_surface(mesh)
+    return geometry.select_region(surface, mesh, choice), surface
 
 
 @pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])

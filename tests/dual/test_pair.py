@@ -26,18 +26,7 @@ from polish_sim.motion import forward, link_frames
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, from_pose, inverse, transform
-from tests.cell.cells import (
-    EVERY_STEP,
-    TOUCH,
-    EachStep,
-    free_stroke,
-    ideal,
-    joints_at,
-    part_under,
-    pressing_stroke,
-    stopped_at,
-    watched,
-)
+from tests.cell import cells
 from tests.cell.elastic import REAL
 from tests.cell.fields import plane
 from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
@@ -68,7 +57,10 @@ def rows(share: float = 1.0) -> MasterRows:
 def carried(**changes: float) -> PairCell:
     """The follower stands still where its target is carried along by the master."""
     return pair_cell(
-        ideal("arc", EVERY_STEP), scene(), rows()._replace(**changes), free_stroke(TOOL, hold=1.2)
+        cells.ideal("arc", cells.EVERY_STEP),
+        scene(),
+        rows()._replace(**changes),
+        cells.free_stroke(TOOL, hold=1.2),
     )
 
 
@@ -123,7 +115,7 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
         np.testing.assert_allclose(cell.state.tool_on_part, on_part, atol=1e-9)
         seen.append(data.time)
 
-    run = cell.run(EachStep(look))
+    run = cell.run(cells.EachStep(look))
     assert len(seen) > 3
     assert run.stop_reason is None
     velocity = np.gradient(run.trace.part_shift_m, run.trace.time_s, axis=0)[-200]
@@ -135,7 +127,7 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
 def test_speeds_of_part_and_target_are_the_derivatives_of_their_places():
     cell = carried()
     motion, target = cell.state.motion, cell.state.target
-    _, (*places, speed, twist) = watched(
+    _, (*places, speed, twist) = cells.watched(
         cell,
         lambda: cell.kernel.part.position,
         lambda: target.position,
@@ -150,7 +142,7 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places():
 
 def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest():
     cell = carried(spacing=0.007)
-    _, (seen,) = watched(cell, lambda: cell.master.state.clock)
+    _, (seen,) = cells.watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
     # It has 0.7 s of rows and brakes on half a ramp of them: released for 0.7 s, then held until it stands.
     since = 0.001 * np.arange(1, 1 + len(seen) - start)
@@ -169,13 +161,13 @@ def pressed(
     look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None,
 ) -> CellRun:
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
-    part = part_under(plane())
+    part = cells.part_under(plane())
     master = rows(share)._replace(
         T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4)
     )
-    scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
-    cell = pair_cell(scenario, scene(), master, pressing_stroke(hold=1.2, lift=lift), part)
-    return cell.run(EachStep(look) if look else SILENT)
+    scenario = cells.ideal("force", cells.EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
+    cell = pair_cell(scenario, scene(), master, cells.pressing_stroke(hold=1.2, lift=lift), part)
+    return cell.run(cells.EachStep(look) if look else SILENT)
 
 
 def test_the_masters_joints_carry_what_is_pressed_on_the_part():
@@ -192,8 +184,8 @@ def test_the_masters_joints_carry_what_is_pressed_on_the_part():
     pressed(0.0, look=look)
     # The pad presses with 20 N along the tool's z axis, at the point that was to be touched.
     T_master_follower = inverse(T_FOLLOWER_MASTER)
-    force = T_master_follower[:3, :3] @ TOUCH[:3, 2] * 20.0
-    point = (T_master_follower @ TOUCH)[:3, 3]
+    force = T_master_follower[:3, :3] @ cells.TOUCH[:3, 2] * 20.0
+    point = (T_master_follower @ cells.TOUCH)[:3, 3]
     frames = link_frames(Q_MASTER)
     torques = [
         axis @ np.cross(point - origin, force)
@@ -230,7 +222,7 @@ def test_whichever_arm_fails_both_stand_off_the_part(fault, code, delay):
     assert run.trace.normal_force_n.max() < 30.0
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
     # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a.
-    stopped, way = stopped_at(run), run.trace.part_shift_m
+    stopped, way = cells.stopped_at(run), run.trace.part_shift_m
     v = np.linalg.norm(np.gradient(way, 0.001, axis=0)[stopped - 20])
     assert v > 0.01
     assert np.linalg.norm(way[stopped + 60] - way[stopped]) < v * 0.004 + v**2 / 8.0
@@ -240,7 +232,7 @@ def test_the_host_foretells_a_master_that_gains_speed():
     """Against where the master really is, and its speed once a request acts, 8 ms later; ramps included."""
     cell = carried(delay=0.003, period=0.002, lead=0.008)
     host = cell.master.state
-    _, (told, coming, q, qd) = watched(
+    _, (told, coming, q, qd) = cells.watched(
         cell,
         lambda: host.q,
         lambda: host.qd,
@@ -263,14 +255,15 @@ def test_a_master_that_slows_down_is_followed():
 def real_pair(*changes: str, share: float = 0.0) -> PairCell:
     """Both arms with gears, in a scene by the nominal table; the follower stands still."""
     scenario = override(
-        ideal("arc", EVERY_STEP), [REAL, "robot.real.encoder_rad=0", "robot.real.missed_every_s=0", *changes]
+        cells.ideal("arc", cells.EVERY_STEP),
+        [REAL, "robot.real.encoder_rad=0", "robot.real.missed_every_s=0", *changes],
     )
-    return pair_cell(scenario, scene(), rows(share), free_stroke(TOOL, hold=1.2))
+    return pair_cell(scenario, scene(), rows(share), cells.free_stroke(TOOL, hold=1.2))
 
 
 def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_where_the_statics_say():
     cell = real_pair()
-    starts = ((FOLLOWER_ARM, joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
+    starts = ((FOLLOWER_ARM, cells.joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
     for place, q in starts:
         resting = resting_arm(cell.scenario.robot.real, cell.scenario.seed, cell.model, place)
         links = resting.links(q[None])
@@ -333,6 +326,6 @@ def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_rob
 def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it():
     """0.08 rad/s for up to 6 ms are 5e-4 rad without the host's carrying on."""
     cell = real_pair("robot.real.kinematics=exact", "robot.real.missed_every_s=0.05", share=1.0)
-    run, (told, read) = watched(cell, lambda: cell.master.state.q, lambda: cell.master_arm.read)
+    run, (told, read) = cells.watched(cell, lambda: cell.master.state.q, lambda: cell.master_arm.read)
     assert run.stop_reason is None
     assert 0.0 < np.abs(told - read).max() < 1e-4

@@ -8,16 +8,7 @@ from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate_bases import Q_NEAR
 from polish_sim.dual.calibrate_tcp import TcpTrial, run_tcp_calibration
-from polish_sim.dual.calibration.tool import (
-    ToolMeasurements,
-    fit_tool_frame,
-    fit_tool_point,
-    fit_tool_point_without_outliers,
-    orientation_from_three_points,
-    read_tool_measurements,
-    tip_positions_flange,
-    tool_table,
-)
+from polish_sim.dual.calibration import tool
 from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,
     orientation_spread,
@@ -42,7 +33,7 @@ def planned(count: int = 10, cone: float = 45.0) -> Array:
 @pytest.mark.parametrize("count", [4, 10])
 def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_named(count):
     for R in (planned(count), Rotation.random(count, random_state=count).as_matrix()):
-        found = fit_tool_point(touches(R))
+        found = tool.fit_tool_point(touches(R))
         np.testing.assert_allclose(found.point, TIP, atol=1e-12)
         np.testing.assert_allclose(found.touched, POINT, atol=1e-12)
     R[3] = R[3][:, [1, 0, 2]]
@@ -53,12 +44,12 @@ def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_name
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance():
     """The mean square of 4000 draws gives the rms to 0.65%."""
     rng, R = np.random.default_rng(1), planned()
-    found = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
+    found = [tool.fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
     errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
     rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
     assert 0.98 < rms / point_error_bound(R, SIGMA) <= 1.02
     assert rms <= 3.3e-5
-    stated = fit_tool_point(touches(R), SIGMA).covariance
+    stated = tool.fit_tool_point(touches(R), SIGMA).covariance
     scale = np.sqrt(np.diag(stated))
     np.testing.assert_allclose((np.cov(errors.T) - stated) / np.outer(scale, scale), 0.0, atol=0.08)
     assert np.mean([one.noise for one in found]) == pytest.approx(SIGMA, rel=0.03)
@@ -96,17 +87,17 @@ def coning(count: int, sense: float) -> Array:
 )
 def test_orientations_that_cannot_tell_are_refused(R, said):
     with pytest.raises(CalibrationError, match=said):
-        fit_tool_point(touches(R))
+        tool.fit_tool_point(touches(R))
     # Spun the other way the cone shows it.
     assert orientation_spread(coning(8, -1.0))[0][0] > 0.3
-    np.testing.assert_allclose(fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
+    np.testing.assert_allclose(tool.fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [[], *([k] for k in range(10)), [2, 7]])
 def test_touches_two_millimetres_off_are_named_and_left_out_and_no_others(wrong):
     errors = SIGMA * np.random.default_rng(sum(wrong[:1])).standard_normal((10, 3))
     errors[wrong] += 2e-3 * np.array([0.6, -0.64, 0.48])
-    found = fit_tool_point_without_outliers(touches(planned(), errors))
+    found = tool.fit_tool_point_without_outliers(touches(planned(), errors))
     assert np.flatnonzero(~found.used).tolist() == wrong
     assert np.linalg.norm(found.point - TIP) < 1e-4
 
@@ -120,12 +111,12 @@ def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little():
     tips = (MOVES @ R_FLANGE_TOOL.T) @ turns[0].T + [0.4, 0.2, 0.1]
     T_base_flange = transform(turns, tips - turns @ TIP)
     seen, slanted = (
-        tip_positions_flange(T_base_flange, TIP),
+        tool.tip_positions_flange(T_base_flange, TIP),
         np.array([[1.0, 0, 0], [0, 1, 0], [-0.4, 0, 0.8]]),
     )
     np.testing.assert_allclose(seen, MOVES @ R_FLANGE_TOOL.T, atol=1e-12)
     for points in (seen, slanted @ seen):
-        R = orientation_from_three_points(points, SIGMA).R_flange_tool
+        R = tool.orientation_from_three_points(points, SIGMA).R_flange_tool
         np.testing.assert_allclose(R, R_FLANGE_TOOL, atol=1e-12)
 
 
@@ -135,7 +126,7 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
     errors = []
     for _ in range(3000):
         points = moves @ R_FLANGE_TOOL.T + SIGMA * rng.standard_normal((3, 3))
-        found = orientation_from_three_points(points, SIGMA)
+        found = tool.orientation_from_three_points(points, SIGMA)
         errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(rms, np.sqrt(np.diag(found.covariance)), rtol=0.05)
@@ -154,7 +145,7 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
 )
 def test_moves_that_cannot_tell_are_refused(moves, said):
     with pytest.raises(CalibrationError, match=said):
-        orientation_from_three_points(moves, SIGMA)
+        tool.orientation_from_three_points(moves, SIGMA)
 
 
 T_FLANGE_TOOL = from_pose([0.01, -0.02, 0.2, 0.1, -0.2, 0.3])
@@ -166,7 +157,7 @@ def flange_at(R: Array, tips: Array) -> Array:
 
 R_TOUCHES = plan_touch_orientations(8, 0.8)
 R_MOVES = np.tile(R_TOUCHES[2], (3, 1, 1))
-MEASURED = ToolMeasurements(
+MEASURED = tool.ToolMeasurements(
     ToolTouches(flange_at(R_TOUCHES, np.tile(POINT, (8, 1)))),
     flange_at(R_MOVES, POINT + MOVES @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
 )
@@ -174,13 +165,13 @@ MEASURED = ToolMeasurements(
 
 def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_path):
     file = tmp_path / "moves.csv"
-    text = tool_table(MEASURED, fit_tool_frame(MEASURED))
+    text = tool.tool_table(MEASURED, tool.fit_tool_frame(MEASURED))
     file.write_text(text, encoding="utf-8")
-    found = fit_tool_frame(read_tool_measurements(file))
+    found = tool.fit_tool_frame(tool.read_tool_measurements(file))
     np.testing.assert_allclose(found.T_flange_tool, T_FLANGE_TOOL, atol=1e-8)
     file.write_text(text.replace("3,touch", "3,poke", 1), encoding="utf-8")
     with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
-        read_tool_measurements(file)
+        tool.read_tool_measurements(file)
 
 
 def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path):
@@ -190,7 +181,7 @@ def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path):
         rows.append(", ".join(f"{value:.10f}" for value in values))
     file = tmp_path / "ur.csv"
     file.write_text("\n".join(rows), encoding="utf-8")
-    found = fit_tool_frame(read_tool_measurements(file))
+    found = tool.fit_tool_frame(tool.read_tool_measurements(file))
     np.testing.assert_allclose(found.tip.point, T_FLANGE_TOOL[:3, 3], atol=1e-8)
     assert found.orientation is None
 

@@ -10,15 +10,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig, RobotConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.geometry import load_part
-from polish_sim.hand_guiding.arm import (
-    HOME,
-    LaidPart,
-    believe,
-    chain_of_file,
-    guided_arm,
-    home_pose,
-    torque_arm,
-)
+from polish_sim.hand_guiding import arm
 from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.models import workpiece_path
@@ -33,18 +25,18 @@ def guide(
 ) -> GuidingRun:
     """Hold the tool a fixed way from home; servos hold first, without the hand."""
     scenario = replace(IDEAL, guide=replace(GuideConfig(), **changed))
-    n, T = round(seconds / 0.001), home_pose()
+    n, T = round(seconds / 0.001), arm.home_pose()
     positions = np.tile(T[:3, 3] + offset, (n, 1))
     servos = (np.arange(n) < held / 0.001).astype(float)
     motion = HandMotion(positions, np.zeros((n, 3)), np.tile(T[:3, :3], (n, 1, 1)), 1.0 - servos)
-    model = torque_arm(scenario)
+    model = arm.torque_arm(scenario)
     return run_guided(
-        guided_arm(scenario, mode, model, believe(scenario), hand), np.array(HOME), motion, servos
+        arm.guided_arm(scenario, mode, model, arm.believe(scenario), hand), np.array(arm.HOME), motion, servos
     )
 
 
 def test_the_model_is_the_cell_s_with_motors_for_servos():
-    model = torque_arm(IDEAL)
+    model = arm.torque_arm(IDEAL)
     assert model.nu == 6
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
     np.testing.assert_allclose(model.actuator_forcerange[:, 1], [150.0] * 3 + [28.0] * 3)
@@ -56,14 +48,14 @@ def test_the_model_is_the_cell_s_with_motors_for_servos():
 
 def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing():
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
-    plate = LaidPart(load_part(workpiece_path("plate")), T_base_part)
-    alone, beside = torque_arm(IDEAL), torque_arm(IDEAL, plate)
+    plate = arm.LaidPart(load_part(workpiece_path("plate")), T_base_part)
+    alone, beside = arm.torque_arm(IDEAL), arm.torque_arm(IDEAL, plate)
     np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
     assert beside.geom("part").contype == beside.geom("part").conaffinity == 0
     weights = []
     for model in (alone, beside):
         data = mujoco.MjData(model)
-        data.qpos[:6] = HOME
+        data.qpos[:6] = arm.HOME
         mujoco.mj_forward(model, data)
         assert data.ncon == 0
         weights.append(data.qfrc_bias.copy())
@@ -74,7 +66,7 @@ def test_the_wrist_sensor_feels_the_hand():
     """Between a pull of 8 N and none the sensor's plane sees 8 N less carried by the arm, in base axes."""
     pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
     np.testing.assert_allclose(pulled.rows["force"][0], [8.0, 0.0, 0.0], atol=1e-6)
-    assert np.abs(free.rows["q"][-1] - HOME).max() < 1e-6  # the believed weight carries the arm
+    assert np.abs(free.rows["q"][-1] - arm.HOME).max() < 1e-6  # the believed weight carries the arm
     R = pulled.rows["R_base_tool"][-1]
     change = R @ (pulled.rows["raw"][-1, :3] - free.rows["raw"][-1, :3])
     np.testing.assert_allclose(change, -pulled.rows["force"][-1], atol=0.05)
@@ -117,4 +109,4 @@ def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path):
     for rest, said in (("", "not a robot's MJCF"), (PENDULUM, "no joint")):
         file.write_text("<mujoco>" + rest)
         with pytest.raises(InputError, match=f"identified.xml' .*{said}"):
-            chain_of_file(file)
+            arm.chain_of_file(file)

@@ -5,14 +5,8 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
+from polish_sim.identification import regressor
 from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
-from polish_sim.identification.regressor import (
-    States,
-    TorqueModel,
-    random_states,
-    regressor_derivatives,
-    rigid_regressor,
-)
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.models import robot_model_path
 from tests.identification.known import arm_chain, arm_model, inverse_dynamics, odd_model
@@ -22,8 +16,8 @@ TERMS = ("viscous", "armature")
 
 @pytest.mark.parametrize(("engine", "joints"), [(arm_model(), ARM_JOINTS), (odd_model(), None)])
 def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(engine, joints):
-    model = TorqueModel(read_chain(engine, joints), TERMS)
-    states = random_states(model.joints, 200, np.random.default_rng(0))
+    model = regressor.TorqueModel(read_chain(engine, joints), TERMS)
+    states = regressor.random_states(model.joints, 200, np.random.default_rng(0))
     torque = model.torque(states, model.truth())
     assert np.abs(torque - inverse_dynamics(engine, *states)).max() <= 1e-10
     assert np.abs(torque).max() > 50.0
@@ -34,10 +28,10 @@ def test_the_regressor_is_pinocchios():
     theirs = pin.buildModelFromMJCF(str(robot_model_path()))
     assert theirs.nv == 7
     data, chain = theirs.createData(), arm_chain()
-    states = random_states(6, 20, np.random.default_rng(2))
+    states = regressor.random_states(6, 20, np.random.default_rng(2))
     # Pinocchio sees the head's slide as a seventh joint: standing still, it is part of link 6.
     own = np.array([theirs.inertias[k].toDynamicParameters() for k in range(1, 8)]).ravel()
-    ours = rigid_regressor(chain.geometry, *states) @ chain.parameters.ravel()
+    ours = regressor.rigid_regressor(chain.geometry, *states) @ chain.parameters.ravel()
     for row in range(20):
         q, qd, qdd = (np.append(part[row], 0.0) for part in states)
         full = pin.computeJointTorqueRegressor(theirs, data, q, qd, qdd) @ own
@@ -46,15 +40,15 @@ def test_the_regressor_is_pinocchios():
 
 def test_derivatives_are_the_slopes_of_central_differences():
     geometry, step = arm_chain().geometry, 1e-6
-    states = random_states(6, 4, np.random.default_rng(3))
-    slopes = regressor_derivatives(geometry, *states)
+    states = regressor.random_states(6, 4, np.random.default_rng(3))
+    slopes = regressor.regressor_derivatives(geometry, *states)
     flat = np.concatenate(states, axis=1)
     for column in range(18):
         ends = []
         for sign in (1.0, -1.0):
             moved = flat.copy()
             moved[:, column] += sign * step
-            ends.append(rigid_regressor(geometry, moved[:, :6], moved[:, 6:12], moved[:, 12:]))
+            ends.append(regressor.rigid_regressor(geometry, moved[:, :6], moved[:, 6:12], moved[:, 12:]))
         np.testing.assert_allclose(slopes[:, column], (ends[0] - ends[1]) / (2.0 * step), atol=1e-6)
 
 
@@ -95,10 +89,10 @@ RNG = np.random.default_rng
     ],
 )
 def test_the_rank_is_the_papers(terms, papers):
-    assert base_of(TorqueModel(arm_chain(), terms)).rank == papers
+    assert base_of(regressor.TorqueModel(arm_chain(), terms)).rank == papers
 
 
-RIGID = TorqueModel(arm_chain(), ())
+RIGID = regressor.TorqueModel(arm_chain(), ())
 
 
 def rank(rows: np.ndarray) -> int:
@@ -107,9 +101,9 @@ def rank(rows: np.ndarray) -> int:
 
 
 def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifteen():
-    q = random_states(6, 100, RNG(1)).q
-    assert rank(RIGID.regressor(States(q, 0.0 * q, 0.0 * q))) == 10
-    states = random_states(6, 200, RNG(2))
+    q = regressor.random_states(6, 100, RNG(1)).q
+    assert rank(RIGID.regressor(regressor.States(q, 0.0 * q, 0.0 * q))) == 10
+    states = regressor.random_states(6, 200, RNG(2))
     for part in states[1:]:
         part[:, 3:] = 0.0
     states.q[:, 3:] = (0.3, -1.1, 0.7)
@@ -117,8 +111,8 @@ def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifte
 
 
 def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_space_none():
-    model = TorqueModel(arm_chain())
-    base, states = base_of(model), random_states(6, 50, RNG(4))
+    model = regressor.TorqueModel(arm_chain())
+    base, states = base_of(model), regressor.random_states(6, 50, RNG(4))
     torque = model.regressor(states)[:, :, base.columns] @ (base.combination @ model.truth())
     np.testing.assert_allclose(torque, model.torque(states, model.truth()), atol=1e-9)
     hidden = base.null_space() @ RNG(6).normal(size=model.columns - base.rank)
@@ -126,7 +120,7 @@ def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_spa
 
 
 def test_what_is_identifiable_is_said_parameter_by_parameter():
-    model = TorqueModel(arm_chain(), ("viscous", "coulomb", "armature"))
+    model = regressor.TorqueModel(arm_chain(), ("viscous", "coulomb", "armature"))
     said = dict(zip(model.names, identifiable(base_of(model)), strict=True))
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")
     names = base_names(base_of(model), model.names)

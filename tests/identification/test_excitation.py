@@ -8,15 +8,7 @@ import pytest
 
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
-from polish_sim.identification.excitation import (
-    Excitation,
-    ExcitationCost,
-    ExcitationTask,
-    allowed_motions,
-    design,
-    mean_information,
-    use_matrix,
-)
+from polish_sim.identification import excitation
 from polish_sim.identification.fourier import FourierMotion, started_and_stopped
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
@@ -26,13 +18,15 @@ from tests.identification.known import LIMITS, RATE, SIGMA, arm_model, known_rob
 
 KNOWN = known_robot(terms=("coulomb", "viscous"))
 OTHERS = [known_robot(200, ("coulomb", "viscous"), seed) for seed in range(10, 18)]
-USE = np.mean([use_matrix(KNOWN.model, KNOWN.base, other.states, SIGMA) for other in OTHERS], axis=0)
+USE = np.mean(
+    [excitation.use_matrix(KNOWN.model, KNOWN.base, other.states, SIGMA) for other in OTHERS], axis=0
+)
 ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
-TASK = ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
+TASK = excitation.ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
 
 
 def test_gradients_are_the_slopes_of_the_cost():
-    search = ExcitationCost(replace(TASK, clearance=ROBOT.measure))
+    search = excitation.ExcitationCost(replace(TASK, clearance=ROBOT.measure))
     x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
     _, gradient = search.cost(x)
     way, step = rng.normal(size=x.size), 1e-6
@@ -40,17 +34,17 @@ def test_gradients_are_the_slopes_of_the_cost():
     assert gradient @ way == pytest.approx(slope, rel=1e-3)
 
 
-def designed(task: ExcitationTask) -> Excitation:
-    return design(task, np.random.default_rng(1), iterations=60)
+def designed(task: excitation.ExcitationTask) -> excitation.Excitation:
+    return excitation.design(task, np.random.default_rng(1), iterations=60)
 
 
 def variance(motion: FourierMotion, use: np.ndarray) -> float:
     """Of the torques a motion predicts in a use."""
-    return float(np.trace(np.linalg.solve(mean_information(TASK, motion), use)))
+    return float(np.trace(np.linalg.solve(excitation.mean_information(TASK, motion), use)))
 
 
 @pytest.fixture(scope="module")
-def found() -> Excitation:
+def found() -> excitation.Excitation:
     return designed(TASK)
 
 
@@ -58,7 +52,7 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(f
     states = found.motion(np.linspace(0.0, 10.0, 997))
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     assert LIMITS.holds(states, torque)
-    random = allowed_motions(TASK, np.random.default_rng(2))
+    random = excitation.allowed_motions(TASK, np.random.default_rng(2))
     assert np.exp(found.value) < 0.6 * min(variance(next(random), USE) for _ in range(5))
 
 
@@ -67,7 +61,7 @@ def test_a_motion_designed_for_a_task_tells_that_task_better(found):
     t = np.linspace(-1.0, 1.0, 100)[:, None]
     q = 0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0]
     slow = States(q, np.full_like(q, 0.02), np.zeros_like(q))
-    for_task = replace(TASK, use=use_matrix(KNOWN.model, KNOWN.base, slow, SIGMA))
+    for_task = replace(TASK, use=excitation.use_matrix(KNOWN.model, KNOWN.base, slow, SIGMA))
     own = variance(designed(for_task).motion, for_task.use)
     assert own < 0.8 * variance(found.motion, for_task.use)
 

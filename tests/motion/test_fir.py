@@ -7,13 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from polish_sim.motion.rules.fir import (
-    PIECES,
-    box_pieces,
-    box_progress,
-    sorted_times,
-    stop_times,
-)
+from polish_sim.motion.rules import fir
 
 SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
 FACTORIALS = (6, 2, 1, 1)
@@ -41,7 +35,7 @@ def triples(count: int, seed: int) -> np.ndarray:
 
 def progress(triple: np.ndarray, time: float) -> np.ndarray:
     rates = np.empty(4)
-    box_progress(*sorted_times(*triple), time, rates)
+    fir.box_progress(*fir.sorted_times(*triple), time, rates)
     return rates
 
 
@@ -71,10 +65,10 @@ def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_fil
 
 
 def test_the_pieces_are_the_closed_form():
-    durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
+    durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
     special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
     for triple in np.concatenate([triples(50, 6), special]):
-        count = box_pieces(*triple, durations, coefficients)
+        count = fir.box_pieces(*triple, durations, coefficients)
         assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
         begin = 0.0
         for length, piece in zip(durations[:count], coefficients[:count], strict=True):
@@ -91,7 +85,7 @@ def test_no_profile_within_the_limits_is_shorter():
     """Each limit is kept, and the profile is limited throughout, and a search finds no shorter one."""
     rng = np.random.default_rng(7)
     for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (500, 4)):
-        times = np.array(stop_times(length, v, a, j))
+        times = np.array(fir.stop_times(length, v, a, j))
         # peaks of a box of length 1 whose longest time is at least b + c
         plateau = 1.0 / (times[0] * times[1])
         ratios = [length / times[0] / v, length * plateau / a, length * plateau / times[2] / j]

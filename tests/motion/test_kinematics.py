@@ -6,18 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from polish_sim import motion
 from polish_sim.errors import ReachError
-from polish_sim.motion import (
-    JOINT_LIMITS,
-    forward,
-    inverse_all,
-    inverse_near,
-    jacobian,
-    link_frames,
-    nearest_solution,
-    smallest_singular_values,
-    track,
-)
 from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, build_arm
@@ -47,31 +37,31 @@ def random_configurations(n, seed=0):
 
 def test_every_frame_is_the_product_of_the_tables_four_motions_per_joint():
     q = random_configurations(200)
-    np.testing.assert_allclose(link_frames(q), [frames_by_table(row) for row in q], atol=1e-14)
-    np.testing.assert_array_equal(forward(q), link_frames(q)[:, 6])
+    np.testing.assert_allclose(motion.link_frames(q), [frames_by_table(row) for row in q], atol=1e-14)
+    np.testing.assert_array_equal(motion.forward(q), motion.link_frames(q)[:, 6])
 
 
 def velocity_by_differences(q, joint, step=1e-5):
     """Central difference of the tool point and of the rotation for one joint."""
     dq = step * np.eye(6)[joint]
-    T_plus, T_minus = forward(q + dq), forward(q - dq)
+    T_plus, T_minus = motion.forward(q + dq), motion.forward(q - dq)
     linear = (T_plus - T_minus)[:3] @ np.append(TOOL_POINT, 1.0) / (2 * step)
-    W = (T_plus - T_minus)[:3, :3] @ forward(q)[:3, :3].T / (2 * step)
+    W = (T_plus - T_minus)[:3, :3] @ motion.forward(q)[:3, :3].T / (2 * step)
     return np.append(linear, [W[2, 1], W[0, 2], W[1, 0]])
 
 
 def test_jacobian_is_the_derivative_of_the_pose():
     for q in random_configurations(20):
         expected = np.stack([velocity_by_differences(q, joint) for joint in range(6)], axis=1)
-        np.testing.assert_allclose(jacobian(q, TOOL_POINT), expected, atol=1e-9)
+        np.testing.assert_allclose(motion.jacobian(q, TOOL_POINT), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("straight", [2, 4])
 def test_a_stretched_elbow_or_aligned_wrist_is_singular(straight):
     q = np.array([[0.3, -1.2, 1.1, -0.7, -1.5, 0.4]])
-    assert smallest_singular_values(q, TOOL_POINT)[0] > 0.05
+    assert motion.smallest_singular_values(q, TOOL_POINT)[0] > 0.05
     q[0, straight] = 0.0
-    assert smallest_singular_values(q, TOOL_POINT)[0] < 1e-15
+    assert motion.smallest_singular_values(q, TOOL_POINT)[0] < 1e-15
 
 
 HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
@@ -89,9 +79,11 @@ def reachable(solutions):
 def test_all_solutions_reach_the_pose_and_are_distinct_and_one_is_where_it_came_from():
     eight = 0
     for q in np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 6)):
-        T = forward(q)
-        solutions = reachable(inverse_all(T, 0.0))
-        np.testing.assert_allclose(forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9)
+        T = motion.forward(q)
+        solutions = reachable(motion.inverse_all(T, 0.0))
+        np.testing.assert_allclose(
+            motion.forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9
+        )
         assert angle_difference(solutions, q).max(axis=1).min() < 1e-9
         assert np.abs(solutions).max() <= np.pi
         for i in range(len(solutions) - 1):
@@ -103,18 +95,20 @@ def test_all_solutions_reach_the_pose_and_are_distinct_and_one_is_where_it_came_
 @pytest.mark.parametrize("aligned", [0.0, np.pi])
 def test_an_aligned_wrist_keeps_wrist_3_where_it_was_and_a_stretched_arm_is_found(aligned):
     q = np.array([0.5, -1.2, 1.4, 0.3, aligned, 0.9])
-    np.testing.assert_allclose(inverse_near(forward(q), q), q, atol=1e-7)
+    np.testing.assert_allclose(motion.inverse_near(motion.forward(q), q), q, atol=1e-7)
     q[[2, 4]] = 0.0, 1.1
-    np.testing.assert_allclose(forward(inverse_near(forward(q), q)), forward(q), atol=1e-9)
+    np.testing.assert_allclose(
+        motion.forward(motion.inverse_near(motion.forward(q), q)), motion.forward(q), atol=1e-9
+    )
 
 
 def nearest_by_listing(T, q_near):
     """The nearest configuration among all solutions with every joint turned by -2 to 2 full turns."""
     turns = 2 * np.pi * np.arange(-2, 3)
     listed = []
-    for solution in reachable(inverse_all(T, 0.0)):
+    for solution in reachable(motion.inverse_all(T, 0.0)):
         angles = solution[:, None] + turns
-        inside = (angles >= JOINT_LIMITS[:, :1]) & (angles <= JOINT_LIMITS[:, 1:])
+        inside = (angles >= motion.JOINT_LIMITS[:, :1]) & (angles <= motion.JOINT_LIMITS[:, 1:])
         nearest = np.argmin(np.where(inside, np.abs(angles - q_near[:, None]), np.inf), axis=1)
         listed.append(angles[np.arange(6), nearest])
     return min(listed, key=lambda q: np.sum((q - q_near) ** 2))
@@ -123,27 +117,27 @@ def nearest_by_listing(T, q_near):
 def test_the_choice_is_the_nearest_of_all_configurations_inside_the_limits():
     rng = np.random.default_rng(8)
     for _ in range(100):
-        q_near = rng.uniform(JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1])
-        T = forward(q_near + rng.normal(0, 0.3, 6))
-        np.testing.assert_allclose(inverse_near(T, q_near), nearest_by_listing(T, q_near), atol=1e-12)
+        q_near = rng.uniform(motion.JOINT_LIMITS[:, 0], motion.JOINT_LIMITS[:, 1])
+        T = motion.forward(q_near + rng.normal(0, 0.3, 6))
+        np.testing.assert_allclose(motion.inverse_near(T, q_near), nearest_by_listing(T, q_near), atol=1e-12)
 
 
 def test_out_of_reach_says_where_and_what_to_do():
-    T = forward(HOME)
+    T = motion.forward(HOME)
     T[:3, 3] = [0.0, -1.2, 0.2]
-    assert np.isnan(nearest_solution(T, HOME, True)).all()
+    assert np.isnan(motion.nearest_solution(T, HOME, True)).all()
     with pytest.raises(ReachError, match=r"\(0\.0, -1200\.0, 200\.0\) mm"):
-        inverse_near(T, HOME)
+        motion.inverse_near(T, HOME)
 
 
 def tool_poses(q):
-    return forward(q) @ T_FLANGE_TOOL
+    return motion.forward(q) @ T_FLANGE_TOOL
 
 
 def test_track_follows_a_smooth_joint_motion_back_to_itself():
     t = np.linspace(0, 1, 2000)[:, None]
     q = HOME + 0.4 * np.sin(2 * np.pi * t * np.array([1, 2, 1, 3, 1, 2]))
-    path = track(tool_poses(q), T_FLANGE_TOOL, HOME)
+    path = motion.track(tool_poses(q), T_FLANGE_TOOL, HOME)
     np.testing.assert_allclose(path.q, q, atol=1e-9)
     assert path.first_unreachable is path.first_beyond_limit is path.limit_joint is None
     assert path.largest_step < 0.01
@@ -153,7 +147,7 @@ def test_track_follows_a_smooth_joint_motion_back_to_itself():
 def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     poses = np.repeat(tool_poses(HOME[None]), 100, axis=0)
     poses[:, 1, 3] -= np.linspace(0, 1, 100)
-    path = track(poses, T_FLANGE_TOOL, HOME)
+    path = motion.track(poses, T_FLANGE_TOOL, HOME)
     distance = np.linalg.norm(poses[:, :3, 3], axis=1)
     assert path.first_unreachable is not None
     assert 0.7 < distance[path.first_unreachable] < 0.95
@@ -161,19 +155,19 @@ def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     before = slice(path.first_unreachable)
     np.testing.assert_allclose(tool_poses(path.q[before]), poses[before], atol=1e-9)
     assert path.smallest_singular_value < 0.1
-    beyond = track(poses[path.first_unreachable :], T_FLANGE_TOOL, HOME)
+    beyond = motion.track(poses[path.first_unreachable :], T_FLANGE_TOOL, HOME)
     assert (beyond.first_unreachable, beyond.largest_step) == (0, 0.0)
 
 
 def test_track_names_the_joint_that_leaves_its_limits_and_the_singular_place():
     q = np.repeat(HOME[None], 100, axis=0)
     q[:, 5] = np.linspace(5.8, 6.8, 100)
-    path = track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
     assert path.first_beyond_limit == np.argmax(q[:, 5] > 2 * np.pi)
     assert path.limit_joint == 5
     q = np.repeat(HOME[None], 101, axis=0)
     q[:, 4] = np.linspace(-0.5, 0.5, 101)
-    path = track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
     assert path.smallest_singular_index == 50
     assert path.smallest_singular_value < 1e-6
 
@@ -185,7 +179,7 @@ T_BASE_WORK = from_pose([0.4, 0.1, 0.05, 0.2, -0.1, 0.7])
 
 def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float = 0.0) -> tuple[Chain, Arm]:
     """A segment that starts where the joints put the tool, seen from a moved and turned work frame."""
-    T = inverse(T_BASE_WORK) @ forward(q) @ T_FLANGE_TILTED
+    T = inverse(T_BASE_WORK) @ motion.forward(q) @ T_FLANGE_TILTED
     normal = np.cross(T[:3, 2], [0.3, 0.2, 0.9])
     turned = Rotation.from_rotvec(turn * normal / np.linalg.norm(normal)).as_matrix()
     end = turned @ T[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix()
@@ -198,10 +192,10 @@ def test_the_branch_s_solution_is_the_configuration_itself_and_out_of_reach_ther
     out = np.empty(6)
     for q in rng.uniform(-2.0 * np.pi, 2.0 * np.pi, (500, 6)):
         if min(abs(np.sin(q[2])), abs(np.sin(q[4]))) > 0.01:
-            assert inverse_on_branch(forward(q), q + 1e-4 * rng.normal(size=6), out)
-            np.testing.assert_allclose(forward(out), forward(q), atol=1e-12)
+            assert inverse_on_branch(motion.forward(q), q + 1e-4 * rng.normal(size=6), out)
+            np.testing.assert_allclose(motion.forward(out), motion.forward(q), atol=1e-12)
             np.testing.assert_allclose(out, q, atol=1e-9)
-    T, before = forward(HOME), out.copy()
+    T, before = motion.forward(HOME), out.copy()
     T[0, 3] += 2.0
     assert not inverse_on_branch(T, HOME, out)
     np.testing.assert_array_equal(out, before)
@@ -215,7 +209,7 @@ def test_each_derivative_is_that_of_the_one_before_to_the_tools_end(turn, roll):
     for lower, higher in pairwise(columns):
         slope = (lower[2:] - lower[:-2]) / (u[2:] - u[:-2])[:, None]
         np.testing.assert_allclose(higher[1:-1], slope, atol=2e-6 * np.abs(higher).max())
-    end = inverse(T_BASE_WORK) @ forward(columns[0][-1]) @ T_FLANGE_TILTED
+    end = inverse(T_BASE_WORK) @ motion.forward(columns[0][-1]) @ T_FLANGE_TILTED
     np.testing.assert_allclose(end[:3, 3], chain.tips[1], atol=1e-12)
     np.testing.assert_allclose(end[:3, :3], chain.rotations[1], atol=1e-12)
 

@@ -7,28 +7,19 @@ import numpy as np
 import pytest
 
 from benchmarks.force_theory import drift_bound, step_bound, tracking_bound
+from polish_sim import scoring
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring import (
-    BATTERY,
-    BATTERY_ASKED,
-    REACH,
-    REACH_CASES,
-    Case,
-    Entry,
-    choose_cases,
-    judge,
-)
 from polish_sim.scoring.battery import Draw, latency_settings
 from polish_sim.scoring.force_bench import judge_rest
 from polish_sim.scoring.journal import Task, setup_key
 from polish_sim.scoring.margins import share_latency
 
-PI = Entry("hybrid-pi", "hybrid-pi")
+PI = scoring.Entry("hybrid-pi", "hybrid-pi")
 
 
 def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_case():
-    for cases, asked in ((BATTERY, BATTERY_ASKED), (REACH_CASES, REACH)):
+    for cases, asked in ((scoring.BATTERY, scoring.BATTERY_ASKED), (scoring.REACH_CASES, scoring.REACH)):
         names = [case.name for case in cases]
         assert len(set(names)) == len(names)
         for case in cases:
@@ -41,19 +32,19 @@ def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_c
 
 def test_latency_is_shared_one_to_three_as_in_the_default_cell():
     for total_ms, shares in ((20, (0.005, 0.015)), (1, (0.001, 0.0))):
-        scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
+        scenario = scoring.Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
         assert (scenario.sensor.latency_s, scenario.robot.command_latency_s) == pytest.approx(shares)
     assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
 
 
 def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order():
-    names = [case.name for case in choose_cases(BATTERY, ["step-20", "latency-*", "step-10"])]
+    names = [case.name for case in scoring.choose_cases(scoring.BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
-    assert choose_cases(BATTERY, []) == BATTERY
+    assert scoring.choose_cases(scoring.BATTERY, []) == scoring.BATTERY
 
 
 def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range():
-    case = Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
+    case = scoring.Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
     feeds = [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
     assert feeds == [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
     assert len(set(feeds)) == 20
@@ -61,12 +52,12 @@ def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range():
 
 
 def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree():
-    slow, fast = choose_cases(BATTERY, ["freeform-10", "freeform-30"])
-    off = choose_cases(BATTERY, ["part-3mm"])[0]
+    slow, fast = scoring.choose_cases(scoring.BATTERY, ["freeform-10", "freeform-30"])
+    off = scoring.choose_cases(scoring.BATTERY, ["part-3mm"])[0]
     assert setup_key(Task(slow, PI, 1)) == setup_key(Task(fast, PI, 1))
     assert setup_key(Task(slow, PI, 1)) != setup_key(Task(slow, PI, 2))
     assert setup_key(Task(slow, PI, 1)) != setup_key(Task(off, PI, 1))
-    soft = choose_cases(BATTERY, ["stiffness-0.2"])[0]
+    soft = scoring.choose_cases(scoring.BATTERY, ["stiffness-0.2"])[0]
     drawn = replace(soft, settings=(*soft.settings, "head.spring_scale=1.0"))
     assert setup_key(Task(soft, PI, 1)) != setup_key(Task(drawn, PI, 1))
 
@@ -75,14 +66,14 @@ def test_the_worst_seed_decides_and_an_undefined_figure_never_passes():
     good = {"overshoot_n": 0.1, "std_n": 0.1, "max_error_n": 0.2, "peak_force_n": 21.0, "stable": True}
     row = {"case": "approach-20", "controller": "x", **good}
     rows = [{**row, "seed": seed, "settling_1n_s": 0.1 + 0.1 * seed} for seed in range(3)]
-    settling = judge(BATTERY_ASKED, rows)[0]
+    settling = scoring.judge(scoring.BATTERY_ASKED, rows)[0]
     assert settling.worst == pytest.approx(0.3)
     assert (settling.met, settling.worst_case) == (False, "approach-20, seed 2")
     assert settling.mean == pytest.approx(0.2)
     rows[1]["settling_1n_s"] = None
-    settling = judge(BATTERY_ASKED, rows)[0]
+    settling = scoring.judge(scoring.BATTERY_ASKED, rows)[0]
     assert (settling.worst, settling.met, settling.worst_case) == (None, False, "approach-20, seed 1")
-    assert all(verdict.met for verdict in judge(BATTERY_ASKED, rows)[1:])
+    assert all(verdict.met for verdict in scoring.judge(scoring.BATTERY_ASKED, rows)[1:])
 
 
 FORCE = default_scenario("force")

@@ -6,19 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.spatial import (
-    apply,
-    from_pose,
-    inverse,
-    perpendicular,
-    quaternion_from_rotation,
-    rotation_angle,
-    rotation_from_quaternion,
-    rotation_to_axis,
-    skew,
-    transform,
-    unit,
-)
+from polish_sim import spatial
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -30,9 +18,9 @@ VECTORS = np.concatenate([np.random.default_rng(0).normal(size=(200, 3)), np.eye
 def test_quaternions_and_matrices_say_the_same_rotation():
     R, quaternion = np.zeros((3, 3)), np.zeros(4)
     for wanted in Rotation.concatenate([FRAMES, HALF_TURNS, Rotation.identity(1)]):
-        rotation_from_quaternion(wanted.as_quat(scalar_first=True), R)
+        spatial.rotation_from_quaternion(wanted.as_quat(scalar_first=True), R)
         np.testing.assert_allclose(R, wanted.as_matrix(), atol=1e-15)
-        quaternion_from_rotation(R, quaternion)
+        spatial.quaternion_from_rotation(R, quaternion)
         assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-12)
         assert quaternion[0 if np.trace(R) > 0.0 else np.argmax(np.abs(quaternion))] > 0.0
         np.testing.assert_allclose(
@@ -44,12 +32,12 @@ def test_quaternions_and_matrices_say_the_same_rotation():
 def test_the_angle_between_frames_is_accurate_near_zero_and_near_a_half_turn(angle):
     for R, axis in zip(FRAMES[:20].as_matrix(), FRAMES[:20].as_matrix()[:, 1], strict=True):
         turned = Rotation.from_rotvec(angle * axis).as_matrix() @ R
-        assert rotation_angle(R, turned) == pytest.approx(angle, rel=1e-6, abs=3e-15)
+        assert spatial.rotation_angle(R, turned) == pytest.approx(angle, rel=1e-6, abs=3e-15)
 
 
 def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be():
     z_axes, hint = FRAMES.as_matrix()[:, 2], np.array([0.6, -0.8, 0.0])
-    frames = rotation_to_axis(z_axes, hint)
+    frames = spatial.rotation_to_axis(z_axes, hint)
     np.testing.assert_allclose(frames[:, :, 2], z_axes, atol=1e-15)
     np.testing.assert_allclose(frames @ np.swapaxes(frames, 1, 2), [np.eye(3)] * len(frames), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(frames), 1.0)
@@ -59,24 +47,28 @@ def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be():
 
 def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_has_an_inverse():
     R, p = FRAMES[:20].as_matrix(), VECTORS[:20]
-    T = transform(R, p)
+    T = spatial.transform(R, p)
     homogeneous = np.column_stack([VECTORS, np.ones(len(VECTORS))])
-    moved = apply(T[3], VECTORS)
+    moved = spatial.apply(T[3], VECTORS)
     np.testing.assert_allclose(moved, VECTORS @ R[3].T + p[3], atol=1e-14)
     np.testing.assert_allclose(
         homogeneous @ T[3].T, np.column_stack([moved, np.ones(len(moved))]), atol=1e-14
     )
-    np.testing.assert_allclose(inverse(T) @ T, [np.eye(4)] * 20, atol=1e-14)
-    np.testing.assert_array_equal(transform(R[0], p)[7], transform(R[0], p[7]))  # one rotation, many places
-    T = from_pose([0.1, -0.5, 0.2, 0.0, 0.0, np.pi / 2])
+    np.testing.assert_allclose(spatial.inverse(T) @ T, [np.eye(4)] * 20, atol=1e-14)
+    np.testing.assert_array_equal(
+        spatial.transform(R[0], p)[7], spatial.transform(R[0], p[7])
+    )  # one rotation, many places
+    T = spatial.from_pose([0.1, -0.5, 0.2, 0.0, 0.0, np.pi / 2])
     np.testing.assert_allclose(T @ [1.0, 0.0, 0.0, 1.0], [0.1, 0.5, 0.2, 1.0], atol=1e-15)
 
 
 def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product():
-    units, across = unit(VECTORS), perpendicular(VECTORS)
+    units, across = spatial.unit(VECTORS), spatial.perpendicular(VECTORS)
     np.testing.assert_allclose(np.linalg.norm([units, across], axis=-1), 1.0)
     np.testing.assert_allclose((units * VECTORS).sum(axis=1), np.linalg.norm(VECTORS, axis=1))
     np.testing.assert_allclose((across * units).sum(axis=1), 0.0, atol=1e-15)
-    np.testing.assert_array_equal(perpendicular(VECTORS[7]), across[7])
-    assert (unit(np.zeros(3)) == 0.0).all()
-    np.testing.assert_allclose(skew(VECTORS[0]) @ VECTORS[1], np.cross(VECTORS[0], VECTORS[1]), rtol=1e-14)
+    np.testing.assert_array_equal(spatial.perpendicular(VECTORS[7]), across[7])
+    assert (spatial.unit(np.zeros(3)) == 0.0).all()
+    np.testing.assert_allclose(
+        spatial.skew(VECTORS[0]) @ VECTORS[1], np.cross(VECTORS[0], VECTORS[1]), rtol=1e-14
+    )

@@ -7,25 +7,8 @@ import numpy as np
 import pytest
 
 from polish_sim.config import AdaptiveConfig
-from polish_sim.control.adaptive.force_loop import (
-    as_sensed,
-    begin_contact,
-    change_stiffness,
-    correction,
-    measure_delay,
-    observe_force,
-    pace_of,
-    remember_command,
-    under_way,
-)
+from polish_sim.control.adaptive import force_loop, landing
 from polish_sim.control.adaptive.gains import PressMemory, adaptive_gains
-from polish_sim.control.adaptive.landing import (
-    own_force,
-    quickest_stop,
-    refine_stiffness,
-    restart_fit,
-    watch_air,
-)
 from tests.control.signals import DT, measurement_at_rest
 
 GAINS = adaptive_gains(AdaptiveConfig())
@@ -36,7 +19,7 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is():
     """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), less half a cycle."""
     memory, speed = PressMemory(), 0.02
     for k in range(400):
-        seen = as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
+        seen = force_loop.as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
     lag = (speed * 399 * DT - seen.path) / speed
     assert lag == pytest.approx(0.002 + 1.0 / (2.0 * math.pi * 80.0) - 0.5 * DT, abs=1e-4)
     assert seen.own == pytest.approx(3.0)
@@ -44,14 +27,14 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is():
 
 def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_up_within_its_lag():
     memory = PressMemory()
-    forces = [own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
+    forces = [landing.own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
     np.testing.assert_allclose(forces[1:], 2.0 * 0.5)
     off = adaptive_gains(AdaptiveConfig(laws="touch-down stiffness"))
-    assert own_force(off, memory, STILL, 1.0, 0.0, DT) == 0.0
+    assert landing.own_force(off, memory, STILL, 1.0, 0.0, DT) == 0.0
     memory = PressMemory()
     memory.force.stiffness = GAINS.stiffness
-    forces = [own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
+    forces = [landing.own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
     lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag)
     assert forces[1] == pytest.approx(GAINS.damping * 0.05 * lag)
     assert forces[-1] == pytest.approx(GAINS.damping * 0.05)
@@ -64,22 +47,22 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
     memory.delay.delay = GAINS.command_delay
     commands = [min(speed, 0.05 * k * DT) for k in range(1500)]
     for k, command in enumerate(commands):
-        measure_delay(GAINS, memory, commands[k - cycles] if k >= cycles else 0.0, DT)
-        remember_command(memory, command)
+        force_loop.measure_delay(GAINS, memory, commands[k - cycles] if k >= cycles else 0.0, DT)
+        force_loop.remember_command(memory, command)
     assert memory.delay.delay == pytest.approx((cycles - 1) * DT, abs=0.0005)
-    assert under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
+    assert force_loop.under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
 
 
 @pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 40000.0])
 def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness):
     rng, memory = np.random.default_rng(0), PressMemory()
     memory.air.variance = 0.25**2
-    restart_fit(memory, 0.0, 0.0)
+    landing.restart_fit(memory, 0.0, 0.0)
     speed, found, k = 0.02, [], 0
     while stiffness * speed * k * DT < 8.0:
         path = speed * k * DT
         reading = stiffness * path + 0.25 * rng.normal()
-        found.append(refine_stiffness(GAINS, memory, 5000.0, path, reading, speed, DT))
+        found.append(landing.refine_stiffness(GAINS, memory, 5000.0, path, reading, speed, DT))
         k += 1
     assert found[0] == pytest.approx(25000.0)
     assert min(found) > 0.9 * min(stiffness, 25000.0)
@@ -88,9 +71,9 @@ def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness):
 
 def test_a_tool_at_rest_learns_nothing_about_springs():
     rng, memory = np.random.default_rng(0), PressMemory()
-    restart_fit(memory, 0.0, 0.0)
+    landing.restart_fit(memory, 0.0, 0.0)
     for _ in range(2000):
-        known = refine_stiffness(GAINS, memory, 5000.0, 1e-5 * rng.normal(), rng.normal(), 0.0005, DT)
+        known = landing.refine_stiffness(GAINS, memory, 5000.0, 1e-5 * rng.normal(), rng.normal(), 0.0005, DT)
     assert known == pytest.approx(25000.0)
 
 
@@ -102,7 +85,7 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
     for k in range(60300):
         rise = 0.1 * max(k - 60000, 0)
         reading += blend * (white * rng.normal() - reading)
-        if watch_air(memory, reading + 0.7 + rise, True, DT):
+        if landing.watch_air(memory, reading + 0.7 + rise, True, DT):
             break
     assert 60000 <= k < 60299
     assert rise < 1.0 + 5.0 * noise
@@ -112,35 +95,35 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
 def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_robot(travel):
     left, speeds = travel, []
     for _ in range(600):
-        speeds.append(quickest_stop(GAINS, left, 40.0, 0.1))
+        speeds.append(landing.quickest_stop(GAINS, left, 40.0, 0.1))
         left -= speeds[-1] * DT
         assert left >= 0.0
     assert left < 0.01 * travel
     assert max(-np.diff(speeds)) < GAINS.acceleration * DT
     assert max(speeds) <= 0.1
-    assert quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
+    assert landing.quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
 
 
 def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
-    usual = pace_of(GAINS, 5000.0, 0.012, 0.25, 1.0)
+    usual = force_loop.pace_of(GAINS, 5000.0, 0.012, 0.25, 1.0)
     assert usual.crossover <= GAINS.delay_share / 0.012
     for stiffness in (500.0, 1000.0, 5000.0):
-        pace = pace_of(GAINS, stiffness, 0.005, 0.25, 1.0)
+        pace = force_loop.pace_of(GAINS, stiffness, 0.005, 0.25, 1.0)
         mass = GAINS.mass * GAINS.mass_doubt
         assert 2.0 * pace.crossover * pace.observer * mass / stiffness <= 0.5 + 1e-12
-    assert pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
-    assert pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
+    assert force_loop.pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
+    assert force_loop.pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
 
 
 def test_the_observer_knows_the_force_before_the_sensor_shows_it():
     """The tool presses by travel alone; the reading is 4 ms late, the estimate is not."""
     memory, k, z = PressMemory(), 5000.0, 0.0
-    begin_contact(memory, k, 0.0, 0.0)
+    force_loop.begin_contact(memory, k, 0.0, 0.0)
     for n in range(1000):
         z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
         memory.force.travel = z
-        seen = as_sensed(GAINS, memory, z, 0.0, DT)
-        force = observe_force(memory, 40.0, seen.path, k * seen.path, 1.0, DT)
+        seen = force_loop.as_sensed(GAINS, memory, z, 0.0, DT)
+        force = force_loop.observe_force(memory, 40.0, seen.path, k * seen.path, 1.0, DT)
         assert force == pytest.approx(k * z, abs=1e-9)
 
 
@@ -149,7 +132,7 @@ def corrections(memory: PressMemory, added: Callable[[float], float], seconds: f
     found = []
     for k in range(round(seconds / DT)):
         memory.force.at_no_travel = added(k * DT)
-        found.append(correction(memory, GAINS.arm_mode, 40.0, 1.0, DT))
+        found.append(force_loop.correction(memory, GAINS.arm_mode, 40.0, 1.0, DT))
     return found
 
 
@@ -167,17 +150,17 @@ def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_h
     assert found[-1] == pytest.approx(rise * (2.0 - DT) + rise / 40.0, abs=1.1 * rise * DT)
     memory = PressMemory()
     for memory.force.at_no_travel in (3.0, -5.0):
-        assert correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
+        assert force_loop.correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
 
 
 def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise():
     memory = PressMemory()
-    begin_contact(memory, 25000.0, 0.001, 3.0)
+    force_loop.begin_contact(memory, 25000.0, 0.001, 3.0)
     corrections(memory, lambda _: -22.0, 0.3)
-    change_stiffness(memory, 5000.0, 0.001)
+    force_loop.change_stiffness(memory, 5000.0, 0.001)
     assert corrections(memory, lambda _: -2.0, 0.1) == pytest.approx(np.full(100, -2.0), abs=1e-9)
     memory = PressMemory()
-    begin_contact(memory, 25000.0, 0.001, 3.0)
+    force_loop.begin_contact(memory, 25000.0, 0.001, 3.0)
     memory.force.travel = 0.001
-    change_stiffness(memory, 5000.0, 0.001)
-    assert observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+    force_loop.change_stiffness(memory, 5000.0, 0.001)
+    assert force_loop.observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)

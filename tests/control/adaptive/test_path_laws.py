@@ -9,46 +9,20 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
-from polish_sim.control.adaptive.drawing import (
-    Abilities,
-    Ahead,
-    AheadRow,
-    FeedForwardGains,
-    FeedGains,
-    at,
-    averaged_error,
-    followable_share,
-    granted_feed,
-    lead_turning,
-    planned_press_rate,
-    planned_surplus,
-    rows_ahead,
-)
+from polish_sim.control.adaptive import drawing, surface
 from polish_sim.control.adaptive.gains import PathMemory, abilities, adaptive_gains
 from polish_sim.control.adaptive.landing import round_a_bend
 from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
-from polish_sim.control.adaptive.surface import (
-    MOMENT_HZ,
-    LearningGains,
-    LearningMemory,
-    NeighbourMemory,
-    NormalGains,
-    NormalMemory,
-    learn,
-    learned_rate,
-    level_by_moment,
-    tilted_target,
-)
 from polish_sim.control.signals import Target
 from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
-CAN = Abilities(1.0, 40.0, 1.2, 6.0, 202.0)
-ON = FeedForwardGains(0.01, True)
+CAN = drawing.Abilities(1.0, 40.0, 1.2, 6.0, 202.0)
+ON = drawing.FeedForwardGains(0.01, True)
 ALONG = np.eye(3)
-LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)
-NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
-FEED = FeedGains(1.0, 0.1, 0.1, True)
+LEARN = surface.LearningGains(0.005, 0.0, 0.1, 1.0, True)
+NORMAL = surface.NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
+FEED = drawing.FeedGains(1.0, 0.1, 0.1, True)
 
 
 def fed_at(s: float, speed: float = 0.06) -> Target:
@@ -58,27 +32,27 @@ def fed_at(s: float, speed: float = 0.06) -> Target:
     return t
 
 
-def seen_with(**columns: Array) -> Ahead:
+def seen_with(**columns: Array) -> drawing.Ahead:
     """What lies ahead: flat but for these columns of the course."""
     n = len(next(iter(columns.values())))
     course = course_of(np.zeros(n))._replace(**columns)
-    return Ahead(SPACING, rows_ahead(course, np.ones(n)))
+    return drawing.Ahead(SPACING, drawing.rows_ahead(course, np.ones(n)))
 
 
-def nothing_ahead() -> Ahead:
+def nothing_ahead() -> drawing.Ahead:
     """No course."""
-    return Ahead(1.0, np.zeros(0, AheadRow.dtype))
+    return drawing.Ahead(1.0, np.zeros(0, drawing.AheadRow.dtype))
 
 
-def granted(ahead: Ahead, error: float, memory: PathMemory) -> float:
+def granted(ahead: drawing.Ahead, error: float, memory: PathMemory) -> float:
     """Feed granted after one more cycle with a force error [N]."""
     t = fed_at(0.1)
-    memory.feed_error = averaged_error(memory.feed_error, error, t, FEED, 0.001)
-    return float(granted_feed(ahead, t, memory.feed_error, FEED))
+    memory.feed_error = drawing.averaged_error(memory.feed_error, error, t, FEED, 0.001)
+    return float(drawing.granted_feed(ahead, t, memory.feed_error, FEED))
 
 
 def sent(
-    ahead: Ahead,
+    ahead: drawing.Ahead,
     s: float,
     look_ahead: float = 0.0,
     ratio: float = 1.0,
@@ -88,20 +62,20 @@ def sent(
     """Rate along tool z that the feed-forward asks of a tool at ``R`` where ``wanted`` is aimed at [m/s]."""
     m = measurement_at_rest()
     m.rotation[:] = R
-    return float(planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
+    return float(drawing.planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
 
 
 def test_columns_are_linear_between_rows_and_held_at_the_ends():
     ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
     for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
-        assert at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
+        assert drawing.at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
 
 
 def test_without_a_course_nothing_is_expected():
     ahead = nothing_ahead()
-    assert at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
+    assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
     assert sent(ahead, 0.1) == 0.0
-    assert learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, NeighbourMemory()) == 0.0
+    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
     assert granted(ahead, 0.0, PathMemory()) == 1.0
 
 
@@ -109,7 +83,7 @@ def test_the_tool_is_sent_down_a_slope_at_slope_times_feed():
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
     assert sent(ahead, 0.05) == pytest.approx(0.05 * 0.06, rel=1e-3)
     assert sent(ahead, 0.05, ratio=0.2) == pytest.approx(0.2 * sent(ahead, 0.05))  # on stiffer springs
-    assert planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
+    assert drawing.planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
 
 
 def test_the_rate_is_that_of_the_place_where_the_command_will_act():
@@ -131,10 +105,10 @@ def test_turning_is_led_by_its_change_over_the_look_ahead():
     turning = np.zeros((400, 3))
     turning[200:, 1] = 10.0
     ahead, out = seen_with(turning=turning), np.zeros(7)
-    lead_turning(ahead, fed_at(0.0994), FeedForwardGains(0.02, True), out)
+    drawing.lead_turning(ahead, fed_at(0.0994), drawing.FeedForwardGains(0.02, True), out)
     np.testing.assert_allclose(out[3:6], [0.0, 10.0 * 0.06, 0.0], atol=1e-9)
     out[:] = 0.0
-    lead_turning(ahead, fed_at(0.15), FeedForwardGains(0.01, True), out)
+    drawing.lead_turning(ahead, fed_at(0.15), drawing.FeedForwardGains(0.01, True), out)
     np.testing.assert_allclose(out, 0.0, atol=1e-9)
 
 
@@ -154,7 +128,7 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
     bending = np.zeros(2000)
     bending[1000:1040] = 1.0 / 0.003
     course = course_of(np.zeros(2000), feed=0.06)._replace(bending=bending)
-    share = followable_share(course, CAN)
+    share = drawing.followable_share(course, CAN)
     assert share.min() == pytest.approx(math.sqrt(0.6 * 0.003) / 0.06, rel=0.02)
     assert (share[:900] == 1.0).all()
     assert (share[1140:] == 1.0).all()
@@ -168,10 +142,10 @@ def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibratio
     turning, mode = np.zeros((2000, 3)), np.full(2000, 2.0 * math.pi * 24.0)
     turning[800:1200, 1] = 1.0 / 0.06  # a bend of 60 mm radius
     rigid = course_of(np.zeros(2000), feed=0.03)._replace(turning=turning)
-    share = followable_share(rigid._replace(arm_mode=mode), can)
+    share = drawing.followable_share(rigid._replace(arm_mode=mode), can)
     assert share[1000] * 0.03 / 0.06 == pytest.approx(2.0 * math.pi * 12.0 / 200.0, rel=0.01)
     assert share[0] == share[-1] == 1.0
-    assert followable_share(rigid, can)[1000] == 1.0
+    assert drawing.followable_share(rigid, can)[1000] == 1.0
 
 
 def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not():
@@ -186,7 +160,7 @@ def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not():
 
 def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget():
     surplus = 0.5 * SPACING * np.arange(400)
-    share = followable_share(course_of(surplus, feed=0.1), CAN)
+    share = drawing.followable_share(course_of(surplus, feed=0.1), CAN)
     speed = 0.1 * share[200]
     assert 0.3 * SPRING * 0.5 * speed / 40.0 == pytest.approx(1.0, rel=1e-3)
 
@@ -205,9 +179,9 @@ def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it():
 
 def test_a_learned_ramp_is_stored_where_it_was_met():
     """The average lags its length behind a ramp; what is stored does not."""
-    ahead, state = seen_with(surplus=np.zeros(800)), LearningMemory()
+    ahead, state = seen_with(surplus=np.zeros(800)), surface.LearningMemory()
     for s in np.arange(0.0, 0.2, 0.06 * 0.001):
-        learn(ahead, fed_at(float(s)), 0.01 * s, LEARN, 0.001, state)
+        surface.learn(ahead, fed_at(float(s)), 0.01 * s, LEARN, 0.001, state)
     rows = np.arange(100, 300)
     assert ahead.rows["known"][rows].all()
     np.testing.assert_allclose(ahead.rows["learned"][rows], 0.01 * SPACING * rows, atol=1.5e-5)
@@ -218,12 +192,12 @@ def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_i
     neighbour = np.where(np.arange(800) < 600, np.arange(800) - 400, -1)
     ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
     ahead.rows["learned"], ahead.rows["known"] = 0.01 * SPACING * np.arange(800), True
-    state = NeighbourMemory()
-    assert learned_rate(seen_with(neighbour=neighbour), fed_at(0.25), 0.0, LEARN, 0.001, state) == 0.0
+    state = surface.NeighbourMemory()
+    assert surface.learned_rate(seen_with(neighbour=neighbour), fed_at(0.25), 0.0, LEARN, 0.001, state) == 0.0
     for _ in range(1000):
-        rate = learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, state)
+        rate = surface.learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, state)
     assert rate == pytest.approx(0.01 * 0.06, rel=1e-3)
-    fading = [learned_rate(ahead, fed_at(0.35), 0.0, LEARN, 0.001, state) for _ in range(1000)]
+    fading = [surface.learned_rate(ahead, fed_at(0.35), 0.0, LEARN, 0.001, state) for _ in range(1000)]
     assert fading[0] == pytest.approx(rate, rel=0.02)
     assert abs(fading[-1]) < 1e-3 * rate
     assert np.abs(np.diff(fading)).max() < 0.02 * rate
@@ -235,7 +209,7 @@ def level(true_tilt: Array, noise: float = 0.0, friction: float = 0.0, seconds: 
     The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a
     spring.
     """
-    rng, ahead, state = np.random.default_rng(1), nothing_ahead(), NormalMemory()
+    rng, ahead, state = np.random.default_rng(1), nothing_ahead(), surface.NormalMemory()
     m = measurement_at_rest()
     track = []
     for _ in range(round(1000 * seconds)):
@@ -245,7 +219,7 @@ def level(true_tilt: Array, noise: float = 0.0, friction: float = 0.0, seconds: 
         m.wrench[3:5] = (
             moment + travel * np.array([m.wrench[1], -m.wrench[0]]) + noise * rng.standard_normal(2)
         )
-        level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
         track.append([state.tilt_x, state.tilt_y])
     return np.array(track)
 
@@ -263,29 +237,29 @@ def test_the_noise_of_the_sensor_turns_the_tool_by_less_than_two_milliradians():
 
 def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it():
     """0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s."""
-    m, state, tilts = measurement_at_rest(), NormalMemory(), []
+    m, state, tilts = measurement_at_rest(), surface.NormalMemory(), []
     for k in range(3000):
         m.wrench[2:5] = 20.0, 0.3 * math.sin(2.0 * math.pi * 30.0 * 0.001 * k), 0.0
-        level_by_moment(nothing_ahead(), m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), NORMAL, 0.001, state)
         tilts.append(state.tilt_x)
     swing = 0.5 * np.ptp(tilts[2000:])
     alone = NORMAL.rate * 0.3 / NORMAL.pad_tilt_stiffness / (2.0 * math.pi * 30.0)
-    assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / MOMENT_HZ), rel=0.05)
+    assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / surface.MOMENT_HZ), rel=0.05)
 
 
 def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool():
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
-    m, state = measurement_at_rest(), NormalMemory()
+    m, state = measurement_at_rest(), surface.NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
     for _ in range(3000):
-        level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
 
 
 def test_the_planned_axis_is_turned_about_the_tools_own_axes():
     t, R = fed_at(0.0), np.empty((3, 3))
     t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
-    tilted_target(t, NormalMemory(0.05, -0.1), R)
+    surface.tilted_target(t, surface.NormalMemory(0.05, -0.1), R)
     expected = t.rotation @ Rotation.from_rotvec([0.05, -0.1, 0.0]).as_matrix()
     np.testing.assert_allclose(R, expected, atol=1e-12)
 
