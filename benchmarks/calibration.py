@@ -8,8 +8,16 @@ from scipy.spatial.transform import Rotation
 from benchmarks.table import Row, print_rows
 from polish_sim.config import DualConfig
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, compare_shares, draw_errors, predict
-from polish_sim.dual.calibrate_bases import ArmTrial, BaseTrial, run_arm_calibration, run_base_calibration
-from polish_sim.dual.calibrate_tcp import TcpTrial, planted_tool, run_tcp_calibration, simulate_touches
+from polish_sim.dual.calibrate import (
+    ArmTrial,
+    BaseTrial,
+    TcpTrial,
+    planted_tool,
+    run_arm_calibration,
+    run_base_calibration,
+    run_tcp_calibration,
+    simulate_touches,
+)
 from polish_sim.dual.calibration.tool import fit_tool_point
 from polish_sim.dual.calibration.tool_checks import orientation_spread, point_error_bound
 

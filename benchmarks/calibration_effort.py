@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.table import Row, print_rows
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, predict
-from polish_sim.dual.calibrate_tcp import TcpTrial
+from polish_sim.dual.calibrate import TcpTrial
 from polish_sim.dual.experiment import CALIBRATIONS
 
 EFFORTS = ((3, 0), (6, 0), (12, 0), (3, 3), (3, 6), (3, 12), (3, 24), (6, 12), (6, 24))

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from polish_sim.dual.arms import PairArms
-    from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
-    from polish_sim.dual.calibrate_tcp import TcpCalibration
+    from polish_sim.dual.calibrate import ArmsFound, BasesFound, TcpCalibration
 
 CALIBRATION = "calibration.toml"
 PANEL = "Instrument and measurements"
@@ -101,7 +100,7 @@ def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
     refuse_beside(given, "--data", "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
+    from polish_sim.dual.calibrate import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
 
     trial = TcpTrial(**chosen(given, "noise", "poses", "cone"))
@@ -131,7 +130,7 @@ def base(given: Given) -> int:
     tracker."""
     refuse_beside(given, "--data", "--noise", "--points", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
+    from polish_sim.dual.calibrate import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
 
     trial = BaseTrial(**chosen(given, "noise", "points"))
@@ -181,7 +180,7 @@ def arm(given: Given) -> int:
     )
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration.arm import Tolerance
-    from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
+    from polish_sim.dual.calibrate import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import read_tracked
 
     errors = {"length": given["--length-error"], "angle": given["--angle-error"]}
@@ -214,7 +213,7 @@ def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | No
     import numpy as np
 
     from polish_sim.dual.arms import lone_arms
-    from polish_sim.dual.calibrate_bases import Q_NEAR
+    from polish_sim.dual.calibrate import Q_NEAR
 
     return lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
 

@@ -16,7 +16,7 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, longest_side, norms
 from polish_sim.cli.view import Address, close_server, open_server, say_address
 from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, inverse
@@ -79,7 +79,7 @@ class Worked:
         gap."""
         over = points + self._above * self._normals[self._tree.query(points)[1]]
         lines = np.stack([over[:-1], over[1:]], axis=1)
-        length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+        length = norms(lines[:, 1] - lines[:, 0])
         lines = lines[(length > 1e-6) & (length < self._radius)]
         return lines if len(lines) else np.array([[over[0], over[0] + 1e-6]])
 
@@ -175,7 +175,7 @@ class LivePage:
         if len(path) and any(solid.kind == "part" for solid in solids):
             self.worked = Worked(self.server, node, solids, path, radius)
             self._middle = path.mean(axis=0)
-            self._size = float(np.ptp(path, axis=0).max()) + 2.0 * radius
+            self._size = longest_side(path) + 2.0 * radius
         self.built = True
 
     def scale(self, top: float) -> None:

@@ -1,6 +1,6 @@
 """Types of the arrays that flow between modules; docstrings say shapes and units."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,26 @@ def rms(values: Any) -> float:
 def rms_length(vectors: Array) -> float:
     """Root mean square of the lengths of vectors (n, k)."""
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def midpoints(values: Array) -> Array:
+    """Means of neighbours (n, ...), shape (n - 1, ...)."""
+    return 0.5 * (values[1:] + values[:-1])
+
+
+def longest_side(points: Array) -> float:
+    """Of the box around points (n, k)."""
+    return float(np.ptp(points, axis=0).max())
+
+
+def next_corners(corners: Any) -> Any:
+    """What facets (m, 3, ...) have at each corner's successor: where their edges end."""
+    return np.roll(corners, -1, axis=1)
+
+
+def joined(groups: Any) -> Iterator[Any]:
+    """The columns of groups of arrays, each group's rows behind those before."""
+    return (np.concatenate(columns) for columns in zip(*groups, strict=True))
 
 
 def by_slices(function: Callable[..., Any], *rows: Any) -> Any:

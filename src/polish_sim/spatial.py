@@ -128,6 +128,11 @@ def unit(vectors: Array) -> Array:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
+def into_plane(directions: Array, normals: Array) -> Array:
+    """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
+    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
+
+
 def perpendicular(vectors: Array) -> Array:
     """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
 

@@ -16,7 +16,7 @@ from polish_sim.calibration.matched_points import (
     relative_frame,
 )
 from polish_sim.dual.arms import lone_arms
-from polish_sim.dual.calibrate_bases import (
+from polish_sim.dual.calibrate import (
     HIGH,
     LOW,
     Q_NEAR,

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
-from polish_sim.dual.calibrate_bases import Q_NEAR
-from polish_sim.dual.calibrate_tcp import TcpTrial, run_tcp_calibration
+from polish_sim.dual.calibrate import Q_NEAR, TcpTrial, run_tcp_calibration
 from polish_sim.dual.calibration import tool
 from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,

@@ -6,7 +6,7 @@ import pytest
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface, fit_surface, load_part
-from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
+from polish_sim.hand_guiding.drag import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
 from tests.planning.shapes import to_polyline
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import stretches
 
@@ -298,7 +298,7 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
     """Distance from points to a circle in space [m]; points (n, 3) in the circle's frame, result (n,)."""
     offset = points - np.asarray(circle.center)
     height = offset @ np.asarray(circle.normal)
-    in_plane = np.linalg.norm(offset - height[:, None] * np.asarray(circle.normal), axis=1)
+    in_plane = norms(offset - height[:, None] * np.asarray(circle.normal))
     return np.hypot(height, in_plane - circle.radius)
 
 

@@ -36,7 +36,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.arrays import Array, Bools, Ints, longest_side, next_corners
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
@@ -147,14 +147,14 @@ def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their
     distance."""
     corners = vertices[faces]
-    longest = LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
+    longest = LONGEST_EDGE * longest_side(vertices)
     while True:
-        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        edges = np.linalg.norm(corners - next_corners(corners), axis=2)
         long = edges.max(axis=1) > longest
         if not long.any():
             return corners
         whole = corners[long]
-        middles = 0.5 * (whole + np.roll(whole, -1, axis=1))  # of the edges 0-1, 1-2, 2-0
+        middles = 0.5 * (whole + next_corners(whole))  # of the edges 0-1, 1-2, 2-0
         cut = [np.stack([whole[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
         corners = np.concatenate([corners[~long], *cut, middles])
 
@@ -276,7 +276,7 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     rows = rows[seen.in_space[rows]]
     if not len(rows):
         return  # the part stands before all of them
-    height = 0.06 * np.ptp(shown[process], axis=0).max()
+    height = 0.06 * longest_side(shown[process])
     tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))

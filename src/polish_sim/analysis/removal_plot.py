@@ -33,7 +33,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, midpoints
 from polish_sim.errors import number_text
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def plot_removal_runs(records: Sequence[RunRecord], path_words: Callable[[Scenar
         run = f"{record.scenario.controller.label}, {path_words(record.scenario)} ({record.name})"
         flat.set_title(f"{run}\n{_spread(record)}", fontsize=9.0, color=color)
         edges, shares = _histogram(removal)
-        share.plot(0.5 * (edges[1:] + edges[:-1]), shares, **line_look(index))
+        share.plot(midpoints(edges), shares, **line_look(index))
         if index % columns:
             flat.set_ylabel("")
     for flat in grid[len(records) :]:

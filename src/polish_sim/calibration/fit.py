@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import fdtri
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.errors import CalibrationError
 
 X = TypeVar("X")
@@ -186,7 +186,7 @@ def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
         spread = np.sqrt(e.size / freedom) / _GAUSSIAN_MEDIAN
         for kind in problem.noises:
             scale[kind.columns] = max(spread * float(np.median(np.abs(e[:, kind.columns]))), kind.floor)
-        weights = 1.0 / np.maximum(np.linalg.norm(e / scale, axis=1), 1e-2)
+        weights = 1.0 / np.maximum(norms(e / scale), 1e-2)
     k = e.shape[1]
     return x, np.asarray(np.sum((e / scale) ** 2, axis=1) <= k * _fisher(k, freedom))
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
@@ -64,7 +64,7 @@ class Measured(Columns):
         names = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
         self.need(names, f"{what}, in mm (or in m: {', '.join(f'{prefix}{axis}_m' for axis in 'xyz')})")
         points = UNITS[unit] * self.numbers(names)
-        distance = np.linalg.norm(points, axis=1)
+        distance = norms(points)
         middle = np.median(distance)
         self.refuse(
             (distance > _LARGEST_RATIO * middle) | (distance * _LARGEST_RATIO < middle),
@@ -79,7 +79,7 @@ class Measured(Columns):
         """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is
         another one."""
         points = self.points("", what)
-        middle = np.median(np.linalg.norm(points, axis=1))
+        middle = np.median(norms(points))
         if not REACH[0] <= middle <= REACH[1]:
             unit = next(unit for unit in UNITS if f"x_{unit}" in self.texts)
             raise InputError(
@@ -105,7 +105,7 @@ class Measured(Columns):
             )
         values = self.numbers(given)
         if given == ROTATION_VECTOR:
-            far = np.linalg.norm(values, axis=1) > FULL_TURN
+            far = norms(values) > FULL_TURN
             self.refuse(far, lambda _: "rx_rad to rz_rad turn by more than once round. Are they degrees?")
         R = forms[given](values)
         wanted = (
@@ -117,7 +117,7 @@ class Measured(Columns):
 
 def _from_quaternions(values: Array) -> Array:
     """Rotations of quaternions wxyz; one that is not of unit length gives no rotation."""
-    length = np.linalg.norm(values, axis=1)
+    length = norms(values)
     safe = np.where((length > 0.0)[:, None], values, [1.0, 0.0, 0.0, 0.0])
     scale = np.where(np.abs(length - 1.0) < ROTATION_TOLERANCE, 1.0, length)
     return Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None]

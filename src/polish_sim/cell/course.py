@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Indices, joined, norms
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.linear_arm import arm_modes
 from polish_sim.cell.scene import tool_on_flange
@@ -74,7 +74,7 @@ def build_course(
     ends = starts + [stroke.process.length for stroke in strokes]
     owner = np.searchsorted(0.5 * (ends[:-1] + starts[1:]), s)
     parts = [_poses(stroke, s[owner == k]) for k, stroke in enumerate(strokes)]
-    poses = _Poses(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    poses = _Poses(*joined(parts))
     R, p = T_base_work[:3, :3], T_base_work[:3, 3]
     pad = build_pad(scenario.pad)
     surplus, stiffness, moment, tilt_stiffness = _solve(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array, Indices, norms, running_sums
+from polish_sim.arrays import Array, Indices, midpoints, next_corners, norms, running_sums
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -72,10 +72,10 @@ def pad_motion(
     gained, times = np.diff(np.interp(marks, clock, impulse)), np.diff(marks)
     R_base_part = part.rotation[None] if part_turns is None else part_turns
     faces, turns = _pad_poses(log, trace, part.position, R_base_part, marks)
-    centers, velocities = 0.5 * (faces[1:] + faces[:-1]), np.diff(faces, axis=0) / times[:, None]
+    centers, velocities = midpoints(faces), np.diff(faces, axis=0) / times[:, None]
     outward = -turns.as_matrix()[:, :, 2]
     axes = unit(outward[1:] + outward[:-1])
-    spin = np.interp(0.5 * (marks[1:] + marks[:-1]), time, trace.spindle_rad_s)
+    spin = np.interp(midpoints(marks), time, trace.spindle_rad_s)
     turning = (turns[1:] * turns[:-1].inv()).as_rotvec() / times[:, None] - spin[:, None] * axes
     columns = (marks[1:], centers, axes, velocities, turning, times, gained)
     return PadMotion(*(np.ascontiguousarray(column[gained > 0.0]) for column in columns))
@@ -184,7 +184,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     while len(facets):
         places = surface.vertices[surface.faces[facets]]
         points = np.einsum("kca,kad->kcd", corners, places)
-        sides = norms(points - np.roll(points, -1, axis=1))
+        sides = norms(points - next_corners(points))
         away, _ = tree.query(points.mean(axis=1))
         near = away < REACH * touch.pad_radius + sides.max(axis=1)
         small = near & (sides.max(axis=1) <= limits[facets])

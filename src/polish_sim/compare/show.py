@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.style import BLUE, ORANGE, head, new_figure, styled
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, midpoints
 from polish_sim.compare.figures import SPEEDS, ForceStep
 from polish_sim.compare.replay import JOINTS, JointComparison
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
@@ -67,7 +67,7 @@ def plot_joint_torques(found: JointComparison, title: str) -> Figure:
     """Torque over time and friction by speed of each joint, measured and simulated."""
     figure = new_figure(12.0, 14.0)
     grid = figure.subplots(6, 2, width_ratios=(2.2, 1.0))
-    middle = 0.5 * (SPEEDS[1:] + SPEEDS[:-1])
+    middle = midpoints(SPEEDS)
     for j in JOINTS:
         over_time, by_speed = grid[j]
         for values, friction, color, name in (

@@ -22,8 +22,7 @@ from polish_sim.calibration.arm import LEAST_POSES, Tolerance, gear_columns
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import DualConfig, HeadConfig, PadConfig, RealArmConfig, RobotConfig
-from polish_sim.dual.calibrate_bases import Flanges, built_arm, simulate_tracked, wrong_table
-from polish_sim.dual.calibrate_tcp import Reading
+from polish_sim.dual.calibrate import Flanges, Reading, built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM

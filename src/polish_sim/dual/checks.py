@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.config import RobotConfig
 from polish_sim.dual.carrier import RAMP_PEAK, MasterRows
 from polish_sim.dual.master import MasterMotion
@@ -93,10 +93,10 @@ def check_carried(check: MotionCheck) -> None:
     ]
     velocity = (places[2] - places[0]) / (2.0 * DIFFERENCE_S)
     ramping = np.where(at.rate < 1.0, RAMP_PEAK, 0.0)
-    linear = np.linalg.norm(places[2] - 2.0 * places[1] + places[0], axis=1) / DIFFERENCE_S**2
-    angular = np.linalg.norm(turns[1] - turns[0], axis=1) / DIFFERENCE_S
-    linear += ramping * np.linalg.norm(velocity, axis=1)
-    angular += ramping * np.linalg.norm(0.5 * (turns[0] + turns[1]), axis=1)
+    linear = norms(places[2] - 2.0 * places[1] + places[0]) / DIFFERENCE_S**2
+    angular = norms(turns[1] - turns[0]) / DIFFERENCE_S
+    linear += ramping * norms(velocity)
+    angular += ramping * norms(0.5 * (turns[0] + turns[1]))
     robot = check.robot
     for found, most, unit, scale, key in (
         (linear, robot.linear_acceleration_m_s2, "mm/s^2", 1e3, "robot.linear_acceleration_m_s2"),

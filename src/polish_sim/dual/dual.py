@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import measure_removal, measure_surface
-from polish_sim.arrays import Array, rms
+from polish_sim.arrays import Array, norms, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Checked
@@ -35,7 +35,7 @@ from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, inverse, transform
+from polish_sim.spatial import apply, into_plane, inverse, transform
 
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
@@ -200,7 +200,7 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
     if pressing:
         axes = interpolate(s, wanted.s, wanted.axes)
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        tracking, relative = (e - np.sum(e * axes, axis=1)[:, None] * axes for e in (tracking, relative))
+        tracking, relative = (into_plane(e, axes) for e in (tracking, relative))
     return PairErrors(tracking, relative)
 
 
@@ -226,7 +226,7 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
              "master_way_m", "master_turn_rad", "speed_mean_m_s", "speed_std_m_s"), nothing,
         )  # fmt: skip
     tracking = np.abs(errors.tracking).max(axis=0)
-    relative = np.linalg.norm(errors.relative, axis=1)
+    relative = norms(errors.relative)
     process = trace.fed
     shift = trace.part_shift_m[process]
     speed = _speed(trace.time_s, trace.tool_on_part_m)[process]
@@ -250,4 +250,4 @@ def _speed(time: Array, points: Array) -> Array:
     (n,)."""
     early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
     gone = interpolate(late, time, points) - interpolate(early, time, points)
-    return np.linalg.norm(gone, axis=1) / (late - early)
+    return norms(gone) / (late - early)

@@ -21,8 +21,15 @@ from polish_sim.calibration.matched_points import frame_offset
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms
-from polish_sim.dual.calibrate_bases import Bases, simulate_arcs
-from polish_sim.dual.calibrate_tcp import Q_NEAR, Reading, TcpTrial, reached, simulate_touches
+from polish_sim.dual.calibrate import (
+    Q_NEAR,
+    Bases,
+    Reading,
+    TcpTrial,
+    reached,
+    simulate_arcs,
+    simulate_touches,
+)
 from polish_sim.dual.calibration.arm import read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
 from polish_sim.dual.calibration.pair import (

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.calibration.tables import Measured
 from polish_sim.config import Checked, DualConfig
 from polish_sim.dual.arms import ClosedChain
@@ -154,7 +154,7 @@ def read_master_path(file: Path) -> MasterPath:
 
 def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> None:
     steps = np.diff(times)
-    way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    way = norms(np.diff(poses[:, :3, 3], axis=0))
     turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()
     columns.refuse(
         np.r_[False, (way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps)],

@@ -29,7 +29,7 @@ from polish_sim.analysis.style import (
     shade_band,
     styled,
 )
-from polish_sim.arrays import Array, rms
+from polish_sim.arrays import Array, longest_side, norms, rms
 from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.bases import Group
@@ -37,8 +37,7 @@ from polish_sim.dual.calibration.pair import INSTRUMENTS
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
-    from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
-    from polish_sim.dual.calibrate_tcp import TcpCalibration
+    from polish_sim.dual.calibrate import ArmsFound, BasesFound, TcpCalibration
 
 BAND_MM = 0.1
 BAND_N = FORCE_BANDS_N["dual"]
@@ -81,7 +80,7 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the tool's error on the part along the path, one line a run."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
-        error = 1e3 * np.linalg.norm(_while_fed(record, "relative_error_m"), axis=1)
+        error = 1e3 * norms(_while_fed(record, "relative_error_m"))
         return _while_fed(record, "path_s_m"), error
 
     return compare_runs(
@@ -140,9 +139,7 @@ def plot_tool(done: TcpCalibration) -> Figure:
     _draw_frame(space, flanges[0] @ done.found.T_flange_tool, 0.06, "xyz")
     space.plot(*tip.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
     _finish(space, np.concatenate([flanges[:, :3, 3], tip.touched[None]]), "base")
-    _residual_bars(
-        bars, [Group("touches", flanges[:, :3, 3], np.linalg.norm(tip.residuals, axis=1), tip.used)]
-    )
+    _residual_bars(bars, [Group("touches", flanges[:, :3, 3], norms(tip.residuals), tip.used)])
     bars.set_xlabel("touch")
     x, y, z = 1e3 * tip.point
     facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
@@ -176,7 +173,7 @@ def plot_arms(done: ArmsFound) -> Figure:
     figure, space, bars = _canvas()
     everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.measured.items()}
     groups = [
-        Group(f"{robot}, {what}", one.seen, np.linalg.norm(arm.residuals, axis=1), everything[robot])
+        Group(f"{robot}, {what}", one.seen, norms(arm.residuals), everything[robot])
         for robot, one in done.measured.items()
         for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
     ]
@@ -277,7 +274,7 @@ def _draw_frame(space: Any, T: Array, size: float, names: str = "") -> None:
 def _finish(space: Any, points: Array, frame: str) -> None:
     """Equal scales, labels with units."""
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-    reach = 0.55 * float(np.ptp(points, axis=0).max())
+    reach = 0.55 * longest_side(points)
     for axis, center in zip("xyz", middle, strict=True):
         getattr(space, f"set_{axis}lim")(center - reach, center + reach)
         getattr(space, f"set_{axis}label")(f"{axis}, {frame} [m]")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig
@@ -23,7 +23,7 @@ from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
-from polish_sim.spatial import apply
+from polish_sim.spatial import apply, into_plane
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 SPARE_S = 1.0
@@ -88,11 +88,11 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
     """Whether a path bends and turns with no more acceleration than the limits allow."""
     change = np.gradient(motion.velocities, motion.spacing, axis=0)
     along = motion.velocities / np.maximum(np.linalg.norm(motion.velocities, axis=1, keepdims=True), 1e-12)
-    across = change - np.sum(change * along, axis=1, keepdims=True) * along
+    across = into_plane(change, along)
     axes = Rotation.from_quat(motion.quaternions, scalar_first=True).as_matrix()[:, :, 2]
     turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
     # At its ends, at rest, it has no direction.
-    bends, turns = (np.linalg.norm(rate[2:-2], axis=1) for rate in (across, turning))
+    bends, turns = (norms(rate[2:-2]) for rate in (across, turning))
     return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
 
 
@@ -189,7 +189,7 @@ def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
             time = done[-1].time[-1]
         clock = float(done[-1].clock[-1])
         meant = float(done[-1].meant[-1])
-    return Visits(*(np.concatenate(columns) for columns in zip(*done, strict=True)))
+    return Visits(*joined(done))
 
 
 def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[Visits]:
@@ -226,7 +226,7 @@ def _fed(stroke: Stroke, number: int, step: float, touch_down: float) -> Visits:
     """A stroke's feed after its touch-down [s], at the largest rates its motion may be played at."""
     motion = stroke.motion
     slowness = 1.0 / motion.rates
-    played = np.r_[0.0, np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * motion.spacing)]
+    played = np.r_[0.0, np.cumsum(midpoints(slowness) * motion.spacing)]
     if motion.duration == 0.0:
         played *= 0.0
     end = min(float(played[-1]), stroke.feed_time)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked
@@ -246,13 +246,13 @@ def fit_closed_spline(points: Array) -> BSpline:
     Raises SmoothingError for two neighbours in one place.
     """
     round_trip = np.concatenate([points, points[:1]])
-    chords = np.linalg.norm(np.diff(round_trip, axis=0), axis=1)
+    chords = norms(np.diff(round_trip, axis=0))
     if chords.min() <= 1e-9:
         k = int(np.argmin(chords))
         raise SmoothingError(
             f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out."
         )
-    u = np.concatenate([[0.0], np.cumsum(chords)])
+    u = running_sums(chords)
     return make_interp_spline(u, round_trip, k=DEGREE, bc_type="periodic")
 
 
@@ -298,7 +298,7 @@ def _curve_between(surface: Surface, outer: Array, inner: Array) -> BSpline:
         nearest = inner[np.argmin(np.linalg.norm(out[:, None] - inner[None], axis=2), axis=1)]
         curve = fit_closed_spline(surface.closest(0.5 * (out + nearest)).positions)
         points = curve(np.linspace(0.0, length_of(curve), 8 * count))
-        gap = np.linalg.norm(points - surface.closest(points).positions, axis=1).max()
+        gap = norms(points - surface.closest(points).positions).max()
         if gap <= OFF_SURFACE:
             return curve
     raise PlanError(

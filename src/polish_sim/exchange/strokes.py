@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
-from polish_sim.spatial import rotation_to_axis, unit
+from polish_sim.spatial import into_plane, rotation_to_axis, unit
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
@@ -136,15 +136,15 @@ def feed_frames(path: ToolPath) -> Array:
     feed = np.diff(path.positions_work, axis=0)
     feed = np.concatenate([feed, feed[-1:]])
     feed = unit(feed)
-    across = feed - np.sum(feed * z, axis=1, keepdims=True) * z
-    known = np.linalg.norm(across, axis=1) > ACROSS
+    across = into_plane(feed, z)
+    known = norms(across) > ACROSS
     if not known.any():
         raise PlanError("the path runs along the tool axis only: no feed direction to turn the tool to.")
     # The last known row at or before each row; rows before the first take the first.
     source = np.maximum.accumulate(np.where(known, np.arange(len(z)), -1))
     source = np.where(source < 0, int(known.argmax()), source)
     x = across[source]
-    x = unit(x - np.sum(x * z, axis=1, keepdims=True) * z)
+    x = unit(into_plane(x, z))
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 

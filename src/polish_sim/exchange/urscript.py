@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.exchange.strokes import (
     ExportSetup,
     StrokeRows,
@@ -300,7 +300,7 @@ def _contact(
     rows = stroke.contact
     feed = feeds_of(path, setup)
     force = forces_of(path, setup)
-    gap = np.linalg.norm(np.diff(path.positions_work[rows], axis=0), axis=1)
+    gap = norms(np.diff(path.positions_work[rows], axis=0))
     blend = np.minimum(BLEND_SHARE * np.minimum(gap[:-1], gap[1:]), LARGEST_BLEND_M)
     for row, before, radius in zip(rows[1:], rows[:-1], [*blend, 0.0], strict=True):
         remark = in_part_remark(inside[row], inside[before] and before != rows[0])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, joined, longest_side, running_sums
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import (
@@ -65,7 +65,7 @@ class Tube(NamedTuple):
 def path_tube(result: PlanResult) -> Tube:
     """Wrap the path in a thin tube, coloured along its length; every stretch in contact or in the air on its
     own."""
-    size = np.ptp(result.mesh.vertices, axis=0).max()
+    size = longest_side(result.mesh.vertices)
     radius = max(RADIUS_SHARE * result.plan.stepover_m, SMALLEST_SHARE * size)
     path = result.path
     rows = needed_rows(path, CHORD_SHARE * radius, BEND_RAD, size)
@@ -131,7 +131,7 @@ def _joined(pieces: list[Tube]) -> Tube:
         piece._replace(faces=piece.faces + np.int32(start))
         for piece, start in zip(pieces, starts, strict=True)
     ]
-    return Tube(*(np.concatenate(column) for column in zip(*numbered, strict=True)))
+    return Tube(*joined(numbered))
 
 
 # The plan as a page for the browser, without a robot: part, path, and the pad going along it (plan -> Page).
@@ -170,7 +170,7 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
     standing = PageBody(-1, transform(up.T, np.zeros(3)).tolist())
     bodies, joints = free_tool(path.positions_work, path.axes_work, parent=0)
     pace = np.where(path.process, feeds_of(path, setup), AIR_SPEED)
-    time = np.concatenate([[0.0], np.cumsum(np.diff(path.s) / np.minimum(pace[1:], pace[:-1]))])
+    time = running_sums(np.diff(path.s) / np.minimum(pace[1:], pace[:-1]))
     force = np.where(path.process, forces_of(path, setup), 0.0)
     motion = Motion(
         time=time,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
 from polish_sim.tables import Place
@@ -34,7 +34,7 @@ def positive_column(file: Path, name: str, values: Array, place: Place) -> Array
 def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
     """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed
     precision."""
-    length = np.linalg.norm(axes, axis=1)
+    length = norms(axes)
     wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
     if len(wrong):
         row = int(wrong[0])

@@ -12,12 +12,12 @@ from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked
 from polish_sim.experiments.compensation import arm_file
+from polish_sim.experiments.free_space import free_cell
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.standing_still import free_cell
 from polish_sim.motion import use_arm
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length

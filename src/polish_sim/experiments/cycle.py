@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, midpoints, norms, running_sums
 from polish_sim.cell.stroke import (
     RETRACT_SPEED,
     TARE_START,
@@ -84,9 +84,9 @@ def _deviations(stroke: Stroke) -> tuple[float, float]:
         np.interp(at, np.arange(len(axes)), column) for column in np.concatenate([table.positions, axes], 1).T
     ]
     tips, along = np.stack(wanted[:3], axis=1), unit(np.stack(wanted[3:], axis=1))
-    chords = np.linalg.norm(_axes(motion.quaternions) - along, axis=1)
+    chords = norms(_axes(motion.quaternions) - along)
     turned = 2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0))
-    return float(np.linalg.norm(motion.positions - tips, axis=1).max()), float(turned.max())
+    return float(norms(motion.positions - tips).max()), float(turned.max())
 
 
 def _axes(quaternions: np.ndarray) -> np.ndarray:
@@ -148,8 +148,8 @@ def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
 def _played(motion: TimedPath) -> Array:
     """When the rows of a motion are played at its largest rates [s], from 0."""
     slowness = 1.0 / motion.rates
-    steps = 0.5 * (slowness[1:] + slowness[:-1]) * motion.duration / max(len(slowness) - 1, 1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    steps = midpoints(slowness) * motion.duration / max(len(slowness) - 1, 1)
+    return running_sums(steps)
 
 
 def _thinned(time: Array, *columns: Array) -> tuple[Array, ...]:

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, midpoints
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
@@ -259,7 +259,7 @@ def drawn_nodes(plan: PlanResult) -> Nodes:
 def _places(path: ToolPath, apart: float) -> tuple[Array, Array]:
     """Middles of steps along the path in contact [m], and their lengths [m], both (k,)."""
     ends = [_divided(path, pair, apart) for pair in stretches(path.process)]
-    return np.concatenate([0.5 * (e[1:] + e[:-1]) for e in ends]), np.concatenate([np.diff(e) for e in ends])
+    return np.concatenate([midpoints(e) for e in ends]), np.concatenate([np.diff(e) for e in ends])
 
 
 def _divided(path: ToolPath, rows: tuple[int, int], apart: float) -> Array:

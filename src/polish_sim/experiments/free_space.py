@@ -1,17 +1,34 @@
-"""Log and common figures of an arm in free space, whose runs the cell's loop does not record."""
+"""The robot in free space: a cell without a part, and poses it visits to stand still and read its wrist
+sensor; log and common figures of an arm whose runs the cell's loop does not record."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
+from polish_sim.calibration import PayloadReadings
+from polish_sim.calibration.poses import move, move_time
+from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
+from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Checked
+from polish_sim.control import build_controller
+from polish_sim.errors import CalibrationError, ProtectiveStop
+from polish_sim.experiments.compensation import knowing_host
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+from polish_sim.motion import forward
+from polish_sim.motion.timed_path import time_path
+from polish_sim.motion.trajectory import PathTable, build_path_table
+
+if TYPE_CHECKING:
+    from polish_sim.cell.cell import CellRun
+    from polish_sim.config import RobotConfig, Scenario
 
 
 class ToolMotion(NamedTuple):
@@ -39,7 +56,7 @@ class ToolMotion(NamedTuple):
         off, nothing = self.wanted - self.tips, np.zeros(len(time))
         still = np.zeros_like(off)
         turned = Rotation.from_matrix(self.wanted_frames) * Rotation.from_matrix(self.frames).inv()
-        far, aside = (np.linalg.norm(error, axis=1) for error in (off, off if across is None else across))
+        far, aside = (norms(error) for error in (off, off if across is None else across))
         return Trace(
             time, phase.astype(np.int8), nothing, far, aside, turned.magnitude(), self.tips, self.speed,
             place, still, nothing, nothing, off, still,
@@ -85,3 +102,139 @@ def free_figures(
         "steps": steps,
         "seed": seed,
     }
+
+
+CLOCK_FEED = 0.1  #: Length of the path that stands for a second [m], standing still included
+ROW_S = 0.01  # between rows of the path [s]
+START_S = 0.5  # until the path's clock has come up to speed [s]
+#: Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]
+USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0
+AT_REST_RAD_S = 2e-3  #: No joint may be faster while the sensor is read
+
+
+def free_cell(
+    scenario: Scenario,
+    start: PathTable,
+    table: PathTable,
+    feed: float,
+    q_start: Array,
+    rng: np.random.Generator,
+) -> Cell:
+    """A cell without a part whose tool moves along a table at a feed [m/s], from one that stays at its
+    beginning."""
+    pace = feed_pace(feed)
+    stroke = Stroke(
+        travel=time_path(start, pace),
+        lead_in=start,
+        process=table,
+        motion=time_path(table, pace),
+        force=np.zeros(len(table.positions)),
+        approach_speed=feed,
+        feed=feed,
+        hold=0.0,
+        feed_time=scenario.process.max_feed_s or math.inf,
+    )
+    return Cell(
+        scenario, build_scene(scenario), no_part(), [stroke], q_start,
+        build_controller(scenario.controller), rng, host=knowing_host(scenario, q_start),
+    )  # fmt: skip
+
+
+class Visit(NamedTuple):
+    """The way through some poses and when the robot stands still in each."""
+
+    table: PathTable
+    windows: Array  #: First and last place of the path at which readings are averaged [m], shape (n, 2)
+
+
+def patience(robot: RobotConfig) -> float:
+    """How much longer than planned a robot with low acceleration limits gets for its ways [-]."""
+    shares = (
+        USUAL_LINEAR / robot.linear_acceleration_m_s2,
+        USUAL_ANGULAR / robot.angular_acceleration_rad_s2,
+    )
+    return math.sqrt(max(1.0, *shares))
+
+
+def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -> Visit:
+    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average``
+    [s].
+
+    ``patience`` is a factor on the time of the ways [-].
+    """
+    rows, windows, now = [q[:1]], [], START_S
+    times: list[Array] = [np.zeros(1)]
+    for k, pose in enumerate(q):
+        if k:
+            duration = patience * move_time(q[k - 1], pose)
+            share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / ROW_S)))[1:]
+            rows.append(move(q[k - 1], pose, share))
+            times.append(np.asarray(now + duration * share))
+            now += duration
+        still = np.arange(1, max(2, math.ceil((settle + average) / ROW_S)) + 1) * ROW_S
+        rows.append(np.tile(pose, (len(still), 1)))
+        times.append(np.asarray(now + still))
+        windows.append([now + settle, now + settle + average])
+        now = float(times[-1][-1])
+    T_base_tool = forward(np.concatenate(rows)) @ tool_on_flange()
+    place = CLOCK_FEED * np.concatenate(times)
+    table = build_path_table(
+        T_base_tool[:, :3, 3], T_base_tool[:, :3, :3], place, spacing=0.5 * CLOCK_FEED * ROW_S
+    )
+    return Visit(table, CLOCK_FEED * np.array(windows))
+
+
+def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.random.Generator) -> Cell:
+    """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is."""
+    start = build_path_table(
+        visit.table.positions[:1],
+        Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix(),
+    )
+    whole = replace(scenario, process=replace(scenario.process, max_feed_s=0.0))
+    cell = free_cell(whole, start, visit.table, CLOCK_FEED, q_start, rng)
+    cell.compensate(0.0, np.zeros(3))
+    return cell
+
+
+def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, PayloadReadings]:
+    """Visit the poses and average the readings in each.
+
+    Raises:
+        ProtectiveStop: The robot stopped on its way.
+        CalibrationError: It did not stand still where readings were taken.
+        KeyboardInterrupt: The user broke off.
+    """
+    run = cell.run(observer)
+    if run.interrupted:
+        raise KeyboardInterrupt
+    if run.stop_reason:
+        raise ProtectiveStop(f"protective stop on the way through the poses: {run.stop_reason}.")
+    place, log = run.log["path_s_m"], run.log
+    # A host that computes with its own table believes to be where it has steered the tool to.
+    frame = "target_quaternion_wxyz" if cell.real_arm.elastic else "tcp_quaternion_wxyz"
+    times, frames, means = [], [], []
+    for number, (first, last) in enumerate(visit.windows, 1):
+        rows = (place >= first) & (place <= last)
+        if not rows.any():
+            raise CalibrationError(
+                f"no row of the log is in the {(last - first) / CLOCK_FEED:.3g} s of readings in pose "
+                f"{number}. Raise payload.average_s or simulation.log_rate_hz."
+            )
+        speed = float(np.abs(log["qd_rad_s"][rows]).max())
+        if speed > AT_REST_RAD_S:
+            raise CalibrationError(
+                f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. "
+                "Raise payload.settle_s."
+            )
+        times.append(float(log["time_s"][rows].mean()))
+        frames.append(log[frame][rows][-1].astype(np.float64))
+        means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
+    R_base_sensor = Rotation.from_quat(np.array(frames), scalar_first=True).as_matrix()
+    return run, PayloadReadings(np.array(times), R_base_sensor, _at_sensor(cell, np.array(means)))
+
+
+def _at_sensor(cell: Cell, tared: Array) -> Array:
+    """What the sensor read, from the host's tared wrenches about the tool point, shape (n, 6)."""
+    found = tared + cell.tare
+    found[:, 3:] += np.cross(cell.carried.lever, found[:, :3])
+    return found

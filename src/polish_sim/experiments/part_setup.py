@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
 from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
@@ -264,7 +264,7 @@ def shape_figures(shape: RealShape, path: ToolPath) -> dict[str, Any]:
     if not shape.given:
         return {}
     positions, axes = path.positions_work[path.process], path.axes_work[path.process]
-    above = np.sum((shape.surface.closest(positions).positions - positions) * axes, axis=1)
+    above = dots(shape.surface.closest(positions).positions - positions, axes)
     facts = {"lowest_m": float(above.min()), "highest_m": float(above.max()), "notes": list(shape.mesh.notes)}
     return {"real_part": facts}
 
@@ -275,7 +275,7 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
     Raises:
         MeshError: Saying how far away it is, and how large beside the drawing.
     """
-    away = np.linalg.norm(shape.surface.closest(positions).positions - positions, axis=1)
+    away = norms(shape.surface.closest(positions).positions - positions)
     if np.median(away) <= FAR_M:
         return
     nearest = int(np.argmin(away))

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim import calibration
-from polish_sim.arrays import Array, rms_length
+from polish_sim.arrays import Array, norms, rms_length
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
+from polish_sim.experiments.free_space import patience, plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
-from polish_sim.experiments.standing_still import patience, plan_visit, run_visit, visiting_cell
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
@@ -93,8 +93,8 @@ def run_payload_calibration(
     figures |= {
         "drift_600s_rms_n": rms_length(long_run.tared_once),
         "drift_600s_retared_rms_n": rms_length(long_run.tared_again),
-        "drift_600s_max_n": float(np.linalg.norm(long_run.tared_once, axis=1).max()),
-        "drift_600s_retared_max_n": float(np.linalg.norm(long_run.tared_again, axis=1).max()),
+        "drift_600s_max_n": float(norms(long_run.tared_once).max()),
+        "drift_600s_retared_max_n": float(norms(long_run.tared_again).max()),
         "simulated_s": run.steps * scenario.simulation.timestep_s,
         "wall_s": run.wall_s,
         "steps": run.steps,
@@ -180,9 +180,9 @@ def _residual_figures(
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
         "residual_poses": CHECK_POSES,
-        "residual_force_max_n": float(np.linalg.norm(left, axis=1).max()),
+        "residual_force_max_n": float(norms(left).max()),
         "residual_force_rms_n": rms_length(left),
-        "residual_force_tared_max_n": float(np.linalg.norm(left - left[0], axis=1)[1:].max()),
+        "residual_force_tared_max_n": float(norms(left - left[0])[1:].max()),
     }
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
@@ -72,7 +72,7 @@ def rotations_towards(axes_base: Array, direction: Array) -> Array:
     """Tool frames with z against axes (n, 3) and x as near a direction (3,) as that allows, shape (n, 3,
     3)."""
     z_axes = -axes_base
-    if np.min(np.linalg.norm(np.cross(z_axes, direction), axis=1)) < 0.05:
+    if np.min(norms(np.cross(z_axes, direction))) < 0.05:
         raise ReachError(
             "the tool axes of this path turn through more than a right angle: no fixed tool spin fits."
         )

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
@@ -100,7 +100,7 @@ def outermost(positions: Array, axes: Array) -> Indices:
     )
     extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]
     rows = np.unique([*np.linspace(0, len(positions) - 1, _SAMPLES).astype(int), *extreme[0], *extreme[1]])
-    away = np.linalg.norm(positions[rows] - positions[rows].mean(axis=0), axis=1)
+    away = norms(positions[rows] - positions[rows].mean(axis=0))
     return rows[np.argsort(-away, kind="stable")]
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.analysis.claim import claim_row
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
@@ -25,7 +25,7 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
-from polish_sim.spatial import apply, transform
+from polish_sim.spatial import apply, into_plane, transform
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
@@ -222,7 +222,7 @@ def _sideways(record: RunRecord) -> Array:
     """Distance of the tool point from its target across the target's tool axis [m], shape (n,)."""
     off = numbers(record.log, "tcp_position_m") - numbers(record.log, "target_position_m")
     axis = _tool_axis(record, "target_quaternion_wxyz")
-    return np.linalg.norm(off - np.sum(off * axis, axis=1, keepdims=True) * axis, axis=1)
+    return norms(into_plane(off, axis))
 
 
 def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
@@ -238,8 +238,8 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     worst = np.maximum.reduceat(_sideways(record), kept)
     limit = record.scenario.robot.joint_speed_limit_rad_s
     twist, axis = column("command_twist"), _tool_axis(record, "tcp_quaternion_wxyz")[kept]
-    along = np.sum(twist[:, :3] * axis, axis=1)
-    across = np.linalg.norm(twist[:, :3] - along[:, None] * axis, axis=1)
+    along = dots(twist[:, :3], axis)
+    across = norms(twist[:, :3] - along[:, None] * axis)
     asked = Line("asked", motion.asked, "asked")
     read = [Line("read by the sensor", column(MEASURED)[:, 2], "1")] if MEASURED in log.names else []
     plots = [
@@ -264,10 +264,10 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     if row.carried or not row.fed:
         plots[2] = plots[2]._replace(lines=plots[2].lines[1:])
     if "relative_error_m" in log.names:
-        apart = 1e6 * np.linalg.norm(column("relative_error_m"), axis=1)
+        apart = 1e6 * norms(column("relative_error_m"))
         plots.insert(1, Plot("Tool from its place on the part", "µm", [Line("distance", apart)]))
     if "hand_force_n" in log.names:
-        plots[1] = Plot("Hand", "N", [Line("force", np.linalg.norm(column("hand_force_n"), axis=1))])
+        plots[1] = Plot("Hand", "N", [Line("force", norms(column("hand_force_n")))])
     return [plot for plot in plots if any(np.nan_to_num(line.values).any() for line in plot.lines)]
 
 
@@ -311,7 +311,7 @@ def plan_page(
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
     steps = np.diff(cycle.time)
-    speed = np.append(np.linalg.norm(np.diff(cycle.positions, axis=0), axis=1) / steps, 0.0)
+    speed = np.append(norms(np.diff(cycle.positions, axis=0)) / steps, 0.0)
     pressing = cycle.force > 0.0
     motion = Motion(
         time=cycle.time,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, dots, next_corners, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
@@ -43,11 +43,6 @@ def edge_points(start: Array, middle: Array, end: Array, share: Array) -> Array:
     """Points of quadratic curves at shares of their parameter; ``middle`` is the control point, arrays
     broadcast."""
     return (1.0 - share) ** 2 * start + 2.0 * share * (1.0 - share) * middle + share**2 * end
-
-
-def into_plane(directions: Array, normals: Array) -> Array:
-    """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
-    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
 
 
 @njit(inline="always")
@@ -99,7 +94,7 @@ def patch_areas(control: Array) -> Array:
 
 def from_corners(corners: Array) -> Array:
     """Write values that vary linearly over triangles, shape (m, 3, d), as quadratic ones, shape (m, 6, d)."""
-    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    middles = 0.5 * (corners + next_corners(corners))
     return np.concatenate([corners, middles], axis=1)
 
 
@@ -110,8 +105,8 @@ def quadratic_normals(corners: Array, normals: Array) -> Array:
     is exact on spheres, cylinders and cones; it is one order more accurate there than normals varying
     linearly. From corners (m, 3, 3) [m] and unit normals there, the control values (m, 6, 3).
     """
-    edges = np.roll(corners, -1, axis=1) - corners
-    both = normals + np.roll(normals, -1, axis=1)
+    edges = next_corners(corners) - corners
+    both = normals + next_corners(normals)
     lean = 2.0 * dots(edges, both) / np.maximum(dots(edges, edges), 1e-300)
     middle = unit(both - lean[..., None] * edges)
     # Where the ends' normals disagree wildly the mirror image means nothing.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Ints, norms
+from polish_sim.arrays import Array, Ints, next_corners, norms
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
 
@@ -32,7 +32,7 @@ def build_box_tree(control: Array) -> BoxTree:
     """Build the tree over patches with control points (m, 6, 3) [m]; a Bezier patch lies within the box of
     these."""
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
-    middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
+    middles = 0.5 * (control[:, :3] + next_corners(control[:, :3]))
     bulge = 2.0 / 3.0 * norms(control[:, 3:] - middles).max(axis=1)
     low, high, right, first, size, items = build_boxes(control.min(axis=1), control.max(axis=1))
     return BoxTree(low, high, right, first, size, items, bulge)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
@@ -80,11 +80,11 @@ def _cut_apart(
 
 def _edge_cuts(surface: Surface, values: Array, sign: NDArray[np.int8]) -> tuple[Array, Ints, int]:
     """Where each edge is cut (from corner e on), the number of the cut point, and how many there are."""
-    first, second = surface.faces, np.roll(surface.faces, -1, axis=1)
+    first, second = surface.faces, next_corners(surface.faces)
     swap = first > second
-    here, ahead = values[:, :3], np.roll(values[:, :3], -1, axis=1)
+    here, ahead = values[:, :3], next_corners(values[:, :3])
     start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
-    cut = sign * np.roll(sign, -1, axis=1) < 0
+    cut = sign * next_corners(sign) < 0
     low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
     _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
     vertex = np.full(cut.shape, -1, dtype=np.int32)
@@ -193,7 +193,7 @@ class Edges(NamedTuple):
 
 def find_edges(faces: Ints) -> Edges:
     """List the edges of triangles, faces (m, 3)."""
-    start, end = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
+    start, end = faces.astype(np.int64), next_corners(faces).astype(np.int64)
     low, high = np.minimum(start, end), np.maximum(start, end)
     size = int(high.max(initial=0)) + 1
     keys, which = np.unique(low * size + high, return_inverse=True)
@@ -226,7 +226,7 @@ def halve_edges(cut: CutFacets, places: Array, edges: Edges, marked: Bools) -> t
     number[marked] = len(places) + np.arange(int(marked.sum()))
     halves = marked[edges.of_facet]
     ids = np.concatenate([cut.faces, number[edges.of_facet]], axis=1)
-    middles = 0.5 * (cut.barycentric + np.roll(cut.barycentric, -1, axis=1))
+    middles = 0.5 * (cut.barycentric + next_corners(cut.barycentric))
     nodes = np.concatenate([cut.barycentric, middles], axis=1)
     rows, corners = [np.flatnonzero(~halves.any(axis=1))], [np.array([[0, 1, 2]])]
     for turn in range(3):

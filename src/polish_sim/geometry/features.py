@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, longest_side, next_corners, norms
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 from polish_sim.spatial import unit
 
@@ -76,7 +76,7 @@ def smooth_corners(
 
 def _max_weights(corners: Array) -> Array:
     """Weighted facet normals at each corner (m, 3, 3), n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
-    ahead = np.roll(corners, -1, axis=1) - corners
+    ahead = next_corners(corners) - corners
     behind = np.roll(corners, 1, axis=1) - corners
     size = dots(ahead, ahead) * dots(behind, behind)
     cross = np.cross(ahead[:, 0], behind[:, 0])
@@ -126,7 +126,7 @@ def _dominant(
 
 def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Array) -> Array:
     """Mean width of flat faces, area over half the length of the rim [m], shape (k,)."""
-    length = norms(np.roll(vertices[faces], -1, axis=1) - vertices[faces])
+    length = norms(next_corners(vertices[faces]) - vertices[faces])
     rim = (adjacency.facets < 0) | (labels[adjacency.facets] != labels[:, None])
     around = np.bincount(labels, weights=(length * rim).sum(axis=1), minlength=len(areas))
     return 2.0 * areas / np.maximum(around, 1e-300)
@@ -139,7 +139,7 @@ def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints
     bent after all is left apart: each of its facets is a face.
     """
     normals, areas = facet_normals(vertices, faces)
-    tolerance = FLAT_TOLERANCE * np.ptp(vertices, axis=0).max()
+    tolerance = FLAT_TOLERANCE * longest_side(vertices)
     opposite = faces[adjacency.facets, (adjacency.edges + 2) % 3]
     off_plane = np.abs(np.einsum("mej,mj->me", vertices[opposite] - vertices[faces], normals))
     facing = np.einsum("mj,mej->me", normals, normals[adjacency.facets]) > 0.0
@@ -205,9 +205,7 @@ def crease_tangents(
 def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
     """Find the lines of the edges of facets (m, 3) that are not ``smooth`` (m, 3)."""
     count = len(vertices)
-    sharp = np.unique(
-        np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)[~smooth], axis=1), axis=0
-    )
+    sharp = np.unique(np.sort(np.stack([faces, next_corners(faces)], axis=-1)[~smooth], axis=1), axis=0)
     ends = np.concatenate([sharp[:, 0], sharp[:, 1]])
     others = np.concatenate([sharp[:, 1], sharp[:, 0]])
     order = np.argsort(ends, kind="stable")

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, norms
-from polish_sim.geometry.bezier import area_elements, edge_control, into_plane, quadratic_normals
+from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, next_corners, norms
+from polish_sim.geometry.bezier import area_elements, edge_control, quadratic_normals
 from polish_sim.geometry.features import (
     FEATURE_ANGLE,
     SharpLines,
@@ -23,7 +23,7 @@ from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.surface import SourcePatches, Surface, build_on
 from polish_sim.geometry.topology import Adjacency, find_adjacency
-from polish_sim.spatial import unit
+from polish_sim.spatial import into_plane, unit
 
 FLAT_TILT = 1e-7  #: A facet is flat when its corners' normals differ from its own by less than this [rad]
 #: A patch folds where its area element, seen along the facet's normal, turns negative by this share
@@ -73,7 +73,7 @@ def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
         straight = np.repeat(folded[:, None], 3, axis=1)
         facet, edge = np.nonzero(straight & (adjacency.facets >= 0))
         straight[adjacency.facets[facet, edge], adjacency.edges[facet, edge]] = True
-        middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
+        middles = 0.5 * (control[:, :3] + next_corners(control[:, :3]))
         control[:, 3:] = np.where(straight[..., None], middles, control[:, 3:])
     return control
 
@@ -89,7 +89,7 @@ def _patches(
     vertices: Array, lines: SharpLines, faces: Ints, neighbours: Ints, corner_normals: Array, smooth: Bools
 ) -> Array:
     """Control points of each facet's patch, shape (m, 6, 3); on an edge the same number from both sides."""
-    first, second = faces, np.roll(faces, -1, axis=1)
+    first, second = faces, next_corners(faces)
     swap = first > second
     low, high = np.where(swap, second, first), np.where(swap, first, second)
     start, end = vertices[low], vertices[high]
@@ -97,7 +97,7 @@ def _patches(
     # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent
     # plane.
     start_way, end_way = crease_tangents(lines, low, high, unit_chord, smooth)
-    normal_ahead = np.roll(corner_normals, -1, axis=1)
+    normal_ahead = next_corners(corner_normals)
     start_normal = np.where(swap[..., None], normal_ahead, corner_normals)
     end_normal = np.where(swap[..., None], corner_normals, normal_ahead)
     turned = (smooth | (neighbours < 0))[..., None]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms, running_sums
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
@@ -115,7 +115,7 @@ def _pack(frames: Array, fitted: Array) -> Array:
 
 def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> tuple[_Links, Array]:
     """Links along all edges, each once in either direction, and the mean edge length at each vertex [m]."""
-    ahead_ids, way = np.roll(corners.ids, -1, axis=1), np.roll(vertices[faces], -1, axis=1) - vertices[faces]
+    ahead_ids, way = next_corners(corners.ids), next_corners(vertices[faces]) - vertices[faces]
     here = np.concatenate([corners.ids.ravel(), ahead_ids[~smooth]])
     there = np.concatenate([ahead_ids.ravel(), corners.ids[~smooth]])
     steps = np.concatenate([way.reshape(-1, 3), -way[~smooth]])
@@ -143,7 +143,7 @@ def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
     """Smooth vertices that touch a crease or border."""
     rim = np.zeros(count, dtype=bool)
     rim[ids[~smooth]] = True
-    rim[np.roll(ids, -1, axis=1)[~smooth]] = True
+    rim[next_corners(ids)[~smooth]] = True
     return rim
 
 

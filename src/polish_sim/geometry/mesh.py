@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array, Ints, longest_side
 from polish_sim.errors import MeshError, unknown_name
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.mesh_file import read_mesh_file
@@ -164,7 +164,7 @@ def part_from_arrays(
 
 
 def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
-    extent = np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()
+    extent = longest_side(triangles.corners.reshape(-1, 3))
     unit, unit_notes = _unit_of(extent, unit, triangles.unit, path)
     skin = mend(triangles.corners * metres_per_unit(unit), path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
@@ -247,7 +247,7 @@ def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
         return LighterMesh(vertices, faces)
     from fast_simplification import simplify  # slow to import
 
-    size = np.ptp(vertices, axis=0).max()  # its tolerances are lengths
+    size = longest_side(vertices)  # its tolerances are lengths
     points, triangles = simplify(vertices / size, faces.astype(np.int32), target_count=most_facets)
     return LighterMesh(size * points.astype(np.float64), triangles.astype(np.int32))
 

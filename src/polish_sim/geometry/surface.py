@@ -15,7 +15,7 @@ from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.spatial import into_plane, perpendicular, unit
 
 
 class SurfacePoints(NamedTuple):
@@ -174,7 +174,7 @@ class Surface:
         """Normal curvature along directions (n, 3) [1/m], shape (n,); positive = convex, sphere +1/R."""
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
-        tangents = directions - (directions * normals).sum(axis=1, keepdims=True) * normals
+        tangents = into_plane(directions, normals)
         length2 = np.maximum(dots(tangents, tangents), 1e-300)
         return np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, rms
+from polish_sim.arrays import Array, dots, norms, rms
 from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
@@ -25,7 +25,7 @@ def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
     hand_force_peak_n, hand_force_rms_n: of its norm; lent_energy_j: most the compensation had lent beyond
     what friction took.
     """
-    sizes = np.linalg.norm(force, axis=1)
+    sizes = norms(force)
     known = whole and len(sizes) > 0
     return {
         "hand_force_peak_n": float(sizes.max()) if known else math.nan,
@@ -90,9 +90,9 @@ def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
     """Distances (n,) [m] of points (n, 3) to the lines from one point to another, (3,) or (n, 3), ends
     included."""
     chord = last - first
-    share = np.sum((points - first) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
+    share = dots(points - first, chord) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
     foot = first + np.clip(share, 0.0, 1.0)[:, None] * chord
-    return np.linalg.norm(points - foot, axis=1)
+    return norms(points - foot)
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:
@@ -107,7 +107,7 @@ def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[s
     off = distance_to_line(taught.positions_work, meant.positions_work)
     missed = distance_to_line(meant.positions_work, taught.positions_work)
     near = np.asarray(cKDTree(meant.positions_work).query(taught.positions_work)[1])
-    aligned = np.sum(taught.axes_work * meant.axes_work[near], axis=1)
+    aligned = dots(taught.axes_work, meant.axes_work[near])
     return {
         "recorded_deviation_max_m": float(raw.max()),
         "recorded_deviation_rms_m": rms(raw),

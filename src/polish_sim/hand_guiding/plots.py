@@ -24,7 +24,7 @@ from polish_sim.analysis.style import (
     new_figure,
     styled,
 )
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
 
@@ -117,7 +117,7 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     log = record.log
     of_case = numbers(log, "case") == case
     time = numbers(log, "time_s")[of_case]
-    force = np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1)
+    force = norms(numbers(log, "hand_force_n")[of_case])
     moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, dots
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import (
     INTERVAL_95,
@@ -71,7 +71,7 @@ class SprungHead(NamedTuple):
         axis = link_frames(link.q)[:, 6, :3, 2]
         J = jacobian(link.q, self.center)[:, :3]
         place = link_frames(link.q)[:, 6, :3, 3] + self.center[2] * axis
-        along = np.fft.rfft(np.sum(axis * filtered(place, dt, band, 2), axis=1))
+        along = np.fft.rfft(dots(axis, filtered(place, dt, band, 2)))
         w = 2.0 * math.pi * np.fft.rfftfreq(len(axis), dt)
         gain = w**2 / (self.stiffness / self.mass - w**2 + 1j * w * self.damping / self.mass)
         force = self.mass * np.fft.irfft(gain * along, len(axis))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
@@ -96,7 +96,7 @@ def _sum(row: Array, own: int, names: Sequence[str]) -> str:
 
 def identifiable(base: BaseParameters) -> tuple[str, ...]:
     """Whether each parameter is identifiable: ``alone``, ``combined`` with others, or ``no``; shape (p,)."""
-    hidden = np.linalg.norm(base.null_space(), axis=1)
+    hidden = norms(base.null_space())
     seen = np.linalg.norm(base.combination, axis=0) > _CLEAN
     return tuple(
         "no" if not some else "alone" if off < 1e-7 else "combined"
@@ -240,7 +240,7 @@ def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -
     hidden = vectors[:, values <= _HIDDEN**2 * values[-1]]
     if not hidden.size:
         return
-    share = np.linalg.norm(hidden, axis=1)
+    share = norms(hidden)
     unknown = [name for name, part in zip(names, share, strict=True) if part > 1e-2]
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
     said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""

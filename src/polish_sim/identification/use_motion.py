@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, joined, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.reader import read_way_points
@@ -38,7 +38,7 @@ def use_states(source: Path) -> States:
     path.
     """
     moves = [_states_of(time, q) for time, q in _moves(source)]
-    states = States(*(np.concatenate(part) for part in zip(*moves, strict=True)))
+    states = States(*joined(moves))
     count = len(states.q)
     return states.rows(np.unique(np.linspace(0, count - 1, _MOST).astype(np.int64)))
 
@@ -105,5 +105,5 @@ def _along_path(source: Path) -> tuple[Array, Array]:
     _reach, way, q = follow_path(points, rows, placements, "or give a log", "Give a log instead.")
     default = ProcessConfig().feed_m_s
     feed = np.full(len(rows), default) if points.path.feed is None else points.path.feed[rows]
-    steps = np.linalg.norm(np.diff(way.positions, axis=0), axis=1) / feed[way.ends[1:]]
-    return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _TURN_S))]), q
+    steps = norms(np.diff(way.positions, axis=0)) / feed[way.ends[1:]]
+    return running_sums(np.maximum(steps, _TURN_S)), q

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import measure_removal
 from polish_sim.analysis.run_record import METRICS, RunRecord, read_json, write_json, write_record
+from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
@@ -184,9 +185,7 @@ def zoned(one: Pass, scenario: Checked, plan: PlanResult) -> PlanResult:
         force = force * np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
     for zone in one.zones:
         region = select_region(plan.surface, plan.mesh, zone.region, asked.feature_angle_rad)
-        off = np.linalg.norm(
-            region.surface.closest(path.positions_work).positions - path.positions_work, axis=1
-        )
+        off = norms(region.surface.closest(path.positions_work).positions - path.positions_work)
         force = np.where(off < ON_ZONE_M, force * zone.force, force)
         feed = np.where(off < ON_ZONE_M, feed * zone.feed, feed)
     if one.head.edge_force == 1.0 and not one.zones:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, midpoints
 from polish_sim.kernel_cache import njit
 from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import Chain, rows_among
@@ -38,7 +38,7 @@ class TimedPath(NamedTuple):
     def playing_time(self) -> float:
         """How long it takes at the largest rates [s]."""
         slowness = 1.0 / self.rates
-        return self.duration * float(np.mean(0.5 * (slowness[1:] + slowness[:-1])))
+        return self.duration * float(np.mean(midpoints(slowness)))
 
 
 class Pace(NamedTuple):

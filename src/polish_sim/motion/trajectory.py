@@ -9,8 +9,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, Ints, norms, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, midpoints, norms, running_sums
 from polish_sim.kernel_cache import njit
+from polish_sim.spatial import unit
 
 
 class PathTable(NamedTuple):
@@ -94,14 +95,14 @@ def slowed_before(speeds: Array, gain: float) -> Array:
 def continuous_quaternions(rotations: Array) -> Array:
     """Rotations (n, 3, 3) as quaternions wxyz whose signs do not jump, shape (n, 4)."""
     quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    turned = dots(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
     return np.ascontiguousarray(quaternions)
 
 
 def _interpolate_quaternions(s: Array, continuous: Array, nodes: Array) -> Array:
     blended = np.stack([np.interp(nodes, s, continuous[:, i]) for i in range(4)], axis=1)
-    return np.ascontiguousarray(blended / np.linalg.norm(blended, axis=1, keepdims=True))
+    return np.ascontiguousarray(unit(blended))
 
 
 def _turning(quaternions: Array, step: float) -> Array:
@@ -109,7 +110,7 @@ def _turning(quaternions: Array, step: float) -> Array:
     between = (frames[1:] * frames[:-1].inv()).as_rotvec() / step
     at_nodes = np.empty((len(quaternions), 3))
     at_nodes[0], at_nodes[-1] = between[0], between[-1]
-    at_nodes[1:-1] = 0.5 * (between[1:] + between[:-1])
+    at_nodes[1:-1] = midpoints(between)
     return at_nodes
 
 

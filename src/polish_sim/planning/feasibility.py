@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from polish_sim.arrays import longest_side
 from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
@@ -138,7 +139,7 @@ def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
     none is."""
     if width >= wanted or mesh.path.suffix.lower() in ENDINGS:
         return ""
-    size = np.ptp(mesh.vertices, axis=0).max()
+    size = longest_side(mesh.vertices)
     scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}
     fitting = [
         f"--units {unit} makes it {size * scale * 1e3:.4g} mm"
@@ -161,7 +162,7 @@ def check_start(part: Surface, plan: PlanConfig) -> None:
         return
     nearest = part.closest(np.array([plan.start])).positions[0]
     distance = np.linalg.norm(nearest - plan.start)
-    if distance > START_REACH * np.ptp(part.bounds, axis=0).max():
+    if distance > START_REACH * longest_side(part.bounds):
         raise PlanError(
             f"the start {place_in_mm(plan.start)} is {distance * 1e3:.4g} mm away from the part. "
             f"The nearest point of the part is {place_in_mm(nearest)}."

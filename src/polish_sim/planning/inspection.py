@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, dots, norms
+from polish_sim.arrays import Array, Bools, dots, longest_side, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
@@ -133,7 +133,7 @@ def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
             scaled = scale * points
             beyond = max((low - scaled).max(), (scaled - high).max())
-            if beyond < SLACK * size and np.ptp(scaled, axis=0).max() > LEAST_SHARE * size:
+            if beyond < SLACK * size and longest_side(scaled) > LEAST_SHARE * size:
                 return (
                     f"The {larger} is about {factor:g} times as large as the {smaller}: another unit? "
                     "Give it in mm, or set --units."

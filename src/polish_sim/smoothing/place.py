@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
 from polish_sim.exchange import WayPoints
@@ -80,8 +80,8 @@ def distinct_rows(points: WayPoints) -> Indices:
     """
     positions = points.path.positions_work
     axes = points.path.axes_work
-    moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) > SAME_M
-    turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_RAD
+    moved = norms(np.diff(positions, axis=0)) > SAME_M
+    turned = norms(np.diff(axes, axis=0)) > SAME_RAD
     rows = np.flatnonzero(np.concatenate([[True], moved | turned]))
     if len(rows) < 2:
         raise SmoothingError(
@@ -116,7 +116,7 @@ def way_between(positions: Array, axes: Array) -> Way:
         The way, the first point included.
     """
     turns = _turns(axes)
-    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    lengths = norms(np.diff(positions, axis=0))
     counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
     k = np.repeat(np.arange(len(counts)), counts)
     u = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1.0) / counts[k]
@@ -131,8 +131,8 @@ def way_between(positions: Array, axes: Array) -> Way:
 
 def _turns(axes: Array) -> Array:
     """Angles from each unit axis to the next [rad], (n, 3) -> (n - 1,)."""
-    sine = np.linalg.norm(np.cross(axes[:-1], axes[1:]), axis=1)
-    return np.arctan2(sine, np.sum(axes[:-1] * axes[1:], axis=1))
+    sine = norms(np.cross(axes[:-1], axes[1:]))
+    return np.arctan2(sine, dots(axes[:-1], axes[1:]))
 
 
 def follow_path(

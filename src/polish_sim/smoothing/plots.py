@@ -13,7 +13,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, HATCHES, ORANGE, head, new_figure, styled
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import LimitValues
@@ -161,7 +161,7 @@ def path_turns(raw: Chain) -> Array:
     """Angle the tip's path turns by at every way point [rad], 0 where it begins, ends or stays, shape (n +
     1,)."""
     old, new = raw.directions[:-1], raw.directions[1:]
-    turns = np.arctan2(np.linalg.norm(np.cross(old, new), axis=1), np.sum(old * new, axis=1))
+    turns = np.arctan2(norms(np.cross(old, new)), dots(old, new))
     turns[(raw.lengths[:-1] == 0.0) | (raw.lengths[1:] == 0.0)] = 0.0
     return np.concatenate([[0.0], turns, [0.0]])
 
@@ -234,7 +234,7 @@ def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:
     while True:
         times = np.linspace(max(at - span, 0.0), min(at + span, way.motion.end), SAMPLES)
         tips = way.motion.sample(times).tips[:, 0]
-        ends = np.linalg.norm(tips[[0, -1]] - place, axis=1)
+        ends = norms(tips[[0, -1]] - place)
         out = (ends > radius) | np.array([at - span <= 0.0, at + span >= way.motion.end])
         if out.all():
             return np.asarray(tips)

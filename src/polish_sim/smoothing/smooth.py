@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
 from polish_sim.cell.scene import build_scene
@@ -38,7 +38,7 @@ from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.figures import ORDERS
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
-from polish_sim.spatial import rotation_to_axis, transform, unit
+from polish_sim.spatial import into_plane, rotation_to_axis, transform, unit
 
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the
@@ -69,7 +69,7 @@ def trial_path() -> TrialPath:
     scale = 1e-3
     for _ in range(30):
         points = _on_dome(scale * flat)
-        scale *= LENGTH / float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        scale *= LENGTH / float(norms(np.diff(points, axis=0)).sum())
     points = _on_dome(scale * flat)
     into = -unit(points + [0.0, 0.0, DOME])
     return TrialPath(points + TOP, rotation_to_axis(into, np.array([1.0, 0.0, 0.0])))
@@ -133,7 +133,7 @@ def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
 
 def marks_along(chain: Chain) -> Array:
     """Arc length of a chain's way points; a turn on the spot counts as a nanometre, so that marks rise."""
-    return np.concatenate([[0.0], np.cumsum(np.maximum(chain.lengths, 1e-9))])
+    return running_sums(np.maximum(chain.lengths, 1e-9))
 
 
 def _given(scenario: Checked) -> tuple[Chain, Arm]:
@@ -156,7 +156,7 @@ def trace_of_rule(play: RulePlay) -> Trace:
     time = play.seen.time
     off = tool.wanted - tool.tips
     axes = tool.wanted_frames[:, :, 2]
-    across = off - np.sum(off * axes, axis=1)[:, None] * axes
+    across = into_plane(off, axes)
     return tool.trace(time, np.full(len(time), PROCESS_PHASE), play.seen.place, across)
 
 
@@ -185,7 +185,7 @@ def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, A
 
 def _motion(play: RulePlay, every: int) -> ToolMotion:
     tips, frames = _tool(play.played.q[::every], play.played.table)
-    speed = np.linalg.norm(np.gradient(tips, play.seen.time[::every], axis=0), axis=1)
+    speed = norms(np.gradient(tips, play.seen.time[::every], axis=0))
     return ToolMotion(tips, frames, speed, *_tool(play.targets.q[::every]))
 
 

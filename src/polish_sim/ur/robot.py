@@ -12,7 +12,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.errors import ReachError
@@ -407,7 +407,7 @@ class SimulatedRobot:
         forces = np.array([force[:3] for _, force in list(self._past)[-500:]])
         change = forces - np.median(forces, axis=0)
         way = np.asarray(direction, dtype=float)[:3]
-        pressed = -change @ unit(way) if way.any() else np.linalg.norm(change, axis=1)
+        pressed = -change @ unit(way) if way.any() else norms(change)
         free = np.flatnonzero(pressed < TOUCH_N)
         since = pressed[free[-1] + 1 :] if len(free) else pressed
         return len(since) if np.any(since > CONTACT_N) else 0

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, rms
+from polish_sim.arrays import Array, Bools, norms, rms
 from polish_sim.calibration.matched_points import relative_frame
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
@@ -99,7 +99,7 @@ class AxisArcs:
             Group(
                 f"{robot}, axis {axis + 1}",
                 self.arcs[robot][axis],
-                np.linalg.norm(c.residuals, axis=1),
+                norms(c.residuals),
                 c.used,
             )
             for robot in ROBOTS

@@ -15,7 +15,7 @@ from itertools import permutations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, rms_length
+from polish_sim.arrays import Array, norms, rms_length
 from polish_sim.calibration.fit import column_orders
 from polish_sim.calibration.poses import check_poses
 from polish_sim.errors import CalibrationError
@@ -137,7 +137,7 @@ def _median_left(R: Array, origins: Array) -> float:
     """Median distance of the touches from their fit [m], which a wrong one moves little."""
     A = touch_rows(R)
     theta = np.linalg.lstsq(A.reshape(-1, 6), -origins.ravel(), rcond=None)[0]
-    return float(np.median(np.linalg.norm(A @ theta + origins, axis=1)))
+    return float(np.median(norms(A @ theta + origins)))
 
 
 def plan_touch_orientations(count: int, cone: float) -> Array:

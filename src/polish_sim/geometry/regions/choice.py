@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side, norms
 from polish_sim.errors import InputError, PlanError, place_in_mm, regular
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
@@ -187,7 +187,7 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
     point = parse_point(argument)
     found = whole.surface.closest(point[None])
     distance = np.linalg.norm(found.positions[0] - point)
-    if distance > _POINT_REACH * np.ptp(whole.surface.bounds, axis=0).max():
+    if distance > _POINT_REACH * longest_side(whole.surface.bounds):
         raise PlanError(
             f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
             f"The nearest point of the part is {place_in_mm(found.positions[0])}."

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, norms
+from polish_sim.arrays import Array, Indices, Ints, dots, longest_side, next_corners, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
 from polish_sim.geometry.cut import (
@@ -111,7 +111,7 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
 def _is_flat(surface: Surface) -> bool:
     points = surface.control.reshape(-1, 3)
     normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
-    return np.ptp(points @ normal) < _FLAT * np.ptp(points, axis=0).max()
+    return np.ptp(points @ normal) < _FLAT * longest_side(points)
 
 
 def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
@@ -208,7 +208,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         corners = places[cut.faces]
-        size = norms(np.roll(corners, -1, axis=1) - corners).max(axis=1)
+        size = norms(next_corners(corners) - corners).max(axis=1)
         # No value changes faster than the distance: the new border may run where no corner is farther from
         # it.
         near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
@@ -247,7 +247,7 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
     6)."""
     corner = distance.at(surface.vertices) - margin
     here = corner[surface.faces]
-    middle = 0.5 * (here + np.roll(here, -1, axis=1))
+    middle = 0.5 * (here + next_corners(here))
     crossed = np.flatnonzero((here.min(axis=1) < 0.0) & (here.max(axis=1) > 0.0))
     edges = find_edges(surface.faces[crossed])
     ends = corner[edges.ends]

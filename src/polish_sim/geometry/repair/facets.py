@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, next_corners, norms
 from polish_sim.errors import MeshError
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
@@ -189,7 +189,7 @@ def _roundness(vertices: Array, faces: Ints) -> tuple[Array, Indices, Array]:
     """Height over longest edge (m,), which edge that is (m,), and the unit normal (m, 3)."""
     corners = vertices[faces]
     normals, areas = facet_normals(vertices, faces)
-    lengths2 = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2)
+    lengths2 = ((next_corners(corners) - corners) ** 2).sum(axis=2)
     longest = np.maximum(lengths2.max(axis=1), 1e-300)
     return 2.0 * areas / longest, lengths2.argmax(axis=1), normals
 
@@ -216,7 +216,7 @@ def split_t_junctions(skin: Skin) -> Skin:
     border = 3 * facet + at
     if len(border) == 0:
         return skin
-    start, end = skin.faces.ravel(), np.roll(skin.faces, -1, axis=1).ravel()
+    start, end = skin.faces.ravel(), next_corners(skin.faces).ravel()
     edge, vertex, along = _vertices_on_edges(skin, start[border], end[border])
     if len(edge) == 0:
         return skin

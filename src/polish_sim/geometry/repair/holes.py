@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
@@ -74,7 +74,7 @@ def find_holes(skin: Skin) -> list[Hole]:
             for loop in _simple_loops(_walk(ahead, first)):
                 members = np.array(loop, dtype=np.int64)
                 points = skin.vertices[members]
-                holes.append(Hole(members, float(np.ptp(points, axis=0).max()), points.mean(axis=0)))
+                holes.append(Hole(members, longest_side(points), points.mean(axis=0)))
     return sorted(holes, key=lambda hole: -hole.width)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Ints, norms
+from polish_sim.arrays import Array, Ints, joined, next_corners, norms
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.jets import solve_symmetric, tangent_frames
 from polish_sim.geometry.repair.skin import ScanNoise, Skin
@@ -44,7 +44,7 @@ def smooth_noise(skin: Skin) -> Skin:
     used = np.unique(skin.faces)
     if len(used) < FEWEST_VERTICES:
         return skin
-    edges = skin.vertices[np.roll(skin.faces, -1, axis=1)] - skin.vertices[skin.faces]
+    edges = skin.vertices[next_corners(skin.faces)] - skin.vertices[skin.faces]
     edge = np.median(norms(edges))
     normals = _vertex_normals(skin.vertices, skin.faces)
     noise = _noise(skin, used, normals, QUIET * edge)
@@ -119,7 +119,7 @@ def _fitted(
         part = wanted[begin : begin + _BATCH]
         _, near = tree.query(vertices[part], k=min(neighbours, len(used)))
         fits.append(_fit(vertices, normals, part, used[near], noise))
-    steps, scatter = (np.concatenate(arrays) for arrays in zip(*fits, strict=True))
+    steps, scatter = joined(fits)
     return vertices[wanted] + steps[:, None] * normals[wanted], scatter
 
 

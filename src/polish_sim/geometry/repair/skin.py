@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry.topology import find_edge_faults, label_pieces
 
@@ -39,7 +39,7 @@ class Skin(NamedTuple):
     @property
     def size(self) -> float:
         """Longest side of the bounding box of the vertices in use [m]."""
-        return float(np.ptp(self.vertices[np.unique(self.faces)], axis=0).max())
+        return longest_side(self.vertices[np.unique(self.faces)])
 
     def keep(self, kept: Bools | Ints, note: str) -> Skin:
         """The skin with these facets only, and a note about it."""
@@ -62,7 +62,7 @@ def merge_vertices(triangles: Array) -> tuple[Array, Ints, tuple[str, ...]]:
     gaps = find_edge_faults(faces).open
     if gaps == 0:
         return vertices, faces, ()
-    tolerance = WELD * np.ptp(vertices, axis=0).max()
+    tolerance = WELD * longest_side(vertices)
     welded = _weld(vertices, faces, tolerance)
     collapsed = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
     faults = find_edge_faults(welded[~collapsed])

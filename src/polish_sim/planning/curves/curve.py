@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.spatial import unit
+from polish_sim.spatial import into_plane, unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built
 # from.
@@ -43,8 +43,8 @@ def step_on_surface(
     distances stay.
     """
     step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
-    tangents = directions - normals * (directions * normals).sum(axis=1, keepdims=True)
-    tangents = tangents / np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-300)
+    tangents = into_plane(directions, normals)
+    tangents = unit(tangents)
     height = np.zeros(len(start))
     foot = None
     for _ in range(ITERATIONS):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, midpoints, next_corners, norms, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.ground.triangulation import Triangulation
@@ -52,8 +52,8 @@ def level_lines(
     if not crossed.any():
         return []
     triangles, flags = triangles[crossed], flags[crossed]
-    rising = np.argmax(~flags & np.roll(flags, -1, axis=1), axis=1)
-    falling = np.argmax(flags & ~np.roll(flags, -1, axis=1), axis=1)
+    rising = np.argmax(~flags & next_corners(flags), axis=1)
+    falling = np.argmax(flags & ~next_corners(flags), axis=1)
     rows = np.arange(len(triangles))
     # Points lie on edges named (lower vertex, higher vertex); entering over the falling edge keeps higher
     # left.
@@ -193,7 +193,7 @@ def stations(s: Array, spacing: Array) -> Array:
     there."""
     # Chords per metre, summed along the curve, rise by one from point to point.
     rate = 1.0 / spacing
-    progress = running_sums(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))
+    progress = running_sums(midpoints(rate) * np.diff(s))
     count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
 

@@ -10,17 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Indices, norms, running_sums
+from polish_sim.arrays import Array, Indices, next_corners, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
-from polish_sim.geometry.bezier import edge_control, edge_middle, into_plane, quadratic_normals
+from polish_sim.geometry.bezier import edge_control, edge_middle, quadratic_normals
 from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.regions.patches import join
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, trace_border
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.spatial import into_plane, perpendicular, unit
 
 
 class Bridged(NamedTuple):
@@ -262,7 +262,7 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     places, upright = np.concatenate([surface.vertices, outer]), np.empty((first + count, 3))
     upright[here], upright[out] = normals, normals
     corners = places[faces]
-    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    middles = 0.5 * (corners + next_corners(corners))
     middles[:count, 0] = surface.control[facet, 3 + edge]
     bend, ahead_bend = surface.shape[facet, edge], surface.shape[facet, ahead]
     return build_surface(

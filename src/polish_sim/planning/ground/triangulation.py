@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, joined, next_corners, norms, running_sums
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.geometry.features import facet_normals
@@ -149,7 +149,7 @@ def _split(
             [np.take_along_axis(triangles[rows], order, 1), np.take_along_axis(split[rows], order, 1)], axis=1
         )
         where = np.take_along_axis(corners[rows], order[:, :, None], 1)
-        where = np.concatenate([where, 0.5 * (where + np.roll(where, -1, axis=1))], axis=1)
+        where = np.concatenate([where, 0.5 * (where + next_corners(where))], axis=1)
         for piece in pieces(ids, vertices):
             out.append(
                 (
@@ -158,7 +158,7 @@ def _split(
                     owners[rows],
                 )
             )
-    return tuple(np.concatenate(parts) for parts in zip(*out, strict=True))  # type: ignore[return-value]
+    return tuple(joined(out))  # type: ignore[return-value]
 
 
 def _rows(ids: Indices, *picks: tuple[int, int, int]) -> list[Indices]:

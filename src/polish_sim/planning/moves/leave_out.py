@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, joined
 from polish_sim.config import PlanConfig
 from polish_sim.planning.moves.leads import AirSpace, Move, choose_leads, concatenate, with_leads
 from polish_sim.planning.moves.travel import travel
@@ -59,7 +59,7 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
         begin = end + 1
     if not blocks:
         return None
-    whole = _Block(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+    whole = _Block(*joined(blocks))
     s, origin = arc_length(whole.positions), whole.source
     wishes = [None if column is None else column[origin] for column in (path.force, path.feed)]
     left = ToolPath(

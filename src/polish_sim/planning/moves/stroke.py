@@ -14,7 +14,7 @@ from polish_sim.planning.moves.leads import Move
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.toolpath import PROCESS, arc_length, interpolate
-from polish_sim.spatial import unit
+from polish_sim.spatial import into_plane, unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
@@ -32,7 +32,7 @@ def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
     positive tilt tips it to the left of the feed seen from outside. Each angle is seen square to the other
     one's plane: the axis is n + tan(lead) t + tan(tilt) (n x t), t the feed directions (n, 3).
     """
-    along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
+    along = unit(into_plane(tangents, normals))
     across = np.cross(normals, along)
     return unit(normals + np.tan(lead) * along + np.tan(tilt) * across)
 
@@ -71,7 +71,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
     allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
     angle = angles_between(axes, wanted)
     # Turn towards the mean by the angle allowed, in the plane of both.
-    square = unit(wanted - axes * (wanted * axes).sum(axis=1, keepdims=True))
+    square = unit(into_plane(wanted, axes))
     turn = np.minimum(angle, allowed)[:, None]
     return unit(np.cos(turn) * axes + np.sin(turn) * square)
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, Bools, longest_side, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -67,7 +67,7 @@ def _short_axis(region: Region) -> Array:
     """Direction in which the region is narrowest, seen from above, shape (3,); turns with the part."""
     seen = footprint(region)
     flat, widths = seen.points, seen.widths
-    narrow = seen.ways[widths < widths.min() + AS_NARROW * np.ptp(flat, axis=0).max()]
+    narrow = seen.ways[widths < widths.min() + AS_NARROW * longest_side(flat)]
     # Break ties by an odd moment of the points, so that the choice turns with the part.
     odd = np.sin(1.0 + np.arange(len(flat))) @ (flat - flat.mean(axis=0))
     along = narrow @ odd

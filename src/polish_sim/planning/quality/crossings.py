@@ -18,7 +18,7 @@ from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
-from polish_sim.spatial import unit
+from polish_sim.spatial import into_plane, unit
 
 #: The way the later segment counts as moved, along no plane of a part
 ASIDE = np.array([0.6143, 0.5517, 0.5642])
@@ -80,7 +80,7 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     mean_j = unit(chords.start_normals[j] + chords.end_normals[j])
     normal = unit(mean_i + mean_j)
     p, q = chords.start[i], chords.start[j]
-    u, v, w = (a - dots(a, normal)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p))
+    u, v, w = (into_plane(a, normal) for a in (chords.end[i] - p, chords.end[j] - q, q - p))
 
     def turn(a: Array, b: Array) -> Array:
         return dots(np.cross(a, b), normal)

@@ -22,6 +22,7 @@ from polish_sim.planning.quality.located import PathOnSurface, locate
 from polish_sim.planning.quality.spacing import Stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
+from polish_sim.spatial import into_plane
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path ->
 # figures).
@@ -56,7 +57,7 @@ def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
             continue
         s, normals, here = curve.knots[inside], curve.normals[inside], curve.positions[inside]
         before, after = here - curve.at(s - CORNER_M)[0], curve.at(s + CORNER_M)[0] - here
-        before, after = (v - dots(v, normals)[:, None] * normals for v in (before, after))
+        before, after = (into_plane(v, normals) for v in (before, after))
         turn = np.arctan2(norms(np.cross(before, after)), dots(before, after))
         k = int(turn.argmax())
         if turn[k] > best.value:
