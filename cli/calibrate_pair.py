@@ -115,7 +115,8 @@ def tcp(given: Given) -> int:
             replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1]))
         )
 
-    claims, read = "tcp-gears" if _elastic(given) else "tcp", (read_tool_measurements, calibrate_tcp_from)
+    claims = "tcp-gears" if _elastic(given) else "tcp"
+    read = (read_tool_measurements, calibrate_tcp_from)
     return carry_out(given, Means("tcp", "tool frame", claims, run, *read, _tcp_notes, _write_tcp), trial)
 
 

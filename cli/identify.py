@@ -120,7 +120,8 @@ def _refuse_idle(given: Given) -> None:
 
 def _refuse_idle_arm(given: Given, log: Path | None) -> None:
     """Refuse ``--arm`` beside another robot or without a log, and options of its logs without it."""
-    arm, of_arm = given["--arm"], [option.name for option in LOG_OPTIONS if given[option.name] is not None]
+    arm = given["--arm"]
+    of_arm = [option.name for option in LOG_OPTIONS if given[option.name] is not None]
     if arm is None and of_arm:
         raise InputError(f"{of_arm[0]} belongs to --arm.")
     if arm is not None and given["--model"] is not None:
@@ -175,7 +176,8 @@ def many_seeds(settings: IdentifySettings, given: Given) -> int:
         return dict(run_identification(replace(settings, seed=seed), use=use).figures)
 
     depends = f"{replace(settings, seed=0)} {[bytes(states) for states in use or ()]}"
-    what, claims = f"identification, {count_text(settings.periods, 'period')}", asked_of(settings, bool(use))
+    what = f"identification, {count_text(settings.periods, 'period')}"
+    claims = asked_of(settings, bool(use))
     return run_seeds(Many("identify", what, depends, lambda _folder: figures_of, claims), given)
 
 

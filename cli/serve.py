@@ -283,7 +283,8 @@ def _serve(
     from polish_sim.ur.physics import TICK_S
     from polish_sim.ur.server import Server
 
-    robot, asked = controller.robot, threading.Event()
+    robot = controller.robot
+    asked = threading.Event()
     server = Server(controller, address, real_time, given["--port-offset"] or 0)
     signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
     started = time.perf_counter()

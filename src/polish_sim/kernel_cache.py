@@ -128,7 +128,8 @@ def is_warm() -> bool:
 
 def kernels_under(kernel: Any) -> set[Any]:
     """A kernel and all kernels it calls, directly or not, that are compiled on their own."""
-    found, waiting = {kernel}, [kernel]
+    found = {kernel}
+    waiting = [kernel]
     while waiting:
         function = waiting.pop().py_func
         named = (function.__globals__.get(name) for name in function.__code__.co_names)
@@ -460,7 +461,8 @@ def _user_cache() -> Path:
 @cache
 def _prune(home: Path) -> None:
     """Delete subfolders long unused, and beyond the size kept the ones unused longest; once per process."""
-    now, total = time.time(), 0
+    now = time.time()
+    total = 0
     for used, folder in sorted(_folders(home), reverse=True):
         total += sum(file.stat().st_size for file in folder.glob("*.nb?"))
         if now - used > _MOST_DAYS * _DAY or total > _MOST_BYTES:

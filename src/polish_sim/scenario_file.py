@@ -225,7 +225,8 @@ def _table_of(section: Any, place: str, comments: dict[str, str]) -> dict[str, A
     """A section as a nested table; the meaning of each key goes into ``comments``."""
     table: dict[str, Any] = {}
     for f in fields(section):
-        value, name = getattr(section, f.name), f"{place}{f.name}"
+        value = getattr(section, f.name)
+        name = f"{place}{f.name}"
         if is_dataclass(value):
             comments[name] = (type(value).__doc__ or "").strip().splitlines()[0]
             table[f.name] = _table_of(value, f"{name}.", comments)

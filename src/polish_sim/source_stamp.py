@@ -55,7 +55,8 @@ def source_stamp(module: str, compiler: str) -> str:
 def _dependencies(module: str) -> set[str]:
     """A module and all of this package it imports at its top, directly or not; imports inside functions come
     later."""
-    found, waiting = {module}, [module]
+    found = {module}
+    waiting = [module]
     while waiting:
         for name in imports_of(waiting.pop()) - found - _NOT_COMPILED_IN:
             found.add(name)
@@ -66,7 +67,8 @@ def _dependencies(module: str) -> set[str]:
 @cache
 def imports_of(module: str) -> frozenset[str]:
     """Modules of this package that a module imports at its top."""
-    names, statements = set[str](), _head(_source(module)).body
+    names = set[str]()
+    statements = _head(_source(module)).body
     if b"names_on_use(" in _source(module):  # its names are imported under TYPE_CHECKING
         statements = [
             inner for node in statements for inner in (node.body if isinstance(node, ast.If) else [node])

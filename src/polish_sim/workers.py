@@ -240,7 +240,8 @@ class _Local:
         waiting = _Waiting()
         for task in tasks:
             waiting.add(group_of(task), task)
-        tries, deaths = dict.fromkeys(tasks, 0), 0
+        tries = dict.fromkeys(tasks, 0)
+        deaths = 0
         try:
             while waiting or any(worker.tasks for worker in self._crew):
                 for ahead in range(AHEAD):
@@ -355,7 +356,8 @@ def _client(on: str, count: int) -> Iterator[Any]:
             )  # fmt: skip
             client = distributed.Client(cluster)
         else:
-            cluster, client = None, _reach(distributed, on)
+            cluster = None
+            client = _reach(distributed, on)
     try:
         yield client
     finally:

@@ -37,7 +37,7 @@ def test_the_arm_found_is_the_arm_built():
     use_arm(scenario.robot.arm)
     start = prepare_arc(scenario).reach.q_start
     found = find_arm(scenario, start)
-    model = robot_with_tool(scenario.robot, scenario.head, scenario.pad).compile()
+    model = robot_with_tool(scenario).compile()
     arm = resting_arm(scenario.robot.real, SEED, model)
     tool = tool_on_flange()[:3, 3]
     built = ArmEstimate(built_table(scenario.robot.real, SEED, model, start), np.eye(4), tool)

@@ -97,9 +97,7 @@ def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration()
     placing = PartPlacing(pose, plan.mesh, plan.surface, plan.path)
     T = from_pose(pose.part.pose)
     blind = find_reach(placing.positions, placing.axes, iter([T]), tool_on_flange(), above_table=True)
-    check = ArmCheck(
-        robot_with_tool(pose.robot, pose.head, pose.pad), plan.mesh, plan.surface, placing.axes, False
-    )
+    check = ArmCheck(robot_with_tool(pose), plan.mesh, plan.surface, placing.axes, False)
     touch = check.first_touch(T, blind.q_start[None])
     assert touch.names == "wrist or forearm and the part"
     assert not np.allclose(reached(pose, plan).q_start, blind.q_start, atol=0.1)

@@ -356,10 +356,8 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
                 label=label,
             )
     worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
-    name, place = (
-        f"seed {seeds[worst]}: {value_text(claim, values[worst])}",
-        (claim.scale * values[worst], 0.0),
-    )
+    name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
+    place = (claim.scale * values[worst], 0.0)
     axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")

@@ -123,7 +123,8 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
             f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or "
             "more, 60 are good."
         )
-    free, gears = spread > 0.0, np.eye(_GEARS)
+    free = spread > 0.0
+    gears = np.eye(_GEARS)
     # Beyond a knee that no pose shows a gear winds up as before it.
     gears[1::7, 0::7] = gears[2::7, 1::7] = -np.eye(6)
     prior = np.eye(len(spread))

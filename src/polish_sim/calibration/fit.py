@@ -176,7 +176,8 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
 
 def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
     """The fit of least absolute deviations, by reweighting, and the measurements near it."""
-    scale, (count, _, unknowns) = _columns(problem, x, "start"), problem.slopes(x).shape
+    scale = _columns(problem, x, "start")
+    count, _, unknowns = problem.slopes(x).shape
     weights = np.ones(count)
     freedom = max(count * len(scale) - unknowns, 1)
     for _ in range(_ROUNDS):

@@ -80,7 +80,8 @@ class ArmCheck:
         self._stand = [self._model.geom(name).id for name in STAND_NAMES]
         self._model.geom_contype[self._stand] = self._model.geom_conaffinity[self._stand] = 0
         self._data = mujoco.MjData(self._model)
-        crash, links = crash_points(self._model), [self._model.body(name).id for name in _WRIST_AND_FOREARM]
+        crash = crash_points(self._model)
+        links = [self._model.body(name).id for name in _WRIST_AND_FOREARM]
         chosen = np.isin(crash.bodies, links)
         self._points, self._bodies = crash.points[chosen], crash.bodies[chosen]
 

@@ -150,7 +150,8 @@ class Cell:
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         self.carried: Payload = carried_payload(model, self.data, self.arm)
-        self.strokes, self._fixture = tuple(strokes), fixture or no_part()
+        self.strokes = tuple(strokes)
+        self._fixture = fixture or no_part()
         self._crash_points = crash_points(model, self.arm)
         self._start = _Start(
             q_start, max(forces, default=scenario.process.contact_force_n), self._tangential_mass(),
@@ -188,9 +189,11 @@ class Cell:
         check_depth(pad, scenario.head, force, part.field.band)
         check_rates(scenario)
         self.on_part = any(stroke.contact for stroke in self.strokes)
-        self.scenario, self.set_points = scenario, SetPoints(scenario.process)
+        self.scenario = scenario
+        self.set_points = SetPoints(scenario.process)
         self.touched: str | None = None  #: The links in contact at a protective stop
-        self.stroke_number, self.draws = 0, np.empty((0, DRAWS))
+        self.stroke_number = 0
+        self.draws = np.empty((0, DRAWS))
         self.faults = FaultClock(
             planned_events(scenario.faults, scenario.process, self.on_part, self.fault_table), self.set_points
         )
@@ -216,7 +219,8 @@ class Cell:
             ) from error
         self.law: object
         if isinstance(controller, CompiledController):
-            self.law, context = controller.law, memory_of(controller.context)
+            self.law = controller.law
+            context = memory_of(controller.context)
             law = self.kernel.law._replace(context=context, course=controller.course.view(np.uint8))
             self.kernel = self.kernel._replace(law=law)
         else:
@@ -243,8 +247,10 @@ class Cell:
 
         The scenario's ``sensor.payload_mass_error`` comes on top of ``mass`` [kg].
         """
-        payload, self._believed = self.state.payload, (mass, center)
-        payload.mass, payload.center = mass * (1.0 + self.scenario.sensor.payload_mass_error), center
+        payload = self.state.payload
+        self._believed = (mass, center)
+        payload.mass = mass * (1.0 + self.scenario.sensor.payload_mass_error)
+        payload.center = center
 
     @property
     def payload_errors(self) -> PayloadErrors:
@@ -370,7 +376,8 @@ class Cell:
 
         The one under way is replaced by that of its number; its time and place are kept.
         """
-        self.strokes, self.course = tuple(strokes), course
+        self.strokes = tuple(strokes)
+        self.course = course
         self.begin_stroke(min(self.stroke_number, len(self.strokes) - 1))
         if course is not None and isinstance(self.controller, CompiledController):
             saved = save_cell(self)
@@ -426,7 +433,9 @@ class Cell:
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
     def _build_kernel(self, part: RealPart) -> CellKernel:
-        scenario, stroke, nothing = self.scenario, self.strokes[0], np.zeros(8, np.uint8)
+        scenario = self.scenario
+        stroke = self.strokes[0]
+        nothing = np.zeros(8, np.uint8)
         dt, robot, safety = scenario.simulation.timestep_s, scenario.robot, scenario.safety
         state = CellState(
             motion=build_part_motion(scenario.part, part),

@@ -73,7 +73,8 @@ def _spread_points(count: int) -> Array:
     holds: up to 2.6% too soft on a sphere of 50 mm, against 1.1% here, with 100 points.
     """
     place = np.arange(math.ceil(count / 4))
-    radius, turn = np.sqrt((place + 0.5) / len(place)), 0.5 * math.pi * place * (math.sqrt(5.0) - 1.0) / 2.0
+    radius = np.sqrt((place + 0.5) / len(place))
+    turn = 0.5 * math.pi * place * (math.sqrt(5.0) - 1.0) / 2.0
     angle = (turn[:, None] + 0.5 * math.pi * np.arange(4)).ravel()
     return np.repeat(radius, 4)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -118,7 +119,8 @@ def press_pad(
 def _measure_depths(pad: Pad, field: DistanceField) -> float:
     """Depth and slope at every point; returns the largest depth [m]."""
     w = pad.motion
-    nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
+    nodes = field.bricks.reshape(-1)
+    per_metre = 1.0 / field.spacing
     cx, cy, cz = w[0, 0], w[0, 1], w[0, 2]
     xx, xy, xz = w[1, 0], w[1, 1], w[1, 2]
     yx, yy, yz = w[2, 0], w[2, 1], w[2, 2]

@@ -126,7 +126,8 @@ def _refined(points: Array, coarse: Indices, stride: int) -> Indices:
 
 def _poses(stroke: Stroke, s: Array) -> _Poses:
     """Poses of one stroke at arc lengths of the plan (n,) [m], held at its ends."""
-    n, table = len(s), stroke.process
+    n = len(s)
+    table = stroke.process
     tangents = np.gradient(table.tangents, table.spacing, axis=0)
     rows = np.clip(((s - stroke.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
     feed = np.interp(s - stroke.start_s, stroke.motion.places, stroke.motion.speeds * stroke.motion.rates)

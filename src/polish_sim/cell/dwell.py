@@ -84,14 +84,16 @@ def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  
     )
     depths = np.empty(len(starts) - 1)
     for k in range(len(depths)):
-        axis, deepest = poses.axes[k], DEEPEST * radius
+        axis = poses.axes[k]
+        deepest = DEEPEST * radius
         number = _find_near(nodes, _sunk(poses, k, deepest), axis, grid, radius, 2.0 * deepest, under)
         depth = depths[k - 1] if k > 0 else deepest
         for _ in range(ROUNDS):
             carried = slope = 0.0
             for t in range(number):
                 q = under[t]
-                height, facing = depth, 0.0
+                height = depth
+                facing = 0.0
                 for d in range(3):
                     height += (nodes.positions[q, d] - poses.tips[k, d]) * axis[d]
                     facing += nodes.normals[q, d] * axis[d]

@@ -245,7 +245,8 @@ def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
 def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
     """Rotors and gears under motors that give ``push`` less ``stiffened`` times the rotor's speed; see
     drive_joints."""
-    dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
+    dt = e.dt
+    warm = 1.0 + arm.cold * math.exp(-t / arm.warming)
     for j in range(6):
         i = arm.first + j
         weight, b, k = e.qfrc_gravcomp[i], arm.coupling[j], arm.ratio[j]
@@ -257,7 +258,8 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
         carried = dt * k * b * e.qvel[i]
         motor = push - stiff * (momentum + carried + dt * push) / (damped + dt * stiff)
         if abs(motor) > arm.limit[j]:
-            push, stiff = math.copysign(arm.limit[j], motor), 0.0
+            push = math.copysign(arm.limit[j], motor)
+            stiff = 0.0
         damped += dt * stiff
         speed = (momentum + carried + dt * push) / damped
         load = arm.driving if torque * speed > 0.0 else arm.driven

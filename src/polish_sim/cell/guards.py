@@ -371,7 +371,8 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
         _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
-    room, missing = guards.offset, 1.0 - max(m.wrench[2], 0.0) / target.force
+    room = guards.offset
+    missing = 1.0 - max(m.wrench[2], 0.0) / target.force
     guards.missing += dt / SHAKEN_S * (missing - guards.missing)
     place = depth if state.flange.share > 0.0 else offset + planned * guards.missing
     if not guards.was_held:
@@ -379,7 +380,8 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
         holding = not landing and abs(missing) < 0.1
         guards.holding = guards.holding + dt if holding else 0.0
         if guards.holding >= HELD_S:
-            guards.depth, guards.was_held = place, True
+            guards.depth = place
+            guards.was_held = True
     guards.found = (place if guards.was_held else depth) - guards.depth
     _note(state, FALLEN, guards.found / room, t)
     _note(state, RISEN, -guards.found / guards.offset, t)

@@ -38,8 +38,10 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
     data = mujoco.MjData(model)
     data.qpos[:6] = q[0]
     arm = build_real_arm(scenario.robot.real, scenario.seed, model, data, q[0])
-    tool, head = model.site("tool").id, float(model.body("head").mass[0])
-    abouts, rested = [], data.qpos[:6] - q[0]
+    tool = model.site("tool").id
+    head = float(model.body("head").mass[0])
+    abouts = []
+    rested = data.qpos[:6] - q[0]
     for pose, weight in zip(q, weights(model, q + rested), strict=True):
         data.qpos[:6] = pose + rested
         mujoco.mj_forward(model, data)
@@ -84,7 +86,8 @@ def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
 
     Coulomb friction of the motors is left out; it damps.
     """
-    arm, tool = about.arm, about.axis @ about.jacobian[:3]
+    arm = about.arm
+    tool = about.axis @ about.jacobian[:3]
     mass = np.zeros((12, 12))
     mass[:6, :6], mass[6:, 6:] = about.inertia - about.head * np.outer(tool, tool), np.diag(arm.inertia)
     matrices = []
@@ -130,7 +133,9 @@ def _slipping(arm: RealArm, j: int, swing: float) -> complex:
     if swing == 0.0:
         return complex(arm.lost_torque[j] / arm.rise)
     phase = np.linspace(0.0, 2.0 * math.pi, 401)
-    twist, torque, torques = swing * np.cos(phase), 0.0, np.empty(400)
+    twist = swing * np.cos(phase)
+    torque = 0.0
+    torques = np.empty(400)
     for _ in range(3):
         for k in range(400):
             torque = torques[k] = slip.py_func(torque, twist[k + 1] - twist[k], arm.lost_torque[j], arm.rise)

@@ -118,7 +118,8 @@ def results_kept(waits: bool = True) -> Iterator[Interrupt]:
     """From the end of a run to the end of the block Ctrl-C is noted while it ``waits``, so that what was
     recorded is written; after one that came no other is raised."""
     before = signal.getsignal(signal.SIGINT)
-    _waiting.waits, _waiting.seen = waits, False
+    _waiting.waits = waits
+    _waiting.seen = False
     try:
         yield _waiting
     finally:
@@ -166,7 +167,8 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
 
     def __init__(self, controller: Controller, state: CellState) -> None:
         self.error: BaseException | None = None
-        self._controller, self._status = controller, state.status
+        self._controller = controller
+        self._status = state.status
         self._measurement, self._target = _locked(state.measurement), _locked(state.target)
         self._answer = memory_of(state.answer).view(np.float64)
         self._callback = CALL(self._call)

@@ -137,7 +137,8 @@ class RestingArm(NamedTuple):
             return q[None]
         turn = np.linspace(0.0, 2.0 * np.pi, _INSTANTS)[:, None, None] + np.zeros(q.shape)
         left, rate = 1.0 - (turn - np.sin(turn)) / (2.0 * np.pi), APPROACH_RAD_S2 * np.sin(turn)
-        slipped, found = self._slipped(q, rng), []
+        slipped = self._slipped(q, rng)
+        found = []
         for side in (1.0, -1.0):
             way = (q - side * APPROACH_RAD * left).reshape(-1, 6)
             carried = weights(self.model, way, self.place, side * rate.reshape(-1, 6))
@@ -146,7 +147,8 @@ class RestingArm(NamedTuple):
         return np.stack(found)
 
     def _behind(self, q: Array, slipped: Array) -> Array:
-        turned, at = q + self._error(q), q
+        turned = q + self._error(q)
+        at = q
         for _ in range(3):
             at = turned - self._hanging(at, slipped)
         return at
@@ -266,10 +268,12 @@ def build_joints(
 
     The model becomes one of links without servos, rotors and friction; ``data`` gets the links' angles.
     """
-    rng, dt = place.rng(seed, 1), model.opt.timestep
+    rng = place.rng(seed, 1)
+    dt = model.opt.timestep
     knees, bends = _knees(real)
     stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
-    waves, servos = 2.0 * real.gear_ratio, slice(place.first_control // 2, place.first_control // 2 + 6)
+    waves = 2.0 * real.gear_ratio
+    servos = slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
         elastic=True,
         stiffness=stiffness.T,
@@ -336,7 +340,8 @@ def _hang_links(
 def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
     """Factors of sine and cosine of the gears' error and of twice its angle, shape (6, 4) [rad], phases
     drawn."""
-    phases, share = rng.uniform(0.0, 2.0 * np.pi, (6, 2)), real.second_harmonic * rng.uniform(0.0, 1.0, 6)
+    phases = rng.uniform(0.0, 2.0 * np.pi, (6, 2))
+    share = real.second_harmonic * rng.uniform(0.0, 1.0, 6)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     wave = np.sin(angle + phases[:, :1]) + share[:, None] * np.sin(2.0 * angle + phases[:, 1:])
     size = np.array(real.gear_error_rad) / np.ptp(wave, axis=1)

@@ -128,7 +128,8 @@ def build_real_part(
     The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along
     ``up``, work frame, shape (3,).
     """
-    points, normal = spread_over(region), region.normal_sum
+    points = spread_over(region)
+    normal = region.normal_sum
     size = np.linalg.norm(normal) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng).on_grid))

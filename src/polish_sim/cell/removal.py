@@ -57,7 +57,8 @@ def pad_motion(
     Only the tool's orientation is taken from the log, and the pose at the start from ``part``. ``part_turns``
     (n, 3, 3) is how a part that is carried stands in the base at the log's rows; None: as at the start.
     """
-    time, force = trace.time_s, np.maximum(trace.normal_force_n, 0.0)
+    time = trace.time_s
+    force = np.maximum(trace.normal_force_n, 0.0)
     touching = np.flatnonzero(force > 0.0)
     if len(time) < 2 or not len(touching):
         some, none = np.empty((0, 3)), np.empty(0)
@@ -72,7 +73,8 @@ def pad_motion(
     gained, times = np.diff(np.interp(marks, clock, impulse)), np.diff(marks)
     R_base_part = part.rotation[None] if part_turns is None else part_turns
     faces, turns = _pad_poses(log, trace, part.position, R_base_part, marks)
-    centers, velocities = midpoints(faces), np.diff(faces, axis=0) / times[:, None]
+    centers = midpoints(faces)
+    velocities = np.diff(faces, axis=0) / times[:, None]
     outward = -turns.as_matrix()[:, :, 2]
     axes = unit(outward[1:] + outward[:-1])
     spin = np.interp(midpoints(marks), time, trace.spindle_rad_s)
@@ -154,8 +156,10 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
     # On a sharp edge the field's slope may be the wall's: there the node next to it says how the part lies.
-    met, lost = np.asarray(own[1].any(axis=1)), mesh.border[:, 0]
-    lost, sure = lost[~met[lost]], np.flatnonzero(met)
+    met = np.asarray(own[1].any(axis=1))
+    lost = mesh.border[:, 0]
+    lost = lost[~met[lost]]
+    sure = np.flatnonzero(met)
     if len(sure):
         next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[lost])[1]]
         own[0][lost] += own[0][next_to] - mesh.vertices[next_to]
@@ -228,7 +232,8 @@ def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tupl
 @njit
 def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
     """Newton's method along each normal; across it where the surface has turned away, as on a step's wall."""
-    nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
+    nodes = field.bricks.reshape(-1)
+    per_metre = 1.0 / field.spacing
     for i in range(len(positions)):
         x, y, z = positions[i]
         nx, ny, nz = normals[i]

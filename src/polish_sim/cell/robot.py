@@ -91,7 +91,8 @@ def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int
     if line.numbers[due] > robot.number:
         for i in range(6):
             robot.request[i] = line.twists[due, i]
-        robot.number, robot.age = line.numbers[due], 0.0
+        robot.number = line.numbers[due]
+        robot.age = 0.0
     else:
         robot.age += dt
 
@@ -285,7 +286,8 @@ def steer_stop(
 
 @kernel
 def _enter(stop: StopMotion, stage: int) -> None:
-    stop.stage, stop.time = stage, 0.0
+    stop.stage = stage
+    stop.time = 0.0
 
 
 @kernel

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
-from polish_sim.config import HeadConfig, PadConfig, RobotConfig, Scenario
+from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import NOMINAL, link_poses
@@ -62,7 +62,7 @@ def build_scene(
     ``fixture`` are drawn only; the pad's contact and the crash check are computed on their signed distance,
     because the engine would take the convex hull.
     """
-    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    spec = robot_with_tool(scenario)
     spec.option.timestep = scenario.simulation.timestep_s
     if part is not None:
         lay_part(spec, part.mesh, part.pose, held_behind, fixture)
@@ -82,16 +82,17 @@ def lay_part(
     add_stand(spec, stand_of(corners, held_behind))
 
 
-def robot_with_tool(robot: RobotConfig, head: HeadConfig, pad: PadConfig) -> Any:
-    """The robot of the model file with its head and its payload set, to be compiled or attached elsewhere."""
-    spec = arm_spec(robot.arm)
+def robot_with_tool(scenario: Scenario) -> Any:
+    """The robot of the model file with a scenario's head and payload, to compile or attach elsewhere."""
+    spec = arm_spec(scenario.robot.arm)
+    head = scenario.head
     body, slide, face = spec.body("head"), spec.joint("head_slide"), spec.geom("head_pad")
     body.inertia = body.inertia * (head.mass_kg / body.mass)
     body.mass = head.mass_kg
     slide.stiffness[0], slide.damping[0] = head.stiffness_n_m * head.spring_scale, head.damping_n_s_m
     slide.range = [slide.range[0], head.travel_m]
-    face.size = [pad.radius_m, *face.size[1:]]
-    spec.body("tool_mount").gravcomp = 1.0 + robot.payload_error
+    face.size = [scenario.pad.radius_m, *face.size[1:]]
+    spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
     return spec
 
 
@@ -108,7 +109,8 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
     """Make the model file's arm another one: its table, links, servos, and capsules to look at."""
     bend_arm(spec, NOMINAL)
     for number, link in enumerate(arm.links, 1):
-        body, joint = spec.body(f"link_{number}"), f"{JOINT_NAMES[number - 1]}_joint"
+        body = spec.body(f"link_{number}")
+        joint = f"{JOINT_NAMES[number - 1]}_joint"
         xx, yy, zz, xy, xz, yz = link.inertia
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
         for geom in list(body.geoms):
@@ -146,8 +148,10 @@ def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> Non
     turns about z of the frame before.
     """
     for link, joint, T in zip(links, joints, link_poses(table), strict=True):
-        link.pos, link.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-        joint.axis, joint.pos = T[2, :3], -T[:3, :3].T @ T[:3, 3]
+        link.pos = T[:3, 3]
+        link.quat = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        joint.axis = T[2, :3]
+        joint.pos = -T[:3, :3].T @ T[:3, 3]
 
 
 def add_table(spec: Any) -> None:
@@ -223,7 +227,8 @@ def stand_of(corners: Array, held_behind: bool) -> list[Box]:
         return []
     if not held_behind:
         return [_standing(middle, 0.84 * half, low[2])]
-    back, width = low[1] - POST_AWAY, min(0.84 * half[0], POST_AWAY)
+    back = low[1] - POST_AWAY
+    width = min(0.84 * half[0], POST_AWAY)
     post = _standing(np.array([middle[0], back, 0.0]), np.array([width, _POST, 0.0]), middle[2])
     arm = Box(
         np.array([middle[0], 0.5 * (back + low[1]), middle[2]]), np.array([width, 0.5 * POST_AWAY, _POST])

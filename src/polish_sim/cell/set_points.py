@@ -31,7 +31,8 @@ class SetPoints:
 
     def begin(self, stroke: Stroke) -> Stroke:
         """A stroke as it is to be run: tables of its own, scaled to the set points."""
-        self._planned, motion = stroke, stroke.motion
+        self._planned = stroke
+        motion = stroke.motion
         own = stroke._replace(force=stroke.force.copy(), motion=motion._replace(rates=motion.rates.copy()))
         self._scale(own)
         return own
@@ -45,7 +46,8 @@ class SetPoints:
         before = float(cell.stroke.force[0])
         self.now[name] = value
         self._scale(cell.stroke)
-        guards, change = cell.state.guards, float(cell.stroke.force[0]) - before
+        guards = cell.state.guards
+        change = float(cell.stroke.force[0]) - before
         if change != 0.0 and self._planned.depth > 0.0:
             guards.depth += min(self._planned.depth / float(self._planned.force[0]) * change, 0.0)
             guards.holding, guards.was_held = 0.0, False

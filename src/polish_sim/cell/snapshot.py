@@ -65,7 +65,8 @@ def save_cell(cell: Cell) -> CellSnapshot:
     memory: Any
     course: Any = None
     if isinstance(controller, CompiledController):
-        memory, course = _memory_of_law(controller).copy(), controller.course
+        memory = _memory_of_law(controller).copy()
+        course = controller.course
     else:
         memory = deepcopy(vars(controller))
     names = () if course is None else course.dtype.names or ()

@@ -75,14 +75,16 @@ def build_sequence() -> Sequence:
 def begin_next_stroke(sequence: Sequence) -> None:
     """Begin the next stroke's travel; its stroke must be the one given to ``advance_sequence`` from now
     on."""
-    sequence.stage, sequence.time = TRAVEL, 0.0
+    sequence.stage = TRAVEL
+    sequence.time = 0.0
     sequence.s = sequence.speed = sequence.depth = 0.0
     sequence.clock, sequence.rate, sequence.rate_change = 0.0, 1.0, 0.0
 
 
 def expected_duration(stroke: Stroke) -> float:
     """How long the stroke takes if contact is where it is expected [s]."""
-    approach, lifted = stroke.travel.duration, stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
+    approach = stroke.travel.duration
+    lifted = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
     if stroke.contact:
         speed = stroke.approach_speed
         approach += stroke.lead_in.length / speed + 0.5 * speed / feed_acceleration.py_func(speed)
@@ -151,7 +153,8 @@ def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
     state.rate_change += min(max(change - state.rate_change, -step), step)
     state.rate += state.rate_change * dt
     if state.rate <= 0.0 or state.rate >= 1.0:
-        state.rate, state.rate_change = min(max(state.rate, 0.0), 1.0), 0.0
+        state.rate = min(max(state.rate, 0.0), 1.0)
+        state.rate_change = 0.0
 
 
 # Where the target is in each stage of a stroke, and how fast it moves.
@@ -318,7 +321,8 @@ def _watch_air(state: Sequence, force: float, dt: float) -> None:
 
 @kernel
 def _enter(state: Sequence, stage: int) -> None:
-    state.stage, state.time = stage, 0.0
+    state.stage = stage
+    state.time = 0.0
     if stage == TOUCH_DOWN:
         # The depth at contact is kept; above the surface it is negative.
         state.speed = 0.0

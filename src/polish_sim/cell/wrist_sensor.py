@@ -67,11 +67,9 @@ class Payload(Record):
 def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
     """Make a sensor, its memory fresh; ``rng`` draws bias and warm-up, uniform within their size on
     each axis, and cross-talk."""
-    period, own, full = (
-        1.0 / config.rate_hz,
-        rng.spawn(1)[0],
-        _per_axis(config.force_range_n, config.torque_range_nm),
-    )
+    period = 1.0 / config.rate_hz
+    own = rng.spawn(1)[0]
+    full = _per_axis(config.force_range_n, config.torque_range_nm)
     talk = config.cross_talk * own.standard_normal((6, 6)) * np.outer(full, 1.0 / full)
     np.fill_diagonal(talk, 0.0)
     errors = SensorErrors(

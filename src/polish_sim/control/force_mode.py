@@ -100,7 +100,8 @@ def _force_mode_law(context, _course, measurement, target, answer):  # type: ign
         return
     if not memory.started:
         # Bumpless: from the tool's own speed.
-        memory.started, memory.velocity = True, along_z(m, m.twist)
+        memory.started = True
+        memory.velocity = along_z(m, m.twist)
         memory.passed = memory.sum = 0.0
         memory.readings = 0
     replace_along_z(m, mode_speed(t.force - m.wrench[2], dt, c.gains, memory), out.twist)

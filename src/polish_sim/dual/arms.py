@@ -21,7 +21,7 @@ from polish_sim.arrays import Array
 from polish_sim.calibration.arm import LEAST_POSES, Tolerance, gear_columns
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
-from polish_sim.config import DualConfig, HeadConfig, PadConfig, RealArmConfig, RobotConfig
+from polish_sim.config import DualConfig, RealArmConfig, RobotConfig, Scenario
 from polish_sim.dual.calibrate import Flanges, Reading, built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
@@ -188,7 +188,7 @@ def lone_arms(seed: int, q_work: Array) -> PairArms:
     """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,)
     [rad]."""
     robot = RobotConfig(arm=FIRST)
-    model = robot_with_tool(robot, HeadConfig(), PadConfig()).compile()
+    model = robot_with_tool(Scenario(robot=robot)).compile()
     places = dict(zip(ROBOTS, (ArmPlace(number=MASTER_ARM.number), ArmPlace()), strict=True))
     return real_arms(robot.real, seed, model, dict.fromkeys(ROBOTS, q_work), places)
 

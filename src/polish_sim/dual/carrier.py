@@ -194,7 +194,8 @@ def build_master(
     hold = max(round(rows.period / model.opt.timestep), 1)
     span = max(round(SPAN_S / (hold * model.opt.timestep)), 1) * hold
     poses = {"rest": T_rest, "part": T_flange_part, "work": T_flange_base @ rows.T_base_work}
-    poses["belief"], poses["moved"] = rows.T_believed_true, np.eye(4)
+    poses["belief"] = rows.T_believed_true
+    poses["moved"] = np.eye(4)
     state = Carrier(
         **{f"R_{name}": T[:3, :3] for name, T in poses.items()},
         **{f"p_{name}": T[:3, 3] for name, T in poses.items()},
@@ -285,7 +286,8 @@ def carry_part(
     """
     carrier = master.state
     flange = master.state.flange_body
-    R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
+    R_flange = e.xmat[flange].reshape((3, 3))
+    p_flange = e.xpos[flange]
     w = carrier.turning
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
@@ -382,7 +384,8 @@ def see_tool_on_part(
 ) -> None:
     """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with
     it."""
-    R_flange, p_flange = e.xmat[carrier.flange_body].reshape((3, 3)), e.xpos[carrier.flange_body]
+    R_flange = e.xmat[carrier.flange_body].reshape((3, 3))
+    p_flange = e.xpos[carrier.flange_body]
     slip = minus(part.position, motion.place)
     tool = minus(minus(e.site_xpos[e.tool_site], p_flange), slip)
     on_flange = plus_matvec(scaled(-1.0, carrier.p_work), R_flange.T, tool)

@@ -244,7 +244,8 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
 def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[float, float]) -> None:
     """The predicted curve ends where the draws do."""
     edges = np.linspace(0.0, max(float(lengths.max()), asked[1]), CURVE + 1)
-    span, drawn = (0.0, 1e3 * edges[-1]), "drawn, together"
+    span = (0.0, 1e3 * edges[-1])
+    drawn = "drawn, together"
     axes.hist(1e3 * lengths, bins=_BINS, range=span, density=True, color=ORANGE, alpha=0.4, label=drawn)
     density = np.diff(length_probability(covariances, edges)) / np.diff(1e3 * edges)
     axes.plot(0.5e3 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")

@@ -66,7 +66,7 @@ def build_pair_scene(
     """
     scene = arm_spec(scenario.robot.arm)
     master = arm_spec(scenario.robot.arm)
-    follower = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    follower = robot_with_tool(scenario)
     for spec in (scene, follower, master):
         spec.option.timestep = scenario.simulation.timestep_s
         for key in list(spec.keys):  # a keyframe of one robot fits no scene of two

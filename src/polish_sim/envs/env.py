@@ -190,8 +190,10 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         self._stage = Stage(chosen, ranges_of(ranges), bodies)
         self.moving = self._stage.moving
         self._stepped = SteppedCell(ACTIONS[action], self.moving)
-        dt, limit = chosen.simulation.timestep_s, time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
-        self._dt, self._longest = dt, round(limit / dt)
+        dt = chosen.simulation.timestep_s
+        limit = time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
+        self._dt = dt
+        self._longest = round(limit / dt)
         self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
         self._draws = np.zeros((_BLOCK, DRAWS))
         self._cells: dict[int, Cell] = {}
@@ -305,7 +307,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         cell, sequence = self.cell, self.cell.state.sequence
         stop = int(cell.state.status.stop)
         reason = None if stop == NO_STOP else cell.reasons[stop]
-        done, length = sequence.stage >= RETRACT, cell.kernel.stroke.process.length
+        done = sequence.stage >= RETRACT
+        length = cell.kernel.stroke.process.length
         rows = self.figures(reason is None and done)
         success = all(row.met_by(row.worst([figures])) for figures in rows for row in ASKED[self.task])
         terminated = reason is not None or bool(self.moving and done and sequence.s > length - 1e-6)

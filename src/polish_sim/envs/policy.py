@@ -60,7 +60,8 @@ class ControllerPolicy:
     def __call__(self, _seen: Numbers) -> Numbers:
         """The action that commands what the controller answers."""
         env = self._env
-        R, scale = env.measurement.rotation, list(ACTIONS["twist"].scale.values())
+        R = env.measurement.rotation
+        scale = list(ACTIONS["twist"].scale.values())
         answer = self.controller.step(env.measurement, env.target)
         twist = np.concatenate([R.T @ answer[:3], R.T @ answer[3:6]]) / scale
         feed = [2.0 * answer[6] - 1.0 if len(answer) > 6 else 1.0]
@@ -78,7 +79,8 @@ def evaluate(env: Any, policy: Policy, episodes: int, seed: int = 0) -> list[dic
         total, over, info = 0.0, False, {}
         while not over:
             seen, reward, terminated, truncated, info = env.step(policy(seen))
-            total, over = total + reward, terminated or truncated
+            total = total + reward
+            over = terminated or truncated
         end = {"success": info["success"], "reward": total, "stop": info["stop_reason"]}
         rows += [{"seed": seed + number, **figures, **end} for figures in info["figures"]]
     return rows
@@ -100,7 +102,8 @@ class PolicyController:
     ) -> None:
         if action not in ACTIONS:
             raise unknown_name("action", action, ACTIONS)
-        scale, law = np.array(list(ACTIONS[action].scale.values())), ACTIONS[action].law
+        scale = np.array(list(ACTIONS[action].scale.values()))
+        law = ACTIONS[action].law
         if not 0 <= sizes - len(scale) <= 1:
             raise InputError(
                 f"the policy answers {sizes} numbers, the action '{action}' has {len(scale)} or one more."
@@ -171,7 +174,8 @@ def _load_linear(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[s
             f"controller.own.{next(iter(own))} is for an own controller: '{file}' holds its own settings."
         )
     with np.load(file) as held:
-        weights, made_for = held["weights"], {"action": held["action"], "rate_hz": held["rate_hz"]}
+        weights = held["weights"]
+        made_for = {"action": held["action"], "rate_hz": held["rate_hz"]}
     if weights.ndim != 2 or weights.shape[1] != SEEN + weights.shape[0] + 1:
         raise InputError(f"the weights in '{file}' have the shape {weights.shape}, not (n, {SEEN} + n + 1).")
     return linear(weights), len(weights), made_for

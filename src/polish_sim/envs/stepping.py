@@ -247,7 +247,8 @@ def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
     recorder = Recorder(k.recorder.rows, k.recorder.trace[start:], k.recorder.every, k.recorder.filled)
     draws = k.draws[start - turn.drawn_from :]
     advance(k.cell, k.arm, recorder, law, draws, min(len(draws), len(recorder.trace)))
-    done, share = status.steps - start, 1.0
+    done = status.steps - start
+    share = 1.0
     if turn.moving:
         share = min(state.target.speed / turn.feed, 1.0)
     reward = _reward(recorder.trace, done, force, turn, share)
@@ -305,7 +306,8 @@ class SteppedCell:
 
     def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: EnvState) -> None:
         """Take up a cell at its start."""
-        self.context.gains, self.context.feed = hybrid.hybrid_gains(cell.scenario.controller), 1.0
+        self.context.gains = hybrid.hybrid_gains(cell.scenario.controller)
+        self.context.feed = 1.0
         self.context.command[:] = 0.0
         cell.use_controller(signals.CompiledController(self.context, self._kind.law))
         turn.scale[: len(self._kind.scale)] = list(self._kind.scale.values())

@@ -168,7 +168,7 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
     """The plan as a page: in contact at the feed, through the air at a usual speed."""
     path, (up,) = result.path, rotation_to_axis(result.mesh.up[None], perpendicular(result.mesh.up[None])[0])
     standing = PageBody(-1, transform(up.T, np.zeros(3)).tolist())
-    bodies, joints = free_tool(path.positions_work, path.axes_work, parent=0)
+    bodies, joints = free_tool(path.positions_work, path.axes_work)
     pace = np.where(path.process, feeds_of(path, setup), AIR_SPEED)
     time = running_sums(np.diff(path.s) / np.minimum(pace[1:], pace[:-1]))
     force = np.where(path.process, forces_of(path, setup), 0.0)

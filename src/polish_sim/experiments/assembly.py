@@ -93,7 +93,8 @@ class Workplace:
 def build_part(scenario: Checked, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run
     with it."""
-    part, fields = scenario.part, place.actual(scenario)
+    part = scenario.part
+    fields = place.actual(scenario)
     drawn = part.displacement_m, part.rotation_rad, part.form_error_m, scenario.seed
     return PARTS.get(
         (drawn, Same(place), Same(fields)),

@@ -43,8 +43,9 @@ def remade(record: RunRecord) -> bool:
 def cell_model(record: RunRecord) -> Any:
     """The cell of a run with one robot, the part where it was planned; without the part if its file is
     gone."""
-    scenario, T_base_work = record.scenario, record.metrics.get("T_base_work")
-    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    scenario = record.scenario
+    T_base_work = record.metrics.get("T_base_work")
+    spec = robot_with_tool(scenario)
     if T_base_work is not None and experiment(scenario.experiment).on_part:
         with suppress(PolishSimError):
             mesh, below = load_mesh(scenario.part), False

@@ -103,7 +103,7 @@ def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
 def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
     """Measure the arm of a scenario at rest around ``q_start`` (6,) [rad] and find how it is built; kept for
     the next cell."""
-    model = robot_with_tool(scenario.robot, scenario.head, scenario.pad).compile()
+    model = robot_with_tool(scenario).compile()
     real, seed = scenario.robot.real, scenario.seed
     rng = np.random.default_rng([seed, _STREAM])
     arm, table = resting_arm(real, seed, model), built_table(real, seed, model, np.array(q_start))

@@ -53,7 +53,8 @@ class ToolMotion(NamedTuple):
     def trace(self, time: Array, phase: NDArray[Any], place: Array, across: Array | None = None) -> Trace:
         """The exact trace, with no contact; ``place``: arc length [m], (n,); ``across``: part of the error
         across the target's axis [m], (n, 3), all of it if not given."""
-        off, nothing = self.wanted - self.tips, np.zeros(len(time))
+        off = self.wanted - self.tips
+        nothing = np.zeros(len(time))
         still = np.zeros_like(off)
         turned = Rotation.from_matrix(self.wanted_frames) * Rotation.from_matrix(self.frames).inv()
         far, aside = (norms(error) for error in (off, off if across is None else across))
@@ -209,7 +210,8 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
         raise KeyboardInterrupt
     if run.stop_reason:
         raise ProtectiveStop(f"protective stop on the way through the poses: {run.stop_reason}.")
-    place, log = run.log["path_s_m"], run.log
+    place = run.log["path_s_m"]
+    log = run.log
     # A host that computes with its own table believes to be where it has steered the tool to.
     frame = "target_quaternion_wxyz" if cell.real_arm.elastic else "tcp_quaternion_wxyz"
     times, frames, means = [], [], []

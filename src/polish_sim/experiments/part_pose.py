@@ -54,7 +54,8 @@ class PartPlacing:
         self.positions = followed.positions_work
         self.axes = path.axes_work
         self.lowest = float((mesh.vertices @ mesh.up).min())
-        self._surface, spec = surface, robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+        self._surface = surface
+        spec = robot_with_tool(scenario)
         self._arm = ArmCheck(spec, mesh, surface, path.axes_work, bool(scenario.part.fixture_file))
 
     def map(self) -> ReachMap:

@@ -75,7 +75,8 @@ def run_payload_calibration(
     """
     take_arm(scenario.robot)
     observer.stage("plan the poses")
-    streams, payload = random_streams(scenario.seed), scenario.payload
+    streams = random_streams(scenario.seed)
+    payload = scenario.payload
     poses = calibration.plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))

@@ -109,7 +109,8 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
-    furthest, unturnable = ReachFailure(-1, ""), None
+    furthest = ReachFailure(-1, "")
+    unturnable = None
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
     for T_base_work in placements:
         for spin in spins:
@@ -234,7 +235,8 @@ def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:
         PlanError: Says where.
     """
     _, rows = np.unique(np.round(path.s / EVERY).astype(int), return_index=True)
-    points, tools = path.positions_work[rows], -path.axes_work[rows]
+    points = path.positions_work[rows]
+    tools = -path.axes_work[rows]
     # The shaft is round: any turn about the axis will do.
     R_work_tool = np.stack([rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0] for z in tools])
     shaft = np.einsum("nij,kj->nki", R_work_tool, shaft_points()) + points[:, None]

@@ -245,7 +245,8 @@ def check_flange(scenario: Scenario, where: str = "") -> None:
     Raises:
         InputError: Naming the place, or the controller that would hold the force as well.
     """
-    name, where = scenario.controller.name, where or scenario.experiment
+    name = scenario.controller.name
+    where = where or scenario.experiment
     if not scenario.head.flange.bandwidth_hz:
         return
     if where not in FLANGED:

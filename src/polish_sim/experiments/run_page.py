@@ -237,7 +237,8 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     high = np.maximum.reduceat(numbers(log, "normal_force_max_n"), kept)
     worst = np.maximum.reduceat(_sideways(record), kept)
     limit = record.scenario.robot.joint_speed_limit_rad_s
-    twist, axis = column("command_twist"), _tool_axis(record, "tcp_quaternion_wxyz")[kept]
+    twist = column("command_twist")
+    axis = _tool_axis(record, "tcp_quaternion_wxyz")[kept]
     along = dots(twist[:, :3], axis)
     across = norms(twist[:, :3] - along[:, None] * axis)
     asked = Line("asked", motion.asked, "asked")
@@ -283,7 +284,8 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
     vertices, faces = lighter_mesh(removal.vertices, removal.triangles.astype(np.int32), 2 * MOST_NODES)
     value, unit_, top = removal.relative, "× its mean", 2.0
     if removal.absolute:
-        value, unit_ = 1e6 * removal.preston_1_pa * removal.exposure, "µm"
+        value = 1e6 * removal.preston_1_pa * removal.exposure
+        unit_ = "µm"
         top = 2e6 * removal.preston_1_pa * removal.mean
     if len(vertices) != len(value):
         value = value[cKDTree(removal.vertices).query(vertices)[1]]
@@ -300,7 +302,7 @@ def plan_page(
     """The page of a plan, ``page``, with the robot that does it, as long as the cycle takes."""
     from polish_sim.exchange.viewers import path_plots
 
-    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    spec = robot_with_tool(scenario)
     lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
     model, cycle = spec.compile(), cycle_of(strokes)
     turns = _matrix(cycle.quaternions)

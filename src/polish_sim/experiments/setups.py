@@ -87,7 +87,8 @@ class SetupSearch:
             try:
                 if self.left and patch.area < SLIVER_SHARE * self.left[0].area:
                     raise PlanError(f"smaller than {SLIVER_SHARE:.1%} of the largest patch")
-                region, plan = regions[patch.number - 1], scenario.plan
+                region = regions[patch.number - 1]
+                plan = scenario.plan
                 tool = Tool(scenario.pad, scenario.process.contact_force_n, fixture)
                 ready = prepare_region(mesh, surface, region, plan, scenario.process, tool)
             except PlanError as error:
@@ -99,7 +100,8 @@ class SetupSearch:
             self.left.append(patch)
         if not self.left:
             raise PlanError(self.given_up[0][1])
-        self._scenario, self._counted_by = scenario, side_name(mesh.up)
+        self._scenario = scenario
+        self._counted_by = side_name(mesh.up)
         self._sides = [mesh.up] if scenario.part.up != "auto" else _sides(mesh, self.left)
         self._refused: list[tuple[Array | None, frozenset[int]]] = []
 

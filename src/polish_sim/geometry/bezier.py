@@ -58,7 +58,8 @@ def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
 
     From the control values (m, 6, d) of all triangles, shape (n, d).
     """
-    count, size = len(facets), control.shape[2]
+    count = len(facets)
+    size = control.shape[2]
     out = np.empty((count, size))
     for i in range(count):
         b0, b1, b2, b3, b4, b5 = basis(barycentric[i, 0], barycentric[i, 1], barycentric[i, 2])

@@ -224,7 +224,8 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
             if item == hint or flat - tree.bulge[item] > upper:
                 continue
             upper = min(upper, flat + tree.bulge[item])
-            items[found], lowers[found] = item, flat - tree.bulge[item]
+            items[found] = item
+            lowers[found] = flat - tree.bulge[item]
             found += 1
             if found == _CANDIDATES:
                 best, facet, best_u, best_v = _best_of(

@@ -106,7 +106,8 @@ def _dominant(
     """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the
     factor."""
     at, label = index.ravel(), np.repeat(labels, 3)
-    corner_size, largest = sizes[label], np.zeros(count)
+    corner_size = sizes[label]
+    largest = np.zeros(count)
     np.maximum.at(largest, at, corner_size)
     # The largest flat face at each smooth vertex, and the largest among the others.
     is_largest = corner_size == largest[at]

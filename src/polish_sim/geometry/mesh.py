@@ -169,7 +169,8 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
     skin = mend(triangles.corners * metres_per_unit(unit), path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
     used, compact = np.unique(skin.faces, return_inverse=True)
-    vertices, faces = skin.vertices[used], compact.reshape(-1, 3).astype(np.int32)
+    vertices = skin.vertices[used]
+    faces = compact.reshape(-1, 3).astype(np.int32)
     stl_facets = np.where(skin.source >= 0, triangles.numbers[skin.source], -1).astype(np.int32)
     x, y, z = np.ptp(vertices, axis=0) * 1e3
     size_note = f"read in {unit}: {x:.4g} x {y:.4g} x {z:.4g} mm, {len(faces)} facets"

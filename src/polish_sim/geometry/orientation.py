@@ -128,7 +128,8 @@ def _candidates(graph: FacetGraph) -> tuple[Array, Array]:
     """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and
     (c,)."""
     step = max(len(graph.areas) // _SAMPLE, 1)
-    normals, areas = graph.normals[::step], graph.areas[::step] * step
+    normals = graph.normals[::step]
+    areas = graph.areas[::step] * step
     leaders: list[Array] = []
     left = areas > 0.0
     while left.any():

@@ -78,7 +78,8 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
                 broken(path, "the vertices of the PLY file hold lists of different lengths")
             points = np.stack([columns[name] for name in "xyz"], axis=1)
         elif element.name == "face":
-            sizes, indices = lengths, columns[listed]
+            sizes = lengths
+            indices = columns[listed]
     if points is None or indices is None or sizes is None:
         missing = "vertices" if points is None else "faces (a point cloud?)"
         raise MeshError(f"{path}: the PLY file has no {missing}. Export the part as a mesh of triangles.")
@@ -115,7 +116,8 @@ def _read_header(content: bytes, path: Path) -> tuple[list[Element], bytes, int]
     line_end = content.find(b"\n", end)
     if end < 0 or line_end < 0:
         broken(path, "the PLY file is cut short: no 'end_header'")
-    order, elements = None, []
+    order = None
+    elements = []
     for line in content[:end].decode("latin-1").splitlines():
         words = line.split()
         if words[:1] == ["format"]:

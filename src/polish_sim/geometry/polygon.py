@@ -71,7 +71,8 @@ def _cut_ears(points, ring, triangles, done):  # type: ignore[no-untyped-def]
     left = len(ring)
     normal = _normal(points, ring)
     while left > 3:
-        best, best_shape = 0, -np.inf
+        best = 0
+        best_shape = -np.inf
         for i in range(left):
             a, b, c = ring[i - 1 if i > 0 else left - 1], ring[i], ring[i + 1 if i + 1 < left else 0]
             shape = _shape(points, a, b, c, normal)

@@ -310,7 +310,8 @@ def _corner_normals(control: Array) -> Array:
 
 def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[int, int]:
     """Turn around the edge's end, from facet to facet, until the border is met again."""
-    facet, edge = border_edge[0], (border_edge[1] + 1) % 3
+    facet = border_edge[0]
+    edge = (border_edge[1] + 1) % 3
     while surface.neighbours[facet, edge] >= 0:
         facet, edge = (
             int(surface.neighbours[facet, edge]),

@@ -50,7 +50,7 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     """
     guide = scenario.guide
     real = scenario.robot.real
-    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    spec = robot_with_tool(scenario)
     spec.option.timestep = scenario.simulation.timestep_s
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
     if scenario.robot.elastic:

@@ -113,7 +113,8 @@ def elastic_base(model: TorqueModel) -> BaseParameters:
     states = random_states(model.joints, _SAMPLES, np.random.default_rng(0))
     rigid = base_of_rows(model.regressor(states)[:, :, :links].reshape(-1, links))
     combination = np.zeros((rigid.rank + terms, links + terms))
-    combination[: rigid.rank, :links], combination[rigid.rank :, links:] = rigid.combination, np.eye(terms)
+    combination[: rigid.rank, :links] = rigid.combination
+    combination[rigid.rank :, links:] = np.eye(terms)
     return BaseParameters(np.append(rigid.columns, np.arange(links, links + terms)), combination)
 
 

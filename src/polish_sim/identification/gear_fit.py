@@ -186,7 +186,8 @@ class _Gear:
         assert log.gears is not None
         self._dt = float(np.mean(np.diff(log.time)))
         self._sos = butter(2, 2.0 * LOW_PASS_HZ * self._dt, output="sos")
-        self._rise, self._knees = real.lost_motion_rise_rad, (real.knee_1_nm[j], real.knee_2_nm[j])
+        self._rise = real.lost_motion_rise_rad
+        self._knees = (real.knee_1_nm[j], real.knee_2_nm[j])
         angle = log.gears.motor[:, j]
         sharp = butter(8, 2.0 * TWIST_HZ * self._dt, output="sos")
         self._turned = sosfiltfilt(sharp, angle - log.gears.link[:, j])

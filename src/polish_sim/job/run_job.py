@@ -65,7 +65,8 @@ def check_regions(job: Job) -> None:
     """
     parts: dict[Any, tuple[PartMesh, Surface]] = {}
     for one in job.passes:
-        asked, key = one.scenario.plan, (one.scenario.part, one.scenario.plan.feature_angle_rad)
+        asked = one.scenario.plan
+        key = (one.scenario.part, one.scenario.plan.feature_angle_rad)
         with naming_line(job.file), at(f"{one.folder}, '{asked.region}'"):
             if key not in parts:
                 mesh = load_mesh(one.scenario.part)

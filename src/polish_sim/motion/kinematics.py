@@ -249,10 +249,12 @@ def solve_row(lengths: Array, T_base_flange: Array, row: int, q6_if_aligned: flo
 
 @njit
 def _nearest_solution(lengths: Array, T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
-    best, best_distance = np.full(6, np.nan), np.inf
+    best = np.full(6, np.nan)
+    best_distance = np.inf
     solutions = solve_all(lengths, T_base_flange, q_near[5])
     for row in range(8):
-        candidate, distance = solutions[row], 0.0
+        candidate = solutions[row]
+        distance = 0.0
         for j in range(6):
             candidate[j] = _near(candidate[j], q_near[j])
             if within_limits:

@@ -111,7 +111,8 @@ def solve_rates(state: ArmState) -> None:
 @njit(_nrt=False, inline="always")
 def _solve(state: ArmState, row: int, linear: Triple, angular: Triple) -> None:
     """rates[row] = inverse (twists[row] - (linear; angular))."""
-    m, twist = state.inverse, state.twists[row]
+    m = state.inverse
+    twist = state.twists[row]
     x, y, z = minus(twist, linear)
     a, b, c = minus(twist[3:], angular)
     for i in range(6):

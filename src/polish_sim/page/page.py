@@ -155,7 +155,7 @@ def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
     return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
 
 
-def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[PageBody], Array]:
+def free_tool(positions: Array, axes: Array) -> tuple[list[PageBody], Array]:
     """Bodies and joints (n, 5) that carry a tool through points (n, 3) [m] by its unit axes away from the
     part (n, 3).
 
@@ -165,9 +165,9 @@ def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[PageBody
     tilt = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
     turn = np.unwrap(np.where(np.sin(tilt) > 1e-6, np.arctan2(axes[:, 1], axes[:, 0]), 0.0))
     rest = np.eye(4).tolist()
-    along = [PageBody(parent + k, rest, np.eye(3)[k].tolist(), slide=True, joint=k) for k in range(3)]
-    hinges = [PageBody(parent + 3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
-    over = PageBody(parent + 5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
+    along = [PageBody(k, rest, np.eye(3)[k].tolist(), slide=True, joint=k) for k in range(3)]
+    hinges = [PageBody(3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
+    over = PageBody(5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
     return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
 
 

@@ -184,7 +184,8 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
 def width_between_borders(ground: Ground) -> float:
     """How wide a region is between its borders in the mean: places on a strip are a quarter of that off them
     [m]."""
-    mesh, some = ground.mesh, slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
+    mesh = ground.mesh
+    some = slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
     distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).nearest.distances
     return 4.0 * float(np.average(distances, weights=mesh.vertex_areas[some]))
 

@@ -128,7 +128,8 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
     """Advice if the path would fit the part in place and size in another unit; else empty."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    points, size = path.positions_work[path.process], (high - low).max()
+    points = path.positions_work[path.process]
+    size = (high - low).max()
     for factor in UNITS:
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
             scaled = scale * points
@@ -215,7 +216,8 @@ def inspect_path(
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     given = given_region(mesh, surface, region, plan, process, tool)
-    quality, ground = given.measure(path), given.asked.ground
+    quality = given.measure(path)
+    ground = given.asked.ground
     notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
     if guess_stepover(path) is None:
         quality = without_spacing(quality, pad)

@@ -213,7 +213,8 @@ def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Qu
         PlanError: It would be so on any of what is left.
     """
     for wider in 2.0 ** np.arange(ROUNDS):
-        path, quality = planned.path, ready.measure(planned.path, planned.cuts)
+        path = planned.path
+        quality = ready.measure(planned.path, planned.cuts)
         inside = quality.pad_in_part.positions
         if not len(inside):
             return planned, quality
@@ -371,7 +372,8 @@ def _pads(
     """
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
-    diameter, standard = 2.0 * pad.radius_m, PlanConfig().stepover_m
+    diameter = 2.0 * pad.radius_m
+    standard = PlanConfig().stepover_m
     smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if _is_free(pad) else []
     if diameter <= width or not smaller:
         yield pad, plan
@@ -405,7 +407,8 @@ def accessible(
         # Something stands beside the region: there the tool must not go further out.
         return accessible(region, wide, part, replace(plan, overrun_m=0.0), tool, reason)
     if access is None:
-        asked, within = AskedRegion(whole), wide
+        asked = AskedRegion(whole)
+        within = wide
     else:
         asked = AskedRegion(whole, access.reasons, access.why, access.touched, access.left_out_m2)
         within = access.region

@@ -122,7 +122,8 @@ def plan_on(
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[SurfaceRun]]:
     """Call the pattern for each piece: the runs of each, none where it is too narrow."""
     total = sum(piece.region.area_m2 for piece in ground.pieces)
-    done, found = 0.0, []
+    done = 0.0
+    found = []
     for piece in ground.pieces:
         share = piece.region.area_m2 / total
         request = PatternRequest(
@@ -227,7 +228,8 @@ def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: AirS
     if chosen is None:
         return None
     start, end = chosen
-    stroke, line = whole.rows(start.row, end.row), whole.process.positions
+    stroke = whole.rows(start.row, end.row)
+    line = whole.process.positions
     parts = with_leads(stroke.process, start.shape, start.clearance, end.shape, end.clearance)
     if previous is not None:
         between, clear = travel(previous, parts[0], air)

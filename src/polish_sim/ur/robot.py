@@ -139,7 +139,8 @@ class SimulatedRobot:
             qd = self.target_qd
             self.target_q = before + TICK_S * qd
             self.protective_stop("a joint's set-point is too fast: near a singularity, or a jump of servoj")
-        self.target_qdd, self.target_qd = (qd - self.target_qd) / TICK_S, qd
+        self.target_qdd = (qd - self.target_qd) / TICK_S
+        self.target_qd = qd
         by_torque = self._torque_left > 0
         self.rig.order.by_torque = by_torque
         if by_torque:

@@ -281,7 +281,8 @@ class RtdeSession:
     def _set_outputs(self, body: bytes) -> None:
         rate = 125.0
         if self.version == 2:
-            (rate,), body = struct.unpack_from(">d", body), body[8:]
+            (rate,) = struct.unpack_from(">d", body)
+            body = body[8:]
         names = _names(body)
         types = [FIELDS.get(name, (NOT_FOUND, None))[0] for name in names]
         number = 0

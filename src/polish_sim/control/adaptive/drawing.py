@@ -134,7 +134,8 @@ def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -
     speed = t.speed
     if speed <= 0.0 or ahead.rows.shape[0] < 2 or not gains.on:
         return
-    now, then = t.s, t.s + speed * gains.look_ahead
+    now = t.s
+    then = t.s + speed * gains.look_ahead
     rows, spacing = ahead.rows, ahead.spacing
     out[3] += speed * (at(rows.turn_x, spacing, then) - at(rows.turn_x, spacing, now))
     out[4] += speed * (at(rows.turn_y, spacing, then) - at(rows.turn_y, spacing, now))

@@ -60,9 +60,11 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
 def begin_contact(memory: PressMemory, stiffness: float, path: float, force: float) -> None:
     """Start the observer at what is read: travel ``path`` [m] as sensed, ``force`` [N]."""
     state = memory.force
-    state.at_no_travel, state.stiffness = force - stiffness * path, stiffness
+    state.at_no_travel = force - stiffness * path
+    state.stiffness = stiffness
     state.rate = state.landed = state.age = 0.0
-    state.slow, state.swing = state.at_no_travel, 0.0
+    state.slow = state.at_no_travel
+    state.swing = 0.0
 
 
 @kernel
@@ -101,7 +103,8 @@ def observe_force(
 def correction(memory: PressMemory, arm_mode: float, crossover: float, landed: float, dt: float) -> float:
     """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's vibration
     [rad/s]."""
-    state, turn = memory.force, arm_mode * dt
+    state = memory.force
+    turn = arm_mode * dt
     lead = 1.0 / crossover + (2.0 / arm_mode if arm_mode > 0.0 else 0.0)
     added = state.at_no_travel + lead * landed * state.rate
     state.swing = (state.swing + turn * (added - state.slow)) / (1.0 + turn) ** 2
@@ -154,7 +157,8 @@ def remember_command(memory: PressMemory, speed: float) -> None:
 @kernel
 def under_way(memory: PressMemory, dt: float) -> float:
     """Travel along tool z that is commanded and not yet done [m]."""
-    delay, total = memory.delay, 0.0
+    delay = memory.delay
+    total = 0.0
     for back in range(1, min(math.floor(delay.delay / dt + 0.5), LINE - 1) + 1):
         total += delay.sent[(delay.at - back) % LINE]
     return total * dt

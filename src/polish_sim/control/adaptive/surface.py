@@ -79,7 +79,8 @@ def learned_rate(
 
     A cycle ``dt`` of 0 leaves the fading as it is.
     """
-    speed, n = t.speed, ahead.rows.shape[0]
+    speed = t.speed
+    n = ahead.rows.shape[0]
     if not gains.on or n < 2 or not t.contact:
         state.fading = 0.0
         return 0.0

@@ -205,7 +205,8 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         surface.faces.astype(np.int32),
     )
     # Straight distances show well enough where small facets are needed.
-    places, values = surface.vertices, distance.straight(surface.vertices)
+    places = surface.vertices
+    values = distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         corners = places[cut.faces]
         size = norms(next_corners(corners) - corners).max(axis=1)
@@ -224,7 +225,8 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         facet, edge = found[:, 0], found[:, 1]
         barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
         middles = surface.evaluate(cut.parents[facet], barycentric).positions
-        cut, places = finer, np.concatenate([places, middles])
+        cut = finer
+        places = np.concatenate([places, middles])
         values = np.concatenate([values, distance.straight(middles)])
     if len(cut.parents) == count:
         return Clipped(surface, cut.parents)
@@ -253,7 +255,8 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
     ends = corner[edges.ends]
     cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
     _, first = np.unique(edges.of_facet.ravel(), return_index=True)
-    facets, edge = crossed[first[cut] // 3], first[cut] % 3
+    facets = crossed[first[cut] // 3]
+    edge = first[cut] % 3
     # From the facet's corner e on, which may be the edge's other end.
     forward = surface.faces[facets, edge] == edges.ends[cut, 0]
     start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))

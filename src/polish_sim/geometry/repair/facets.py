@@ -78,8 +78,10 @@ def flip_slivers(skin: Skin) -> Skin:
 
     A corner that lies on its facet's long edge is connected to the facet beyond that edge instead.
     """
-    vertices, limit = skin.vertices, SLIVER * skin.size
-    faces, flips = skin.faces.copy(), 0
+    vertices = skin.vertices
+    limit = SLIVER * skin.size
+    faces = skin.faces.copy()
+    flips = 0
     for _ in range(_ROUNDS):
         heights = _facet_heights(vertices, faces)
         slivers = np.flatnonzero(heights <= limit)
@@ -122,7 +124,8 @@ def flip_needles(skin: Skin) -> Skin:
     A needle's normal is far off on a curved face. Edges are flipped only where both facets become rounder and
     the sharpest bend around them clearly smaller: at creases nothing changes. No vertex is moved.
     """
-    faces, flipped = skin.faces.copy(), []
+    faces = skin.faces.copy()
+    flipped = []
     for _ in range(_ROUNDS):
         done = _flip_round(skin.vertices, faces)
         flipped += done
@@ -234,7 +237,8 @@ def split_t_junctions(skin: Skin) -> Skin:
 
 def _vertices_on_edges(skin: Skin, first: Indices, last: Indices) -> tuple[Indices, Indices, Array]:
     """Pairs of a border edge and a border vertex within it, and how far along it lies (0 to 1)."""
-    vertices, tolerance = skin.vertices, ON_EDGE * skin.size
+    vertices = skin.vertices
+    tolerance = ON_EDGE * skin.size
     rim = np.unique(np.concatenate([first, last]))
     a, b = vertices[first], vertices[last]
     length = norms(b - a)

@@ -171,7 +171,8 @@ def find_crossing_facets(vertices: Array, faces: Ints) -> Indices:
     """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k,
     2)."""
     corners = vertices[faces]
-    pairs, found = [np.empty((0, 2), dtype=np.int64)], 0
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    found = 0
     for a, b in _overlapping_boxes(corners.min(axis=1), corners.max(axis=1)):
         apart = (faces[a][:, :, None] != faces[b][:, None, :]).all(axis=(1, 2))
         a, b = a[apart], b[apart]

@@ -58,7 +58,8 @@ def merge_vertices(triangles: Array) -> tuple[Array, Ints, tuple[str, ...]]:
     """
     corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 and 0.0 are the same place
     first, index = number_rows(corners.view(np.uint64))
-    vertices, faces = corners[first], index.reshape(-1, 3)
+    vertices = corners[first]
+    faces = index.reshape(-1, 3)
     gaps = find_edge_faults(faces).open
     if gaps == 0:
         return vertices, faces, ()

@@ -223,7 +223,8 @@ def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
     """Distance of a point to segments ``first`` to ``stop - 1`` [m]."""
     best = np.inf
     for k in range(first, stop):
-        offset, d = minus(tip, raw.tips[k]), raw.directions[k]
+        offset = minus(tip, raw.tips[k])
+        d = raw.directions[k]
         aside = minus(offset, scaled(min(max(dot(offset, d), 0.0), raw.lengths[k]), d))
         best = min(best, dot(aside, aside))
     return math.sqrt(best)

@@ -98,7 +98,8 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
             low,
             high,
         )
-    distances, nearest = np.zeros(m), low
+    distances = np.zeros(m)
+    nearest = low
     for first in range(0, m, BLOCK // ZOOM):
         rows = slice(first, first + BLOCK // ZOOM)
         places = np.repeat(raw.tips[rows], ZOOM, axis=0)

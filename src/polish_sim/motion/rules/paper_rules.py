@@ -217,7 +217,8 @@ def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits, signed
 
     Infinite where the denominator is not positive.
     """
-    sd, most = speed[:, None, None], np.asarray(limits.joint_acceleration)
+    sd = speed[:, None, None]
+    most = np.asarray(limits.joint_acceleration)
     cruising = most - np.abs(rates.second) * sd**2
     left = most - np.sign(rates.first * _GAINING) * rates.second * sd**2 if signed else cruising
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -112,7 +112,8 @@ class Smoothed(NamedTuple):
 
     def stretched(self, factor: float) -> Smoothed:
         """See `SmoothMotion`."""
-        schedule, powers = self.schedule, factor ** -np.arange(4.0)
+        schedule = self.schedule
+        powers = factor ** -np.arange(4.0)
         slower = Schedule(
             schedule.segments,
             schedule.starts * factor,

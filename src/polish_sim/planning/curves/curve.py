@@ -208,7 +208,8 @@ class Curve:
         both, order = self.tree.query(points, k=2, distance_upper_bound=limit)
         # Of two points equally far away the first, whichever rounding puts nearer.
         tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])
-        distances, index = both[:, 0], np.where(tie, order.min(axis=1), order[:, 0])
+        distances = both[:, 0]
+        index = np.where(tie, order.min(axis=1), order[:, 0])
         found = np.isfinite(distances)
         s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
         s[found], foot[found], normal[found], distances[found] = self.near_point(points[found], index[found])

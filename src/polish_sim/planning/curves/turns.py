@@ -197,11 +197,13 @@ def grow_turns(
     """
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
-    pieces, number = [OpenPiece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})], 0
+    pieces = [OpenPiece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})]
+    number = 0
     area = total = mesh.areas.sum()
     while pieces:
         inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
-        pieces, number = [new for found in inner for new in found], number + 1
+        pieces = [new for found in inner for new in found]
+        number = number + 1
         area -= sum(mesh.vertex_areas[rows].sum() for rows in covered)
         report(1.0 - (area if pieces else 0.0) / total)
     return [turn for root in roots for turn in root.children]

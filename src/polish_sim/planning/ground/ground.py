@@ -147,7 +147,8 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
             f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller "
             f"than the region, which measures {size * 1e3:.4g} mm across. Set another step-over."
         )
-    pieces, holes = [], 0
+    pieces = []
+    holes = 0
     for component in region.components():
         if not component.boundary_loops:
             raise PlanError(

@@ -99,7 +99,8 @@ def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam
 
 def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
     """The turns in order, each with the side of its seam on which its arc length grows."""
-    row, signs = tuple(curves[turn] for turn in pocket.turns), [1.0]
+    row = tuple(curves[turn] for turn in pocket.turns)
+    signs = [1.0]
     headings = [
         curve.tangents(np.array([s]), 0.25 * stepover)[0] for curve, s in zip(row, pocket.s, strict=True)
     ]

@@ -274,7 +274,8 @@ def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Ar
 
 def _use(layout: Layout, turn: int, s: Array, steps: float) -> Array:
     """Infinite where a seam would overlap another one on the same turn."""
-    length, half = layout.curves[turn].length, 0.5 * _width(layout, turn, steps)
+    length = layout.curves[turn].length
+    half = 0.5 * _width(layout, turn, steps)
     price = np.zeros(len(s))
     for middle, other in layout.taken.get(turn, []):
         away = np.abs(np.mod(s - middle + 0.5 * length, length) - 0.5 * length)

@@ -43,7 +43,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
 
     Some runs become longer, new ones come at the end.
     """
-    out, traces = list(runs), [dense(run.positions, TRACE * stepover) for run in runs]
+    out = list(runs)
+    traces = [dense(run.positions, TRACE * stepover) for run in runs]
     everything = np.concatenate(traces) if traces else np.empty((0, 3))
     distance = _distance(mesh.vertices, everything, stepover)
     rest = _triangles_of(mesh, distance > STRICT * stepover)

@@ -79,7 +79,8 @@ def grown_turns(request: PatternRequest) -> Grown:
     borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
     ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
     if ring is not None:
-        borders, spaced = borders[:1], ring
+        borders = borders[:1]
+        spaced = ring
     roots = grow_turns(surface, mesh, borders, spaced.first, spaced.pitch, request.report)
     for turn in all_turns(roots):
         turn.curve = without_tails(turn.curve, TAIL * stepover)
@@ -105,7 +106,8 @@ def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> lis
         """Rounded, so that turns of one length keep their order."""
         return -round(turn.curve.length / stepover, 4)
 
-    waiting, out = sorted(roots, key=shortness), []
+    waiting = sorted(roots, key=shortness)
+    out = []
     while waiting:
         chain = [waiting.pop(0)]
         while chain[-1].children:

@@ -227,7 +227,8 @@ def _between(first: Array, second: Array, depth: Array) -> Array:
 def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: float) -> list[Run]:
     """Border turns joined to the strokes: one before a stroke's beginning, others where a stroke passes
     by."""
-    waiting, runs = list(turns), []
+    waiting = list(turns)
+    runs = []
     for stroke in strokes:
         positions = stroke.positions
         near = [k for k, turn in enumerate(waiting) if _away(turn, positions[0]) < RASTER_REACH * stepover]
@@ -251,7 +252,8 @@ def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
     foot = turn.nearest(positions[:1]).s[0]
     ahead = unit(positions[min(8, len(positions) - 1)] - positions[0])
     along = turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead
-    sign, lead = (1.0 if along >= 0.0 else -1.0), LEAD * abs(along) * stepover
+    sign = 1.0 if along >= 0.0 else -1.0
+    lead = LEAD * abs(along) * stepover
     corner = foot - sign * lead
     first = corner + sign * (GAP + LATER * abs(along)) * stepover
     begin, end = sorted([first, corner + sign * (turn.length - GAP * stepover)])
@@ -264,10 +266,8 @@ def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) 
     """Once round a turn that a stroke passes by: out through a gap, round the other way, and back."""
     along = arc_length(positions)
     at = along[int(norms(positions - place).argmin())]
-    leave, come = (
-        np.searchsorted(along, at - 0.5 * GAP * stepover) - 1,
-        np.searchsorted(along, at + 0.5 * GAP * stepover),
-    )
+    leave = np.searchsorted(along, at - 0.5 * GAP * stepover) - 1
+    come = np.searchsorted(along, at + 0.5 * GAP * stepover)
     leave, come = max(int(leave), 0), min(int(come), len(along) - 1)
     out, back = turn.nearest(positions[[leave, come]]).s
     with_it = (

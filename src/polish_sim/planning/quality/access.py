@@ -180,8 +180,10 @@ def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, t
     """Refuse a region on which the tool has room nowhere."""
     if least.max() >= 0.0:
         return
-    best, diameter = int(least.argmax()), 2e3 * tool.pad.radius_m
-    place, (body, beside) = place_in_mm(ground.mesh.vertices[best]), tool.pairs[int(rooms[best].argmin())]
+    best = int(least.argmax())
+    diameter = 2e3 * tool.pad.radius_m
+    place = place_in_mm(ground.mesh.vertices[best])
+    body, beside = tool.pairs[int(rooms[best].argmin())]
     why = (
         f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a "
         f"pad of {diameter:.3g} mm does not follow"

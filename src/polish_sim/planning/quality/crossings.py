@@ -109,7 +109,8 @@ def _chains(chords: Segments, i: Indices, j: Indices, meets: Bools) -> Ints:
     """Label of the meeting each pair (n,) belongs to: pairs follow each other over a waypoint that lies on
     both."""
     follows, count = np.append(np.diff(chords.number) == 1, False), len(chords.number)
-    code, links = i * count + j, [np.empty((0, 2), dtype=np.int64)]
+    code = i * count + j
+    links = [np.empty((0, 2), dtype=np.int64)]
     _, end_i, start_j, end_j = meets
     for step_i, step_j, over in (
         (0, 1, end_j),

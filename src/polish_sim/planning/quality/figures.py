@@ -207,7 +207,8 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 
 
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
-    corner, rate = _sharpest_corner(on.runs), quality.axis_rate.peak
+    corner = _sharpest_corner(on.runs)
+    rate = quality.axis_rate.peak
     lean = np.arctan2(norms(np.cross(on.axes, on.normals)), dots(on.axes, on.normals))
     return {
         "self_crossings": len(quality.crossings),

@@ -96,7 +96,8 @@ def _of(under: UnderPad, rows: Indices) -> UnderPad:
 def _away(room: RoomOf, places: Places, tool: Tool) -> Array:
     """The way along the surface in which what is short of room gets more of it, unit vectors, shape (k,
     3)."""
-    ways, step = perpendicular(places.axes), STEP * tool.pad.radius_m
+    ways = perpendicular(places.axes)
+    step = STEP * tool.pad.radius_m
     slope = np.zeros_like(places.axes)
     for way in (ways, np.cross(places.axes, ways)):
         ahead, behind = (

@@ -138,7 +138,8 @@ def _last_half_turns(path: RunSamples, sides: tuple[Indices, Indices]) -> Bools:
 def _is_one_turn(path: RunSamples, first: int, last: int) -> bool:
     """Whether a run goes round about once between two of its samples: not to and fro, not round and round."""
     rows = np.arange(first, last + 1, SAMPLES // 2)
-    ways, normals = np.diff(path.points[rows], axis=0), path.normals[rows[1:-1]]
+    ways = np.diff(path.points[rows], axis=0)
+    normals = path.normals[rows[1:-1]]
     across = dots(np.cross(ways[:-1], ways[1:]), normals)
     turns = np.arctan2(across, dots(ways[:-1], ways[1:]))
     return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
@@ -153,7 +154,8 @@ def _refine(strands: Strands, path: RunSamples, beside: Indices, wanted: Bools, 
     reach = stepover / SAMPLES
     for _ in range(3):
         knots = [strands.at(run, s + shift)[0] for shift in (-reach, 0.0, reach)]
-        nearer, moved = np.full(len(rows), np.inf), s
+        nearer = np.full(len(rows), np.inf)
+        moved = s
         for k in (0, 1):
             chord = knots[k + 1] - knots[k]
             share, gap = foot_on_chord(points - knots[k], chord)

@@ -105,7 +105,8 @@ class Tool(NamedTuple):
         """Distance from each body's side, less a clearance [m], at most ``beyond``, shape (n, pairs)."""
         rooms = [self._room(part, places, body, clearance, beyond) for body in self.bodies]
         if self.fixture is not None:
-            around, inside = self.fixture.surface, self._in_fixture(places)
+            around = self.fixture.surface
+            inside = self._in_fixture(places)
             for number, body in enumerate(self.bodies):
                 aside = clearance + (UNSURE_M if number else 0.0)
                 room = self._room(around, _on_fixture(places, clearance + UNSURE_M), body, aside, beyond)
@@ -138,7 +139,8 @@ class Tool(NamedTuple):
                 worst.bodies[deeper] = beside * len(self.bodies) + number
         if self.fixture is not None:
             within = self._in_fixture(places) & (worst.depths < 0.5 * PAD_TOP)
-            worst.depths[within], worst.reaches[within] = 0.5 * PAD_TOP, self.pad.radius_m
+            worst.depths[within] = 0.5 * PAD_TOP
+            worst.reaches[within] = self.pad.radius_m
             worst.bodies[within] = len(self.bodies)
         return worst
 
@@ -273,7 +275,8 @@ def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
     deepest = figures.get("pad_in_part_max_m", 0.0)
     if deepest <= 0.0:
         return ""
-    length, place = figures["pad_in_part_length_m"], place_in_mm(np.array(figures["pad_in_part_at_m"]))
+    length = figures["pad_in_part_length_m"]
+    place = place_in_mm(np.array(figures["pad_in_part_at_m"]))
     body, beside = figures.get("pad_in_part_body") or "pad", figures.get("pad_in_part_beside") or PART
     return (
         f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over {length:.3g} m of the path, "
@@ -317,7 +320,8 @@ def standing_above(part: Surface, discs: Discs, deep: bool = True) -> Intrusion:
 
 @njit
 def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
-    count, radius = len(discs.middles), discs.radius
+    count = len(discs.middles)
+    radius = discs.radius
     depths, reaches = np.zeros(count), np.zeros(count)
     nodes, corner, layer, cut = np.empty(64, np.int32), np.empty((3, 3)), np.empty((6, 3)), np.empty((6, 3))
     for i in range(count):
@@ -340,7 +344,8 @@ def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
             ):
                 continue
             if tree.right[node] >= 0:
-                one, two = tree.right[node], node + 1
+                one = tree.right[node]
+                two = node + 1
                 if box_distance2(tree.low, tree.high, one, x, y, z) < box_distance2(
                     tree.low, tree.high, two, x, y, z
                 ):

@@ -165,7 +165,8 @@ class Machine:
 
 def _place(error: Exception, program: Program) -> tuple[int, int]:
     """Line and column where a programme failed."""
-    place, trace = (1, 1), error.__traceback__
+    place = (1, 1)
+    trace = error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == FILE:
             place = program.places.get(trace.tb_lineno, place)
