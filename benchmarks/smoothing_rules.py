@@ -165,6 +165,21 @@ def hard_paths() -> Iterator[tuple[str, Chain]]:
         yield name, build_chain(points, np.tile(np.eye(3), (len(points), 1, 1)))
 
 
+def print_corners() -> None:
+    """Cycle times of one corner between two legs, tool alone."""
+    names = ("exact stop", "spline")
+    print(f"\n{'one corner, tool alone':33s}" + "".join(f"{name:>14s}" for name in names))
+    for leg in (0.002, 0.005, 0.02):
+        for turn in (15, 30, 45, 60, 75, 90, 110, 130, 150, 165, 178):
+            out = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn)), 0.0])
+            tips = leg * np.stack([np.array([-1.0, 0.0, 0.0]), np.zeros(3), out])
+            chain = build_chain(tips, np.tile(np.eye(3), (3, 1, 1)))
+            times = [
+                ALL[name](chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None, None).end for name in names
+            ]
+            print(f"{1e3 * leg:4.0f} mm legs, {turn:3d} deg{'':14s}" + "".join(f"{t:14.4f}" for t in times))
+
+
 def print_hard() -> None:
     """Cycle times and shares where segments are short."""
     print(
@@ -184,6 +199,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=180, help="random paths")
     given = parser.parse_args()
     print_trial((100.0, 80.0, 60.0, 40.0))
+    print_corners()
     print_hard()
     print_random(
         given.count, "the trial's limits, joint jerk 60", replace(TRIAL_LIMITS, joint_jerk=six(60.0))
