@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
@@ -177,7 +177,7 @@ class CurveRates(NamedTuple):
 def polyline_of(chain: Chain, places: Array) -> Polyline:
     """A chain, with places on the path at its way points (n + 1,) [m], over its tip's way."""
     steps = np.maximum(chain.lengths, TURN_LENGTH * np.maximum(chain.angles, np.abs(chain.rolls)))
-    return Polyline(chain, np.concatenate([[0.0], np.cumsum(steps)]), places)
+    return Polyline(chain, running_sums(steps), places)
 
 
 # A corner: the fastest way round one is a racing line. The tip swings out, in and out again within the
@@ -234,8 +234,8 @@ def corner_units(before: Array, after: Array, tolerance: float, axis_tolerance: 
     units = np.full(len(before), np.inf)
     for rows, most in ((slice(0, 3), tolerance), (slice(6, 9), axis_tolerance)):
         a, b = before[:, rows], after[:, rows]
-        off, change = np.linalg.norm(np.cross(a, b), axis=1), np.linalg.norm(b - a, axis=1)
-        low, high = np.sort([np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)], axis=0)
+        off, change = norms(np.cross(a, b)), norms(b - a)
+        low, high = np.sort([norms(a), norms(b)], axis=0)
         # Swings of the faster side would reach beyond the end of a much slower one.
         off = np.where(high < MOST_UNEQUAL * low, off / np.maximum(low, 1e-300), change)
         units = np.minimum(units, UNIT_SHARE * most / np.maximum(np.maximum(off, 0.5 * change), 1e-300))
@@ -269,11 +269,12 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
     length, (before, after) = float(line.u[-1]), line.slopes()
     units, changes = corner_units(before, after, tolerance, axis_tolerance), after - before
     knots = np.linspace(0.0, length, max(2, int(np.ceil(length / LONGEST_SPAN)) + 1))
-    found = {
-        int(k): _isolated(line, int(k) + 1, units[k], changes[k], LEAST_CORNER)
-        for k in np.flatnonzero(units < LONGEST_UNIT)
-    }
-    known = {k: corner for k, corner in found.items() if corner is not None}
+
+    def rounded(which: Indices, least: float) -> dict[int, Corner]:
+        found = {int(k): _isolated(line, int(k) + 1, units[k], changes[k], least) for k in which}
+        return {k: corner for k, corner in found.items() if corner is not None}
+
+    known = rounded(np.flatnonzero(units < LONGEST_UNIT), LEAST_CORNER)
     for _ in range(MOST_HALVINGS):
         corners = [known[k] for k in sorted(known)]
         knots = _with_corners(knots, corners)
@@ -283,12 +284,7 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
         if not off.any():
             return Curve(spline, length)
         place = place_in_mm(line.at(knots[:-1][off][:1])[0, :3])
-        more = [int(k) - 1 for k in _alone(line, knots, off) if int(k) - 1 not in known]
-        known |= {
-            k: corner
-            for k in more
-            if (corner := _isolated(line, k + 1, units[k], changes[k], 0.0)) is not None
-        }
+        known = rounded(_alone(line, knots, off) - 1, 0.0) | known
         knots = _halved(knots, off)
     raise SmoothingError(
         f"no smooth curve stays within {tolerance * 1e3:g} mm and {math.degrees(axis_tolerance):g} deg of "
@@ -368,7 +364,7 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
     u = np.union1d(looks, line.u)
     drawn, wanted = spline(u), line.at(u)
-    tip = np.linalg.norm(drawn[:, :3] - wanted[:, :3], axis=1)
+    tip = norms(drawn[:, :3] - wanted[:, :3])
     turned = np.maximum(*(_angles(drawn[:, k : k + 3], wanted[:, k : k + 3]) for k in (3, 6)))
     beyond = u[~((tip <= tolerances[0]) & (turned <= tolerances[1]))]
     off = np.zeros(len(knots) - 1, dtype=bool)
@@ -379,7 +375,7 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
 def _angles(one: Array, two: Array) -> Array:
     """Between vectors, not a number where one has no length [rad], shape (n,)."""
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (one, two))
-    return 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=1), 1.0))
+    return 2.0 * np.arcsin(np.minimum(0.5 * norms(a - b), 1.0))
 
 
 def _halved(knots: Array, which: Bools) -> Array:

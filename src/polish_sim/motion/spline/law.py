@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import (
@@ -607,7 +607,7 @@ def _growing(ways: Array, coarse: Array) -> Array:
 def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:
     """Which spans (n - 1,) between knots are passed as fast as wanted, as are all within ``SETTLED`` of
     them."""
-    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(coarse) / (speeds[1:] + speeds[:-1]))])
+    times = running_sums(2.0 * np.diff(coarse) / (speeds[1:] + speeds[:-1]))
     slow = times[speeds < (1.0 - 1e-9) * caps]
     inside = np.searchsorted(slow, times[:-1] - SETTLED), np.searchsorted(slow, times[1:] + SETTLED)
     return inside[0] == inside[1]

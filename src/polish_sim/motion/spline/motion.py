@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms, running_sums
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import PIECES, box_pieces
@@ -208,7 +208,7 @@ class SplineTask(NamedTuple):
 
     def feed_cap(self, rates: CurveRates) -> Array:
         """Largest u' at places of a curve with which the feed is kept [m/s], shape (n,)."""
-        pace = np.linalg.norm(rates.tips[1], axis=1) if self.of_tip else rates.places[1]
+        pace = norms(rates.tips[1]) if self.of_tip else rates.places[1]
         return self.feed.at(rates.places[0]) / np.maximum(pace, 1e-9)
 
     def bounded(self, curve: Curve, u: Array, q: Array) -> Bounded:
@@ -254,51 +254,48 @@ def plan_spline(
     steps = np.diff(places)
     feeds = np.where(steps > 0.0, slowest * chain.lengths / np.where(steps > 0.0, steps, 1.0), np.inf)
     stops = plan_stops(chain, limits, arm, feeds)
-    lasting, turns = stops.triples.sum(axis=1), -np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
     known: dict[tuple[int, int], SplineMotion | Indices] = {}
     cuts = np.arange(n + 1) if min(tolerances) <= 0.0 else np.array([0, n])
     for _ in range(MOST_ROUNDS):
         old = cuts
         for a, b in pairwise(old.tolist()):
             if b - a > 1 and (a, b) not in known:
-                inner = lasting[a:b], turns[a : b - 1]
-                known[a, b] = found = _stretch(task, chain, places, a, b, stops, *inner)
+                known[a, b] = found = _stretch(task, chain, places, a, b, stops)
                 cuts = cuts if isinstance(found, SplineMotion) else np.union1d(cuts, a + 1 + found)
         if len(cuts) == len(old):
             break
     parts: list[SplineMotion] = []
     for a, b in pairwise(cuts.tolist()):
         smooth = known.get((a, b))
-        if not isinstance(smooth, SplineMotion) or smooth.end > lasting[a:b].sum():
+        if not isinstance(smooth, SplineMotion) or smooth.end > stops.triples[a:b].sum():
             parts += [_stop(task, chain, places, k, stops) for k in range(a, b)]
         else:
             parts.append(smooth)
     return _joined(polyline_of(chain, places), parts)
 
 
-def _slower(motion: SplineMotion, lasting: Array) -> Indices:
+def _slower(line: Polyline, passage: Passage, lasting: Array) -> Indices:
     """Inner way points where stops are faster, from middle to middle of their segments, and more so than
     beside them."""
-    line, passage, duration = motion.line, motion.passage, motion.end
-    times = np.linspace(0.0, duration, 4 * len(passage.places))
+    times = np.linspace(0.0, passage.duration, 4 * len(passage.places))
     middles = np.interp(0.5 * (line.u[1:] + line.u[:-1]), passage_at(passage, times)[0], times)
-    spans = np.diff(np.concatenate([[0.0], middles[1:-1], [duration]]))
-    stopped = 0.5 * (lasting[1:] + lasting[:-1])
-    stopped[0] += 0.5 * lasting[0]
-    stopped[-1] += 0.5 * lasting[-1]
-    lost = np.concatenate([[0.0], spans - stopped, [0.0]])
+    ends = np.cumsum(lasting)
+    late = (middles - ends + 0.5 * lasting)[1:-1]
+    spans = np.diff(np.concatenate([[0.0], late, [passage.duration - ends[-1]]]))
+    lost = np.concatenate([[0.0], spans, [0.0]])
     return np.flatnonzero((lost[1:-1] > 0.0) & (lost[1:-1] >= np.maximum(lost[:-2], lost[2:])))
 
 
 def _stretch(
-    task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops, lasting: Array, turns: Array
+    task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops
 ) -> SplineMotion | Indices:
     """The fastest motion along a smooth curve near some segments, or the inner way points to stop at.
 
-    These are where stops, ``lasting`` (segments,) [s], are faster; where there is no motion the one with the
-    largest of ``turns`` (segments - 1,).
+    These are where stops are faster; where there is no motion the sharpest.
     """
-    line, sharpest = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1]), np.array([turns.argmax()])
+    part = part_of(chain, slice(a, b))
+    line = polyline_of(part, places[a : b + 1])
+    sharpest = np.array([dots(part.directions[1:], part.directions[:-1]).argmin()])
     try:
         curve = fit_curve(line, *task.tolerances)
     except SmoothingError:
@@ -318,7 +315,7 @@ def _stretch(
         return bounded_quantities(rates, task.limits, arm), task.feed_cap(rates)
 
     def slower(law: Law) -> Indices:
-        return _slower(SplineMotion(line, curve, pass_by(law)), lasting)
+        return _slower(line, pass_by(law), stops.triples[a:b].sum(axis=1))
 
     coarse = with_bends(coarse, *look(coarse))
     bounded, caps = look(coarse)
@@ -350,7 +347,7 @@ def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -
     curve = Curve(draw_spline(line, knots, []), length)
     durations, c = np.zeros(PIECES), np.zeros((PIECES, 4))
     n = box_pieces(*stops.triples[k], durations, c)
-    times, c = np.concatenate([[0.0], np.cumsum(durations[:n])]), length * c[:n]
+    times, c = running_sums(durations[:n]), length * c[:n]
     passage = Passage(times, np.append(c[:, 0], length), c[:, 1], 2.0 * c[:, 2], np.zeros(n), 6.0 * c[:, 3])
     return SplineMotion(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
 
@@ -388,7 +385,7 @@ def smooth_by_spline(
     feeds: Array | None = None,
 ) -> SplineMotion:  # fmt: skip
     """The rule `spline` for any path; arguments as of `Rule`, the tolerance is the contour's."""
-    places = np.concatenate([[0.0], np.cumsum(chain.lengths)])
+    places = running_sums(chain.lengths)
     fastest = np.minimum(np.full(len(chain.lengths), NO_FEED) if feeds is None else feeds, NO_FEED)
     feed = Feed(np.repeat(places, 2)[1:-1], np.repeat(fastest, 2))
     return plan_spline(chain, places, feed, limits, (tolerance, axis_tolerance), arm, True)
