@@ -47,27 +47,23 @@ PartFile = Annotated[
 
 
 @takes(
-    *(
-        "--units",
-        "--up",
-        "--fixture",
-        *PATH_OPTIONS,
-        "--tool",
-        "--pad-diameter",
-        "--contact-force",
-        "--feed",
-        "--dual",
-    ),
-    *(
-        *PAIR_OPTIONS,
-        "--controller",
-        "--proof",
-        "--seed",
-        "--reach-map",
-        *CONFIG_OPTIONS,
-        "--export",
-        *OUTPUT_OPTIONS,
-    ),
+    "--units",
+    "--up",
+    "--fixture",
+    *PATH_OPTIONS,
+    "--tool",
+    "--pad-diameter",
+    "--contact-force",
+    "--feed",
+    "--dual",
+    *PAIR_OPTIONS,
+    "--controller",
+    "--proof",
+    "--seed",
+    "--reach-map",
+    *CONFIG_OPTIONS,
+    "--export",
+    *OUTPUT_OPTIONS,
 )
 def plan(part: PartFile, given: Given) -> int:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
@@ -224,7 +220,8 @@ def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Obser
     area = {"part_area_m2": search.part_area, "unreached_area_m2": sum(patch.area for patch, _ in missed)}
     write_json(folder / "metrics.json", {"setups": rows, **area, "unreached": named})
     notes = [*search.notes, *(f"{row['folder']}: {note}" for row, plan in zip(rows, done, strict=True)
-             for note in plan.notes if "left out" in note), *_missed_notes(missed)]  # fmt: skip
+             for note in plan.notes if "left out" in note or "--check" in note),
+             *_missed_notes(missed)]  # fmt: skip
     return partial(_show_setups, done, area, notes)
 
 
@@ -248,16 +245,16 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     rows = []
     for number, result in enumerate(done, 1):
         m = result.figures
-        sizes = (1e4 * m["region_area_m2"], 1e4 * m["left_out_area_m2"])
-        shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
-        cycle = console.number_or_dash(m["cycle_time_s"], ".1f")
         rows.append(
             [
                 f"setup_{number}",
                 name_direction(result.mesh.up),
-                *(f"{size:.1f}" for size in sizes),
-                *shares,
-                cycle,
+                f"{1e4 * m['region_area_m2']:.1f}",
+                f"{1e4 * m['left_out_area_m2']:.1f}",
+                f"{100.0 * m['coverage']:.1f}",
+                str(m["retracts"]),
+                f"{m['path_length_m']:.2f}",
+                console.number_or_dash(m["cycle_time_s"], ".1f"),
             ]
         )
     headings = [

@@ -122,6 +122,13 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
         assert len(metrics.shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
+def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished_says_how_much():
+    (note,) = metrics.map_notes({"polished_area_m2": 65e-4, "removal_area_m2": 52.9e-4})
+    assert "52.9 cm^2" in note
+    assert "12.1 cm^2" in note
+    assert not metrics.map_notes({"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4})
+
+
 def test_settling_counts_from_the_last_excursion_not_the_first_entry():
     error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
     assert abs(metrics.settling_time(TIME, error, 3.0) - 1.5) <= 1e-3

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import Silent
-from polish_sim.cell.guards import FALLEN
+from polish_sim.cell.guards import FALLEN, NO_STOP
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.proof import Proven, _Prover, is_proven, prove
-from polish_sim.experiments.proof_play import Failure
+from polish_sim.experiments.proof import SPENT, Proven, _Prover, is_proven, prove
+from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, PreparedRegion
 from polish_sim.planning.quality.figures import Quality
@@ -163,7 +163,9 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     proven = proven_at_the_corner()
     proof, path = proven.plan.proof, proven.plan.path
     assert proven.plan.figures["proven"] == 1
-    assert max(limit["share"] for limit in proof["limits"].values()) <= 0.8
+    shares = {name: limit["share"] for name, limit in proof["limits"].items()}
+    assert shares.pop("tangential error") > 0.5  # what no mend helps is only said
+    assert max(shares.values()) <= 0.8
     for changes, known in (("seed=77", True), ("process.feed_m_s=0.04", False), ("robot.arm=ideal", False)):
         assert is_proven(override(proven.scenario, [changes]), path, proof) == known
     assert not is_proven(proven.scenario, soft_corner()[1].path, proof)
@@ -192,6 +194,26 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     assert proven.plan.path.feed.min() < 0.06
     run = run_experiment(replace(proven.scenario, seed=504), proven.plan)
     assert run.stop_reason is None
+
+
+def test_a_proof_whose_time_is_used_up_leaves_out_what_fails_wider_each_round_and_then_refuses(
+    monkeypatch,
+):
+    scenario = pressing()
+    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    prover = _Prover(scenario, plan, Silent())
+    middle = Failure("the force leaves its band: 9 N", 0.5 * plan.path.s[-1], NO_STOP, False)
+    prover.late, lengths = 1, []
+    for prover.late in (1, 2):
+        lengths.append(float(prover._remedy(middle)[2].sum()))
+        assert prover._remedy(middle)[0] == LEFT_OUT
+    assert lengths[1] == pytest.approx(2.0 * lengths[0], abs=2.0)  # rows of the path
+    prover._mend([middle])
+    assert prover.mends[-1].why.endswith(SPENT)
+    prover.worked_s = 1e6
+    monkeypatch.setattr(Play, "play_on", lambda self, observer: [middle])
+    with pytest.raises(PlanError, match=r"from \d+ of \d+ mm of the path on"):
+        prover.pass_through(None)
 
 
 def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused():

@@ -170,10 +170,9 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
     if lost > 0.0:
         found.append(f"contact was lost for {lost:.3g} s")
     if within < WITHIN_BAND:
-        most = figures["force_max_deviation_n"]
         found.append(
             f"the force was outside ±4 N for {100.0 * (1.0 - within):.3g}% of the process, by up to "
-            f"{most:.1f} N"
+            f"{figures['force_max_deviation_n']:.1f} N"
         )
     if figures["peak_force_n"] > MOST_FORCE * contact_force:
         found.append(
@@ -190,6 +189,17 @@ def much_left_out(figures: Mapping[str, Any]) -> list[str]:
         return []
     why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
     return [f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 are left out ({why})"]
+
+
+def map_notes(figures: Mapping[str, Any]) -> list[str]:
+    """What of the polished region the removal map leaves out, if it is more than a hundredth of it."""
+    polished, mapped = figures["polished_area_m2"], figures["removal_area_m2"]
+    if polished - mapped <= LEFT_OUT * polished:
+        return []
+    return [
+        f"note: removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's middle may be; "
+        f"the other {1e4 * (polished - mapped):.3g} cm^2 that are polished only the pad's rim reaches"
+    ]
 
 
 class Circle(NamedTuple):
@@ -273,16 +283,17 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     force = trace.normal_force_n[part]
     path_s = trace.path_s_m[part]
     error = force - plan.force_at(path_s, contact_force)
+    off = np.abs(error)
     passed = peaks_passed(plan, path_s)
     peak_errors = errors_at_peaks(path_s, error, passed)
     return {
         "force_mean_n": _reduce(np.mean, force),
         "force_rms_error_n": _rms(error),
-        "force_max_deviation_n": _reduce(np.max, np.abs(error)),
+        "force_max_deviation_n": _reduce(np.max, off),
         "force_within_4n": _share(error, FORCE_BANDS_N["surface"]),
         "force_within_1n": _share(error, 1.0),
-        "force_error_median_n": _reduce(np.median, np.abs(error)),
-        "force_error_p95_n": float(np.percentile(np.abs(error), 95)) if len(error) else math.nan,
+        "force_error_median_n": _reduce(np.median, off),
+        "force_error_p95_n": float(np.percentile(off, 95)) if len(off) else math.nan,
         "contact_lost_s": float(np.sum(force <= CONTACT_N) * time_step(time)),
         "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
@@ -350,7 +361,8 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
     """Measure a map over the region's area.
 
     exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per
-    area; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv:
+    area; removal_area_m2: of the map;
+    removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv:
     standard deviation over mean; removal_cv_inside: the same a pad's radius [m] inside the border;
     removal_p5, removal_p95,
     removal_max: over the mean, by area; under_polished_share, over_polished_share, unpolished_share: of the
@@ -368,6 +380,7 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
         "removal_volume_m3": depth * total,
         "removal_mean_m": depth * removal.mean,
         "removal_max_m": depth * float(removal.exposure.max()),
+        "removal_area_m2": float(removal.areas.sum()),
         **dict.fromkeys(REMOVAL_SPREAD, math.nan),
         "unpolished_share": float(shares[removal.exposure <= 0.0].sum()),
         "removal_elsewhere": removal.elsewhere_nm / total if total > 0.0 else math.nan,

@@ -27,6 +27,7 @@ from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import NORMAL_SHARE
+from polish_sim.cell.stroke import cycle_time
 from polish_sim.cell.support import would_sink
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
@@ -41,7 +42,7 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal
 from polish_sim.experiments.placement import Reach, check_whole_path
-from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
+from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import Remaining, lift_over
@@ -73,6 +74,10 @@ SLOWING_S = 0.5  #: Of the feed before a place that is mended may have changed t
 AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
 AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
+#: Cycles' worth of playing and timing after which what fails is left out, and at least so long [s]; after
+#: twice that the plan is refused
+MOST_WORK, LEAST_WORK_S = 8.0, 2000.0
+SPENT = ", and the proof's time was used up"
 MOST_ROUNDS = 4  #: A mended path is played whole at most so often
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
@@ -223,7 +228,8 @@ class _Prover:
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
-        self.played_s, self.kept_until = 0.0, 0.0
+        self.kept_until = self.worked_s = 0.0
+        self.late = 0  #: Rounds of mending since the work was used up
         self._leave_out_what_sinks()
 
     def _leave_out_what_sinks(self) -> None:
@@ -234,11 +240,7 @@ class _Prover:
         """
         path, scenario = self.path, self.scenario
         rows = np.flatnonzero(path.process)
-        rows = rows[
-            np.unique(
-                np.searchsorted(path.s[rows[:-1]], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M))
-            )
-        ]
+        rows = rows[np.unique(path.s[rows] // LOOKED_M, return_index=True)[1]]
         places, force = (
             path.positions_work[rows],
             path.force_at(path.s[rows], scenario.process.contact_force_n),
@@ -268,17 +270,10 @@ class _Prover:
             if eased.any():
                 self._ease(eased, SINKS_OFF, share)
             gone &= ~eased
-        if not gone.any():
-            return
-        remaining = lift_over(path, gone, self.plan.plan, self.plan.ready.air)
-        if remaining is None:
-            raise PlanError(
-                f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under "
-                f"{force[0]:.3g} N anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink "
-                "off an edge. Set a smaller --pad-diameter, a lower --contact-force or another --region."
-            )
-        self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
-        self._keep(remaining)
+        if gone.any():
+            size, newton = 2e3 * scenario.pad.radius_m, force.max()
+            why = f"{SINKS_OFF}: of {size:.3g} mm, under {newton:.3g} N, {1e3 * aside:.2g} mm aside"
+            self._leave_out(gone, why)
 
     def _keep(self, remaining: Remaining) -> None:
         """Continue with what is left of the path."""
@@ -313,10 +308,13 @@ class _Prover:
             if len(self.mends) == mended and self._keeps_clear(2.0**number):
                 return
             self.shares.clear()
-        raise PlanError(
-            f"the plan could not be proven: played in the cell it fails after {MOST_ROUNDS} rounds of "
-            f"mending, the last time because {self.mends[-1].why}. Set a lower --feed or --contact-force, a "
-            "smaller --pad-diameter or another --region; --proof none runs it all the same."
+        raise self._unproven(self.mends[-1].why)
+
+    def _unproven(self, why: str) -> PlanError:
+        return PlanError(
+            f"the plan could not be proven: after {self.worked_s:.0f} s of the cell's time it "
+            f"still fails because {why}. Set a lower --feed or --contact-force, a smaller --pad-diameter or "
+            "another --region; --proof none runs it all the same."
         )
 
     def _keeps_clear(self, wider: float) -> bool:
@@ -339,11 +337,19 @@ class _Prover:
             play = self._play(seed)
             begun = _Begun(play, play.play_on(self.observer))
         play, found = begun
+        most = max(MOST_WORK * cycle_time(play.cell.strokes), LEAST_WORK_S)
         while found:
+            spent = self.worked_s + play.worked_s
+            if spent > 2.0 * most:
+                self.worked_s, last = spent, found[0]
+                raise self._unproven(
+                    f"{last.why}, from {1e3 * last.s:.0f} of {1e3 * self.path.s[-1]:.0f} mm of the path on"
+                )
+            self.late += spent > most
             self._mend(found)
             play.go_back(self.task_now(), self.kept_until)
             found = play.play_on(self.observer)
-        self.played_s += play.played_s
+        self.worked_s += play.worked_s
         for name, kept in play.passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
@@ -412,12 +418,12 @@ class _Prover:
             why, before = groups.get(key, (failure.why, rows))
             groups[key] = why, rows | before
         kept = np.arange(len(self.path.s))  # rows of the path as it was played
-        for (what, share, _), (why, rows) in sorted(
-            groups.items(), key=lambda group: group[0][0] == LEFT_OUT
-        ):
+        for (what, share, _), (why, rows) in groups.items():
             rows = rows[kept] & self.path.process
+            if not rows.any():
+                continue
             if what == LEFT_OUT:
-                kept = kept[self._leave_out(rows, why)] if rows.any() else kept
+                kept = kept[self._leave_out(rows, PLAYED + why)]
             else:
                 (self._slow if what == SLOWED else self._ease)(rows, why, share)
 
@@ -432,19 +438,19 @@ class _Prover:
         if code in HOPELESS:
             raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
         what, share, reach = LEFT_OUT, 0.0, 0.5 * pad
-        if code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
+        if self.late:
+            reach *= 2.0**self.late
+        elif code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
             what, share = SLOWED, slower
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
-        elif pressed > self.easiest and (
-            code == NO_STOP or (code in (guard.FALLEN, *DYNAMIC) and not failure.landing)
-        ):
+        elif pressed > self.easiest and code in (NO_STOP, guard.FALLEN, *DYNAMIC):
             what, share, reach = EASED, EASIER if pressed > EASIER else self.easiest, pad
         else:
-            here, cuts = (
-                path.positions_work[row],
-                [mend.places for mend in self.mends if mend.what == LEFT_OUT],
+            reach *= 2.0 ** sum(
+                norms(mend.places - path.positions_work[row]).min() < 2.0 * pad
+                for mend in self.mends
+                if mend.what == LEFT_OUT
             )
-            reach *= 2.0 ** sum(float(norms(places - here).min()) < 2.0 * pad for places in cuts)
         rows = self._stroke_of(row) & (np.abs(s - s[row]) <= reach)
         if what == SLOWED and sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
             # It fails everywhere: the rest of the path is slowed at once.
@@ -466,23 +472,23 @@ class _Prover:
 
     def _slow(self, rows: Bools, why: str, share: float) -> None:
         """Feed the tool at a share of the planned feed along some rows of the path."""
-        first = int(np.flatnonzero(rows)[0])
+        first = int(rows.argmax())
         self.kept_until = min(self.kept_until, self.path.s[first] - SLOWING_S * self._feed_at(first))
         self.share[rows] = np.minimum(self.share[rows], share)
         self.mends.append(mend_of(SLOWED, why, share, self.path, rows))
 
     def _leave_out(self, rows: Bools, why: str) -> Indices:
         """Lift the tool over some rows of the path; the rows that are kept. Raises as `_mend`."""
-        path, first = self.path, int(np.flatnonzero(rows)[0])
+        path, first = self.path, int(rows.argmax())
         remaining = lift_over(path, rows, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
-                "nothing of the path can be polished: played in the cell, every stroke fails, the last at "
-                f"{self._where(first)}: {why}. Set a smaller --pad-diameter, a lower --contact-force or "
-                "another --region."
+                f"nothing of the path can be polished, the last place at {self._where(first)}: {why}. Set a "
+                "smaller --pad-diameter, a lower --contact-force or another --region."
             )
         lost = remaining.lost
-        self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{why}", 0.0, path, lost))
+        why = why.partition(":")[0] + SPENT * bool(self.late)
+        self.mends.append(mend_of(LEFT_OUT, why, 0.0, path, lost))
         self.kept_until = min(self.kept_until, path.s[lost].min() - SLOWING_S * self._feed_at(first))
         self._keep(remaining)
         return remaining.source
@@ -494,38 +500,32 @@ class _Prover:
         """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
         task, scenario, plan = self.task_now(), self.scenario, self.plan
         pose = to_pose(task.reach.T_base_work)
-        if any(mend.what == LEFT_OUT for mend in self.mends):
+        made, mends = {mend.what for mend in self.mends}, (*self.plan.mends, *self.mends)
+        if LEFT_OUT in made:
             plan = plan.along(task.plan.path, self.mends)
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
-        largest, whole = max(share for share, _ in self.shares.values()), self.plan.path
+        whole = self.plan.path
         feed = whole.feed
         proof = {
             "arm": scenario.robot.arm, "controller": scenario.controller.label,
             "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
-            "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
-            "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
-            "eased": any(mend.what == EASED for mend in self.mends),
+            "settings": settings_key(scenario), "path": path_key(task.plan.path),
+            "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [
-                {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()}
-                for mend in (*self.plan.mends, *self.mends)
+                {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()} for mend in mends
             ],
         }  # fmt: skip
-        stands = {
-            "T_base_work": task.reach.T_base_work.tolist(),
-            "smallest_singular_value": task.reach.smallest_singular_value,
-        }
         figures = {
             **plan.figures,
-            **stands,
+            "T_base_work": task.reach.T_base_work.tolist(),
+            "smallest_singular_value": task.reach.smallest_singular_value,
             "proven": 1,
-            "proof_largest_share": largest,
-            "proof_played_s": self.played_s,
+            "proof_work_s": self.worked_s,
         }
-        mends = (*self.plan.mends, *self.mends)
         notes = (*plan.notes, *proof_notes(proof))
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
         final = SurfaceTask(plan, task.reach, task.shape)
@@ -542,6 +542,11 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
         f"and up to {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: "
         f"{name}, {100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
     ]
+    if worst["share"] > 1.0 - DRAWN_MARGIN:
+        notes.append(
+            f"on other arms and parts this may fail run --check: {name}; a lower --contact-force helps, and "
+            "robot.compensation=tracker"
+        )
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
     for mend in proof["mends"]:
         groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)

@@ -18,9 +18,10 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
-from polish_sim.cell.stroke import FEEDING, cycle_time
+from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
 from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
+from polish_sim.experiments.rows import most_astray
 from polish_sim.experiments.surface import SurfaceTask
 from polish_sim.log import PROCESS_PHASE
 
@@ -30,10 +31,10 @@ DRAWN_MARGIN = 0.1  #: The same on a part that is displaced and bent
 #: Times as much as in the proof the gears of another seed shake the arm at the same place
 SHAKEN = 1.4
 CHUNK_S = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
-SETTLED_S = 0.1  #: After the feed begins the force may settle for this long [s]
+SETTLED_M = 1e-3  #: Of a stroke on which the force may settle [m]
 #: Share of the limit of the surface's place that is kept, however the part is drawn
 LEAST_OFFSET = 0.4
-BAND = "force error"
+BAND, ASTRAY = "force error", "tangential error"
 SAVE_EVERY_S = 2.0  #: Simulated time between saved states [s]
 SAVED = 12  #: States kept; with the beginnings of strokes
 DYNAMIC = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
@@ -77,17 +78,26 @@ class Play:
         self.nominal, self.margin = nominal, MARGIN if nominal else DRAWN_MARGIN
         self.part = build_part(self.scenario, task.place)
         self.passing: dict[str, tuple[float, float]] = {}  #: Largest shares of the limits, and where
-        self.played_s, self.wanted = 0.0, True
+        self.worked_s, self.wanted = 0.0, True
+        self._timed: list[Stroke] = []
         self._saved: list[_Saved] = []
         self._begin(task)
 
     def _begin(self, task: SurfaceTask) -> None:
         """A cell at the start of a path, its guards' limits tightened."""
         self.task, scenario = task, self.scenario
-        self.cell = cell_for(scenario, task.place, self.part, strokes_for(scenario, task.place))
+        self.cell = cell_for(scenario, task.place, self.part, self._strokes())
         self._tighten()
-        self._unsettled_until = 0.0
         self.cell.play(1)  # kernels are compiled here, not by two threads at once
+
+    def _strokes(self) -> list[Stroke]:
+        """The strokes of the path; to time a motion takes about as long as to play it."""
+        known = {id(stroke.motion) for stroke in self._timed}
+        self._timed = strokes_for(self.scenario, self.task.place)
+        self.worked_s += sum(
+            stroke.motion.playing_time for stroke in self._timed if id(stroke.motion) not in known
+        )
+        return self._timed
 
     def _tighten(self) -> None:
         """Leave the margin to every limit; to the surface's place on the drawing, what the part may be off
@@ -109,7 +119,7 @@ class Play:
             self._begin(task)
             return
         self.task, place, cell, scenario = task, task.place, self.cell, self.scenario
-        strokes = strokes_for(scenario, place)
+        strokes = self._strokes()
         cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
         cell.restore(self._saved[-1].state)
         sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
@@ -118,7 +128,6 @@ class Play:
             sequence.clock = np.interp(
                 sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing
             )
-        self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
 
     def play_on(self, observer: Observer) -> list[Failure]:
         """Play on to the end, until it is not ``wanted`` any more, or to where the path has to be mended.
@@ -132,7 +141,7 @@ class Play:
         while self.wanted and not cell.done and not (found and cell.stroke_number != stroke):
             forget_shares(cell.state.guards)
             steps = cell.play(round(CHUNK_S / dt)).trace
-            self.played_s += len(steps) * dt
+            self.worked_s += len(steps) * dt
             t = status.steps * dt
             observer.progress(min(t, total), total)
             failure = self._failure(steps)
@@ -154,14 +163,13 @@ class Play:
         cell, s, force = self.cell, steps["path_s_m"], steps["normal_force_n"]
         status, path, usual = cell.state.status, self.task.plan.path, self.scenario.process.contact_force_n
         wanted = path.force_at(s, usual)
-        # After landing the force is given the time a step response takes to settle.
         fed = steps["phase"] == PROCESS_PHASE
-        unsettled = np.where(fed, self._unsettled_until, steps["time_s"] + SETTLED_S)
-        unsettled = np.maximum.accumulate(unsettled)
-        self._unsettled_until = float(unsettled[-1])
-        used = force_shares(force, wanted, path.largest_force(usual), steps["time_s"] > unsettled)
-        worst = int(used.argmax())
-        self._note(BAND, float(used[worst]), float(s[worst]))
+        # After landing the force has the first millimetre of the feed to settle.
+        held = fed & (s > cell.kernel.stroke.start_s + SETTLED_M)
+        used = force_shares(force, wanted, path.largest_force(usual), held)
+        astray = np.where(fed, steps["tangential_error_m"], 0.0) / most_astray(self.scenario)
+        for name, shares in ((BAND, used), (ASTRAY, astray)):
+            self._note(name, float(shares.max()), float(s[shares.argmax()]))
         stage, at = cell.state.sequence.stage, float(cell.state.target.s)
         if status.stop != NO_STOP:
             return Failure(self._reason(int(status.stop)), at, int(status.stop), stage < FEEDING)
@@ -170,11 +178,11 @@ class Play:
             k = beyond[0]
             said = f"the force leaves its band: {force[k]:.1f} N of {wanted[k]:.3g} N asked"
             return Failure(said, float(s[k]), NO_STOP, not fed[k])
-        shares = guard_shares(cell.state.guards)
+        near = guard_shares(cell.state.guards)
         for name, most in self._most().items():
-            if shares[name].share > most:
+            if near[name].share > most:
                 code = guard.SHARES[name]
-                return Failure(self._reason(code), shares[name].at_m, code, stage < FEEDING)
+                return Failure(self._reason(code), near[name].at_m, code, stage < FEEDING)
         return None
 
     def _reason(self, code: int) -> str:

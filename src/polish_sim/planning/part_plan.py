@@ -193,9 +193,17 @@ def plan_mesh(
     observer.stage("plan the path")
     ready = prepare_region(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
     leaning = ready.access.leaning if ready.access else None
-    planned = plan_on(
-        ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), surface, ready.tool, leaning
-    )
+    try:
+        planned = plan_on(
+            ready.ground,
+            ready.plan,
+            lambda share: observer.progress(share, 1.0),
+            surface,
+            ready.tool,
+            leaning,
+        )
+    except PlanError as error:
+        raise PlanError(" Note: ".join((str(error), *ready.notes))) from None
     planned_s = time.perf_counter() - begin
     observer.stage("measure the path")
     planned, quality = _clear_of_part(ready, planned)

@@ -27,8 +27,14 @@ from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 WORST = 10  #: Runs that are shown with the command that repeats them
 MOST_LINES = 1500  #: Of parallel coordinates
 PREFERRED = (
-    *("force_rms_error_n", "settling_time_1n_s", "settling_time_3n_s", "tracking_error_rms_m"),
-    *("cycle_time_s", "overshoot_n", "tracking_error_max_m", "force_max_deviation_n"),
+    "force_rms_error_n",
+    "settling_time_1n_s",
+    "settling_time_3n_s",
+    "tracking_error_rms_m",
+    "cycle_time_s",
+    "overshoot_n",
+    "tracking_error_max_m",
+    "force_max_deviation_n",
 )
 """The figures a front is drawn of, the first two that differ between the runs."""
 MOST_BINS = 40  #: More values of a setting than this are put together by twentieths of its range
