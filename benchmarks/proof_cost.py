@@ -41,7 +41,7 @@ def measure(parts: Sequence[str] = PARTS) -> Iterator[Row]:
         plan_s, proof_s, busy_s, play_s, figures, memory = _once(scenario)
         path, plays = figures["path_length_m"], figures["proof_work_s"] / figures["cycle_s"]
         yield Row(f"{name}, {path:.2f} m: plan without the proof", f"{plan_s:.2f} s", "-")
-        yield Row(f"    proof, {plays:.2f} cycles played and timed, {figures['mends']} mends", f"{proof_s:.2f} s", "-")
+        yield Row(f"    proof, {plays:.2f} cycles of work, {figures['mends']} mends", f"{proof_s:.2f} s", "-")
         yield Row("    proof against one play of the cycle", f"{proof_s / play_s:.2f}", "2 + re-plays")
         yield Row("        in processor time", f"{busy_s / play_s:.2f}", "-")
         yield Row("    peak memory with the proof against without", f"{memory:.3f}", "1")

@@ -116,7 +116,10 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
     most = np.array([8.0, 20.0, 20.0, 8.0, 20.0, 8.0, 8.0])
     held = np.array([False, True, True, True, False, False, True])
     shares = [metrics.force_shares(*row) for row in zip(force, wanted, most, held, strict=True)]
-    np.testing.assert_allclose(shares, [1.0, 1.0, 0.75, 1.0, 0.8, 0.0, 1.0])
+    ever, often = np.transpose(shares)
+    np.testing.assert_allclose(often, [0.0, 1.0, 0.75, 0.375, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(ever[[0, 1, 3, 4]], [1.0, 0.8, 1.0, 0.8])
+    assert ever[5] <= 0.0  # no contact to lose where the force is not held yet
     calm = {"contact_lost_s": 0.0, "force_within_4n": 1.0}
     for peak, bad in ((9.99, 0), (10.01, 1)):
         assert len(metrics.shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad

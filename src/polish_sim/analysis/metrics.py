@@ -150,16 +150,17 @@ MOST_FORCE = 1.25  #: Of the set force: more is a blow
 LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 
-def force_shares(force: Array, wanted: Array, most: float, held: Bools) -> Array:
-    """How much of what a run of ``surface`` may be off its force is used at each step (n,): 1 is bad.
+def force_shares(force: Array, wanted: Array, most: float, held: Bools) -> tuple[Array, Array]:
+    """How much of what a run of ``surface`` may be off its force is used at each step, twice (n,): 1 is bad.
 
-    Where it is ``held``: of the band about the force ``wanted`` and of the way to losing contact; anywhere:
-    of the way to a blow, ``MOST_FORCE`` times the ``most`` that is set [N].
+    First of what no step may be: a blow, ``MOST_FORCE`` times the ``most`` that is set [N], and where the
+    force is ``held``, contact lost. Then, where it is held, of the band about the force ``wanted``, which few
+    steps may leave.
     """
     error = force - wanted
-    off = np.maximum(np.abs(error) / FORCE_BANDS_N["surface"], -error / (wanted - CONTACT_N))
-    share: Array = np.maximum(error / (MOST_FORCE * most - wanted), np.where(held, off, 0.0))
-    return share
+    lost = np.where(held, -error / (wanted - CONTACT_N), 0.0)
+    band = np.where(held, np.abs(error) / FORCE_BANDS_N["surface"], 0.0)
+    return np.maximum(error / (MOST_FORCE * most - wanted), lost), band
 
 
 def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:

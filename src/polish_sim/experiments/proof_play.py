@@ -166,7 +166,8 @@ class Play:
         fed = steps["phase"] == PROCESS_PHASE
         # After landing the force has the first millimetre of the feed to settle.
         held = fed & (s > cell.kernel.stroke.start_s + SETTLED_M)
-        used = force_shares(force, wanted, path.largest_force(usual), held)
+        ever, often = force_shares(force, wanted, path.largest_force(usual), held)
+        used = np.maximum(SHAKEN * ever, often)
         astray = np.where(fed, steps["tangential_error_m"], 0.0) / most_astray(self.scenario)
         for name, shares in ((BAND, used), (ASTRAY, astray)):
             self._note(name, float(shares.max()), float(s[shares.argmax()]))
