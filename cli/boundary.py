@@ -22,7 +22,7 @@ from polish_sim.errors import PolishSimError
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
 NOTHING_RECORDED = "interrupted; nothing was recorded yet."
-NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
+NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EACCES, errno.EROFS)
 
 
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
@@ -66,7 +66,10 @@ def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
         if swallowed or _is_interrupt(error):
             return console.fail(NOTHING_RECORDED, INTERRUPTED)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
-            return console.fail(f"cannot write: {error.strerror}. Make room, or write elsewhere.", USAGE)
+            where = f" '{error.filename}'" if error.filename else ""
+            return console.fail(
+                f"cannot write{where}: {error.strerror}. Make room, or write elsewhere.", USAGE
+            )
         return console.fail(_bug_message(error, debug), BUG)
     return outcome if isinstance(outcome, int) else DONE
 

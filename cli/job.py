@@ -16,7 +16,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
-from polish_sim.cli.output_folder import RESULTS, put, refuse_taken, unused
+from polish_sim.cli.output_folder import RESULTS, occupied, put, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.row_file import whole_file
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 INIT = "init"
 COPY = "job.toml"  #: Of the job's file, in its folder
+LOCK = ".lock"
 What = Annotated[
     str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)
 ]
@@ -65,29 +66,29 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
             again = "Do the job anew with --overwrite."
             check_part(plan, asked.passes[0].scenario.part.file, made_on, again)
     rows: list[Row] = []
-    try:
-        with console.progress() as observer:
-            if not (fresh or given["--resume"]):
-                shutil.rmtree(draft, ignore_errors=True)
-                draft.mkdir()
-                _replace(folder, draft, next(run_job(asked, draft, observer)).folder)
-            folder.mkdir(parents=True, exist_ok=True)
-            put(folder, COPY, copy)
-            rows.extend(run_job(asked, folder, observer))
-    except KeyboardInterrupt:
-        console.note(
-            f"interrupted before the first new pass was there: what was in '{folder}' stays"
-            if draft.exists()
-            else "interrupted: what was recorded up to now is kept; the same command resumes it with "
-            f"--resume --out '{folder}'"
-        )
-        return INTERRUPTED
-    except PolishSimError:
-        if fresh and not rows:
-            shutil.rmtree(folder)
-        raise
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+    with occupied(folder, LOCK, "job"):
+        try:
+            with console.progress() as observer:
+                if not (fresh or given["--resume"]):
+                    shutil.rmtree(draft, ignore_errors=True)
+                    draft.mkdir()
+                    _replace(folder, draft, next(run_job(asked, draft, observer)).folder)
+                put(folder, COPY, copy)
+                rows.extend(run_job(asked, folder, observer))
+        except KeyboardInterrupt:
+            console.note(
+                f"interrupted before the first new pass was there: what was in '{folder}' stays"
+                if draft.exists()
+                else "interrupted: what was recorded up to now is kept; the same command resumes it with "
+                f"--resume --out '{folder}'"
+            )
+            return INTERRUPTED
+        except PolishSimError:
+            if fresh and not rows:
+                shutil.rmtree(folder)
+            raise
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         put(folder, f"setup_{number}.script", text)
@@ -111,11 +112,7 @@ def _init(part: str | None, given: Given) -> int:
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot create '{file.parent}': {error.strerror}. Choose another --out.") from error
-    with whole_file(file) as draft:
+    with room_for(file), whole_file(file) as draft:
         draft.write_text(TEMPLATE.format(part=part, name=file.name), encoding="utf-8")
     console.say(f"{file}: run it with polish-sim job {file}")
     return DONE

@@ -54,25 +54,17 @@ def claimed(given: Mapping[str, Any], kind: str) -> Iterator[OutputFolder]:
     """
     refuse_taken(given)
     final = given["--out"] or unused(RESULTS / kind)
-    created = _create_parents(final)
-    _sweep(final.parent)
-    draft = _draft_of(final)
-    try:
-        lock = _create_locked(draft)
-    except OSError as error:
-        _remove_empty(created)
-        raise InputError(
-            f"cannot write in '{final.parent}': {error.strerror}. Choose another folder with --out."
-        ) from error
-    try:
-        yield OutputFolder(draft, final)
-        _publish(draft, final)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        _remove_empty(created)
-        raise
-    finally:
-        os.close(lock)
+    with room_for(final):
+        _sweep(final.parent)
+        draft = _draft_of(final)
+        with writing(final):
+            lock = _create_locked(draft)
+        try:
+            yield OutputFolder(draft, final)
+            _publish(draft, final)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(lock)
 
 
 def _draft_of(final: Path) -> Path:
@@ -165,31 +157,36 @@ def rows_folder(
         raise InputError(
             f"'{folder}' holds something that is not a {what}. Choose another folder with --out."
         )
-    created = _create_parents(folder)
-    try:
-        folder.mkdir(exist_ok=True)
-        (folder / ROWS).touch()
-    except OSError as error:
-        _remove_empty(created)
-        raise InputError(
-            f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out."
-        ) from error
-    try:
-        with locked(folder, what):
+    with occupied(folder, ROWS, what):
+        try:
             refuse(folder)
             for name, text in begin.items():
                 put(folder, name, text)
             console.note(f"folder: {folder} ({SAME} --out {folder} resumes it)")
             yield folder
-    except BaseException as error:
-        if made and not (folder / ROWS).stat().st_size:
-            shutil.rmtree(folder, ignore_errors=True)
-            _remove_empty(created)
-        elif isinstance(error, KeyboardInterrupt):
-            raise KeyboardInterrupt(
-                f"interrupted: the rows so far are kept; {SAME} --out {folder} resumes."
-            ) from error
-        raise
+        except BaseException as error:
+            if made and not (folder / ROWS).stat().st_size:
+                shutil.rmtree(folder, ignore_errors=True)
+            elif isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(
+                    f"interrupted: the rows so far are kept; {SAME} --out {folder} resumes."
+                ) from error
+            raise
+
+
+@contextmanager
+def occupied(folder: Path, lock: str, what: str) -> Iterator[None]:
+    """Make a folder unless it is there, and keep others out of it by a file in it.
+
+    Raises:
+        InputError: If it is in use, or cannot be written.
+    """
+    with room_for(folder):
+        with writing(folder):
+            folder.mkdir(exist_ok=True)
+            (folder / lock).touch()
+        with locked(folder / lock, what):
+            yield
 
 
 def put(folder: Path, name: str, content: str | bytes) -> None:
@@ -207,25 +204,25 @@ def _taken(folder: Path) -> str:
     return f"'{folder}' exists and is not a folder. Choose another with --out."
 
 
-def _create_parents(folder: Path) -> list[Path]:
-    """Create the missing folders above, outermost first; return those that were created."""
-    missing = [parent for parent in reversed(folder.absolute().parents) if not parent.exists()]
-    created: list[Path] = []
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Name a folder that cannot be written, and what to do (InputError)."""
     try:
-        for parent in missing:
-            parent.mkdir()
-            created.append(parent)
+        yield
     except OSError as error:
-        _remove_empty(created)
-        raise InputError(
-            f"cannot create the output folder '{folder}': {error.strerror}. Choose another with --out."
-        ) from error
-    return created
+        raise InputError(f"cannot write '{folder}': {error.strerror}. Choose another with --out.") from error
 
 
-def _remove_empty(folders: list[Path]) -> None:
-    for folder in reversed(folders):
-        try:
-            folder.rmdir()
-        except OSError:
-            return
+@contextmanager
+def room_for(entry: Path) -> Iterator[None]:
+    """Make the folders above a file or folder; if the block raises, those that are left empty go again."""
+    missing = [parent for parent in entry.absolute().parents if not parent.exists()]
+    try:
+        with writing(entry):
+            entry.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for parent in missing:
+            with suppress(OSError):
+                parent.rmdir()
+        raise

@@ -1,5 +1,6 @@
 """Tasks shared out to real processes, some of which are killed."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -92,7 +93,7 @@ def test_an_error_in_the_work_is_raised_with_its_traceback():
 
 
 def stop_at(place: str) -> None:
-    raise ProtectiveStop(f"stopped at {place}")
+    raise OSError(errno.ENOSPC, "no room") if place == "disk" else ProtectiveStop(f"stopped at {place}")
 
 
 @pytest.mark.parametrize("engine", ["here", "local"])
@@ -100,6 +101,9 @@ def test_a_task_that_ends_with_an_error_of_ours_keeps_its_text_and_exit_code(eng
     with open_workers(engine, 1) as workers, pytest.raises(ProtectiveStop, match=r"^stopped at x$") as caught:
         list(workers.results(["x"], stop_at, lambda task: 0))
     assert caught.value.exit_code == 3
+    with open_workers(engine, 1) as workers, pytest.raises(OSError, match="no room") as full:
+        list(workers.results(["disk"], stop_at, lambda task: 0))
+    assert full.value.errno == errno.ENOSPC
 
 
 def test_a_cluster_without_workers_is_given_up_and_says_what_to_do(monkeypatch):

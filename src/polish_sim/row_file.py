@@ -108,15 +108,15 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def locked(folder: Path, what: str = "score") -> Iterator[None]:
-    """Keep a second command out of a folder while the block runs (InputError), where the system has file
-    locks. What a killed command left of a line is cut off."""
-    with (folder / ROWS).open("ab") as file:
-        if not _lock(file.fileno()):
+def locked(file: Path, what: str = "score") -> Iterator[None]:
+    """Keep a second command out of a file's folder while the block runs (InputError), where the system has
+    file locks. What a killed command left of a line is cut off."""
+    with file.open("ab") as opened:
+        if not _lock(opened.fileno()):
             raise InputError(
-                f"another {what} is at work in '{folder}'. Wait for it, or choose another --out."
+                f"another {what} is at work in '{file.parent}'. Wait for it, or choose another --out."
             )
-        _cut_torn_line(folder / ROWS)
+        _cut_torn_line(file)
         yield
 
 

@@ -281,8 +281,8 @@ class _Local:
 
 
 def _in_task(task: Any, error: BaseException) -> BaseException:
-    """What to raise for an error in a task: the user's own, or one of ours with its traceback."""
-    if isinstance(error, PolishSimError):
+    """What to raise for an error in a task: that of input or disk itself, others with their traceback."""
+    if isinstance(error, (PolishSimError, OSError)):
         return error
     return RuntimeError(f"in {task}: {''.join(traceback.format_exception(error))}")
 

@@ -173,7 +173,7 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
         ("compare other", "no whole ROS bag"),
         ("calibrate tcp --data empty.csv", "holds no"),
         ("calibrate tcp --data binary.csv", "is not a text file"),
-        ("job init plate --out mine.toml/job.toml", "cannot create 'mine.toml'"),
+        ("job init plate --out mine.toml/job.toml", "cannot write 'mine.toml/job.toml'"),
         ("sweep arc --out other", "holds something that is not a sweep"),
         ("score --out other", "is not a score"),
     ],

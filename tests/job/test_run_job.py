@@ -15,6 +15,7 @@ from polish_sim.errors import InputError, PolishSimError
 from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import Row, job_figures, programs, run_job
 from polish_sim.log import read_removal
+from polish_sim.row_file import locked
 from tests.kept import plate_file
 
 JOB = f"""
@@ -180,6 +181,9 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
     first = seconds()
     assert done() == 2
     assert "--resume" in capfd.readouterr().err
+    with locked(out / ".lock", "job"):
+        assert done("--resume") == done("--overwrite") == 2
+        assert "another job is at work" in capfd.readouterr().err
     # Whatever is left of it; what no job wrote stays.
     (out / "job.toml").unlink()
     (out / "setup_notes").mkdir()

@@ -133,7 +133,11 @@ def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(
 
 
 def test_two_scores_do_not_write_into_one_folder(tmp_path):
-    with locked(tmp_path), pytest.raises(InputError, match="another score is at work"), locked(tmp_path):
+    with (
+        locked(tmp_path / "x"),
+        pytest.raises(InputError, match="another score is at work"),
+        locked(tmp_path / "x"),
+    ):
         pass
 
 
