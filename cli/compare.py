@@ -14,6 +14,7 @@ from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
 from polish_sim.page import PAGE
+from polish_sim.scenario_file import numbers_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,7 +107,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
                 f"--set {text} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
             )
     scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
-    payload = CarriedPayload(given["--payload"] or 0.0, _center(given["--payload-center"]))
+    payload = CarriedPayload(given["--payload"] or 0.0, _center(given["--payload-center"] or "0,0,0"))
     with console.progress() as observer:
         observer.stage("replay")
         found = compare_joints(scenario.robot, log, payload)
@@ -127,14 +128,11 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     )
 
 
-def _center(text: str | None) -> tuple[float, float, float]:
-    try:
-        x, y, z = (1e-3 * float(part) for part in (text or "0,0,0").split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(abs(value) <= 1.0 for value in (x, y, z)):
+def _center(text: str) -> tuple[float, ...]:
+    numbers = numbers_of(text, 3)
+    if not numbers or max(map(abs, numbers)) > 1000.0:
         raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60, at most 1000 each.")
-    return x, y, z
+    return tuple(1e-3 * number for number in numbers)
 
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:

@@ -47,7 +47,6 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.run_record import write_json
-    from polish_sim.cli.job import job_page
     from polish_sim.cli.run import check_part, plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job

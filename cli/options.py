@@ -20,7 +20,16 @@ import typer
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
 from polish_sim.errors import ConfigError, InputError, leave_out, number_text
-from polish_sim.scenario_file import AUTO, COUNTS, load_scenario, merge, override, presets_in, with_files
+from polish_sim.scenario_file import (
+    AUTO,
+    COUNTS,
+    load_scenario,
+    merge,
+    numbers_of,
+    override,
+    presets_in,
+    with_files,
+)
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
@@ -392,13 +401,9 @@ def _read_list(key: Key, text: str) -> list[float]:
     units: Sequence[Unit] = (
         unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
     )
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = numbers_of(text, count)
     direction = not units[0].name
-    whole = len(numbers) == count and all(math.isfinite(number) for number in numbers)
-    if not whole or (direction and not any(numbers)):
+    if not numbers or (direction and not any(numbers)):
         if direction:
             said = "a direction, not all zero, e.g. 1,0,0"
         elif unit == POSE:

@@ -247,6 +247,15 @@ def parse_value(text: str) -> Any:
         return text
 
 
+def numbers_of(text: str, count: int) -> list[float]:
+    """So many finite numbers separated by commas; an empty list if the text is none."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else []
+
+
 def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
     """A value of the type of the ``current`` one and within its field's range."""
     if isinstance(current, tuple):

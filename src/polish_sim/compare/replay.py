@@ -32,7 +32,7 @@ class CarriedPayload(NamedTuple):
     """What the real arm carried."""
 
     mass: float = 0.0  #: [kg]
-    center: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: From the flange, its axes [m]
+    center: tuple[float, ...] = (0.0, 0.0, 0.0)  #: From the flange, its axes [m]
 
 
 class Replay(NamedTuple):

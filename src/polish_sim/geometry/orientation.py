@@ -10,6 +10,7 @@ from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import facet_normals, flat_faces, smooth_edges
 from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
+from polish_sim.scenario_file import numbers_of
 
 SIDES = {
     "z": (0.0, 0.0, 1.0),
@@ -245,11 +246,8 @@ def _snap(direction: Array) -> Array:
 
 
 def _parse_vector(text: str) -> Array:
-    try:
-        vector = np.array([float(word) for word in text.split(",")])
-    except ValueError:
-        vector = np.empty(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.abs(vector).max() > 0.0:
+    vector = np.array(numbers_of(text, 3))
+    if not vector.any():
         raise InputError(
             f"--up '{text}' is not a direction. Give a side ({', '.join(SIDES)}), auto, or X,Y,Z."
         )

@@ -17,6 +17,7 @@ from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.ply_file import read_vertex_column
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
 from polish_sim.geometry.surface import Surface, connected_facets
+from polish_sim.scenario_file import numbers_of
 
 CHOICES = (
     "auto, top, all, all:N,N,.../SIDE, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., "
@@ -26,11 +27,8 @@ CHOICES = (
 
 def _parse_numbers(argument: str, count: int, form: str) -> list[float]:
     """Numbers separated by commas, as many as asked for."""
-    try:
-        numbers = [float(word) for word in argument.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
+    numbers = numbers_of(argument, count)
+    if not numbers:
         name = form.partition(":")[0]
         raise InputError(
             f"region '{name}:{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}."
