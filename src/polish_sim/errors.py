@@ -90,6 +90,14 @@ def regular(file: Path) -> Path:
     return file
 
 
+def read_bytes(file: Path, what: str, error: type[PolishSimError] = InputError) -> bytes:
+    """The content of a user's file; the ``error`` of its kind, e.g. "study", if it cannot be read."""
+    try:
+        return regular(file).read_bytes()
+    except OSError as caught:
+        raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught
+
+
 def near_file(path: Path) -> str:
     """Ask whether a file of nearly that name was meant, beginning with a space; empty if there is none,
     or the file is there and cannot be read."""

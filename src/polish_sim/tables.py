@@ -17,7 +17,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import InputError, near_file, regular
+from polish_sim.errors import InputError, read_bytes
 
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 LARGEST = 1e12  #: No quantity in a file is larger, in whatever unit
@@ -62,11 +62,7 @@ class Columns:
         readings". InputError for no such file, no text, no CSV, or no lines.
         """
         try:
-            text = regular(file).read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise InputError(
-                f"cannot read the {kind}s '{file}': {error.strerror}.{near_file(file)}"
-            ) from error
+            text = read_bytes(file, f"{kind}s").decode("utf-8-sig")
         except UnicodeDecodeError as error:
             raise InputError(
                 f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}."
@@ -105,7 +101,7 @@ class Columns:
 
 
 def _rows(file: Path, text: str) -> tuple[list[list[str]], list[int]]:
-    source = csv.reader(io.StringIO(text), skipinitialspace=True)
+    source = csv.reader(io.StringIO(text, newline=None), skipinitialspace=True)
     rows, lines = [], []
     try:
         for row in source:

@@ -8,17 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from polish_sim.errors import PolishSimError, near_file, regular
+from polish_sim.errors import PolishSimError, read_bytes
 
 
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no
     TOML."""
+    text = read_bytes(file, what, error).decode(errors="backslashreplace")
     try:
-        text = regular(file).read_text(encoding="utf-8", errors="backslashreplace")
         return tomllib.loads(text)
-    except OSError as caught:
-        raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught
     except ValueError as caught:
         why = str(caught).replace("end of document", f"line {len(text.splitlines())}, its end")
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught

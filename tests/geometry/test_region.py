@@ -134,7 +134,7 @@ def test_a_point_takes_the_smooth_face_under_it_and_faces_the_listed_facets(list
         ("box:200,200,200,300,300,300", PlanError, "contains nothing of the part"),
         ("box:-10,-10,-15,10,10,0", PlanError, "nothing of the region looks up"),
         ("point:0,0,90", PlanError, "80 mm away from the part"),
-        ("faces:nowhere.txt", InputError, "cannot be read"),
+        ("faces:nowhere.txt", InputError, "cannot read the file of facet numbers 'nowhere.txt'"),
         ("polygon:0,0,0;1,1,1", InputError, "three or more corners"),
         ("polygon:0,0,0;10,0,0;x,1,1", InputError, "three or more corners"),
         ("polygon:0,0,0;10,0,0;20,0,5", InputError, "lie on a line seen from above"),

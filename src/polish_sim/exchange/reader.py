@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polish_sim.errors import InputError, near_file, regular
+from polish_sim.errors import InputError, read_bytes
 from polish_sim.exchange.apt import read_apt
 from polish_sim.exchange.gcode import read_gcode
 from polish_sim.exchange.plan_folder import PATH_JSON, read_csv, read_path_json
@@ -50,13 +50,7 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
         raise InputError(
             f"'{source}' is not a plan folder: it holds no {PATH_JSON}. Give a folder made by 'plan'."
         )
-    try:
-        content = regular(file).read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"cannot read the path '{file}': "
-            f"{error.strerror}.{near_file(file) or ' Check the name and the folder.'}"
-        ) from error
+    content = read_bytes(file, "path")
     reader = READERS.get(file.suffix.lower())
     if reader is None:
         raise InputError(

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side, norms
-from polish_sim.errors import InputError, PlanError, place_in_mm, regular
+from polish_sim.errors import InputError, PlanError, place_in_mm, read_bytes
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE, check_up
@@ -126,12 +126,8 @@ def parse_patches(argument: str) -> PatchNumbers:
 
 def _read(path: Path, content: str) -> str:
     try:
-        return regular(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}). Give a text file of {content}."
-        ) from None
-    except (UnicodeDecodeError, ValueError):
+        return read_bytes(path, f"file of {content}").decode()
+    except ValueError:
         raise InputError(f"{path}: is not a text file. Give a text file of {content}.") from None
 
 
