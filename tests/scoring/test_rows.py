@@ -36,7 +36,7 @@ class Press:
 def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
     """Two cases with two seeds, and how many rows there were whenever one was measured."""
     seeds, measured = 2, list[int]()
-    with locked(folder), open_workers("here" if workers == 1 else "local", workers) as crew:
+    with locked(folder / "rows.jsonl"), open_workers("here" if workers == 1 else "local", workers) as crew:
         scorer = Scorer(folder, crew)
         score = run_score((SHORT, OTHER), [PI], seeds, scorer, lambda done, *_: measured.append(done))
     return score, measured

@@ -152,7 +152,7 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
     with (tmp_path / "rows.jsonl").open("a") as file:
         file.write('{"key": "torn')
-    with locked(tmp_path):
+    with locked(tmp_path / "rows.jsonl"):
         again = RunTable(tmp_path)
         assert len(again.missing(keys)) == 1
         run_study(asked, keys, again, Here(), silent)
