@@ -248,7 +248,7 @@ def parse_value(text: str) -> Any:
 
 
 def numbers_of(text: str, count: int) -> list[float]:
-    """So many finite numbers separated by commas; an empty list if the text is none."""
+    """Finite numbers separated by commas, ``count`` of them; an empty list if the text is not that."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
