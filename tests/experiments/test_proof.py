@@ -106,6 +106,16 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
     assert [mend.share for mend in prover.mends[:-1]] == shares
 
 
+@pytest.mark.parametrize(("lacking", "mended"), [(4.0, EASED), (9.6, LEFT_OUT)])
+def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking, mended):
+    scenario = pressing()
+    plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
+    prover = _Prover(scenario, plan, Silent())
+    prover.share[:] = 0.25
+    prover._mend([Failure("the force leaves its band", 0.5 * plan.path.s[-1], NO_STOP, False, lacking)])
+    assert [mend.what for mend in prover.mends] == [mended]
+
+
 def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
     scenario = pressing()
     prover = _Prover(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))), Silent())

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from polish_sim.analysis.metrics import CONTACT_N
 from polish_sim.arrays import Bools, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
@@ -257,7 +258,7 @@ class _Prover:
 
         def sinking(share: float) -> Bools:
             """Rows in contact at which the pad would sink under a share of the force."""
-            lost = would_sink(fields, scenario.pad, places, axes, share * force, aside, depth)
+            lost = would_sink(fields, scenario.pad, places, axes, share * force + CONTACT_N, aside, depth)
             if not lost.any():
                 return np.zeros(len(path.s), dtype=bool)
             near, _ = cKDTree(places[lost]).query(path.positions_work)
@@ -438,13 +439,19 @@ class _Prover:
         if code in HOPELESS:
             raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
         what, share, reach = LEFT_OUT, 0.0, 0.5 * pad
+        less = EASIER if pressed > EASIER else self.easiest
+        usual = path.force_at(s, self.scenario.process.contact_force_n)[row]
         if self.late:
             reach *= 2.0**self.late
         elif code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
             what, share = SLOWED, slower
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
-        elif pressed > self.easiest and code in (NO_STOP, guard.FALLEN, *DYNAMIC):
-            what, share, reach = EASED, EASIER if pressed > EASIER else self.easiest, pad
+        elif (
+            pressed > self.easiest
+            and code in (NO_STOP, guard.FALLEN, *DYNAMIC)
+            and less * usual > CONTACT_N + failure.lacking  # else less force would lose contact
+        ):
+            what, share, reach = EASED, less, pad
         else:
             reach *= 2.0 ** sum(
                 norms(mend.places - path.positions_work[row]).min() < 2.0 * pad
