@@ -106,13 +106,16 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
     assert [mend.share for mend in prover.mends[:-1]] == shares
 
 
-@pytest.mark.parametrize(("lacking", "mended"), [(4.0, EASED), (9.6, LEFT_OUT)])
+@pytest.mark.parametrize(("lacking", "mended"), [(0.1, EASED), (1.0, LEFT_OUT)])
 def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking, mended):
     scenario = pressing()
     plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
     prover = _Prover(scenario, plan, Silent())
     prover.share[:] = 0.25
-    prover._mend([Failure("the force leaves its band", 0.5 * plan.path.s[-1], NO_STOP, False, lacking)])
+    half = 0.5 * scenario.process.contact_force_n
+    prover._mend(
+        [Failure("the force leaves its band", 0.5 * plan.path.s[-1], NO_STOP, False, lacking * half)]
+    )
     assert [mend.what for mend in prover.mends] == [mended]
 
 
