@@ -77,7 +77,7 @@ AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
 #: Cycles' worth of playing and timing after which what fails is left out, and at least so long [s]; after
 #: twice that the plan is refused
-MOST_WORK, LEAST_WORK_S = 8.0, 2000.0
+MOST_WORK, LEAST_WORK_S = 32.0, 2000.0
 SPENT = ", and the proof's time was used up"
 MOST_ROUNDS = 4  #: A mended path is played whole at most so often
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
