@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import Silent
-from polish_sim.cell.guards import FALLEN, NO_STOP
+from polish_sim.cell.guards import FALLEN, LOW, NO_STOP
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.exchange import read_cuts, read_path, write_plan
@@ -16,7 +16,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.proof import SPENT, Proven, _Prover, is_proven, prove
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
-from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, PreparedRegion
+from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, Mend, PreparedRegion
 from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.scenario_file import override
@@ -119,6 +119,18 @@ def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking
     assert [mend.what for mend in prover.mends] == [mended]
 
 
+@pytest.mark.parametrize(("aside_m", "wider"), [(0.0, 2.0), (0.008, 1.0)])
+def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_another_lines_cut(aside_m, wider):
+    scenario = pressing()
+    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    prover = _Prover(scenario, plan, Silent())
+    fallen = Failure("the part is lower than planned", 0.5 * plan.path.s[-1], LOW, False)
+    alone = prover._remedy(fallen)[2].sum()
+    middle = plan.path.positions_work[prover._row(fallen)]
+    prover.mends.append(Mend(LEFT_OUT, "", 0.0, 0.001, middle[None] + [0.0, aside_m, 0.0]))
+    assert prover._remedy(fallen)[2].sum() == pytest.approx(wider * alone, abs=2.0)  # rows of the path
+
+
 def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
     scenario = pressing()
     prover = _Prover(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))), Silent())
@@ -185,7 +197,7 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path):
-    proven = proven_at_the_corner()
+    proven = prove(*into_the_corner("pad.stiffness_n_m=4000", "process.contact_force_n=36"))
     write_plan(tmp_path, proven.plan)
     asked = (proven.scenario.part, proven.scenario.plan, proven.scenario.process, proven.scenario.pad)
     again = measure_given_path(read_path(tmp_path), *asked, cuts=read_cuts(tmp_path))

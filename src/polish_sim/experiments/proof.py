@@ -442,7 +442,7 @@ class _Prover:
         less = EASIER if pressed > EASIER else self.easiest
         usual = path.force_at(s, self.scenario.process.contact_force_n)[row]
         if self.late:
-            reach *= 2.0**self.late
+            reach *= 2.0 * self.late
         elif code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
             what, share = SLOWED, slower
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
@@ -453,8 +453,9 @@ class _Prover:
         ):
             what, share, reach = EASED, less, pad
         else:
+            # The cuts of a neighbouring line are another place.
             reach *= 2.0 ** sum(
-                norms(mend.places - path.positions_work[row]).min() < 2.0 * pad
+                norms(mend.places - path.positions_work[row]).min() < 0.5 * self.plan.plan.stepover_m
                 for mend in self.mends
                 if mend.what == LEFT_OUT
             )
