@@ -143,6 +143,8 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
 
     monkeypatch.setattr(PreparedRegion, "measure", in_the_middle)
     assert prover._keeps_clear(1.0)  # nothing was mended: the plan is as it was measured
+    own = replace(prover.path, force=np.full(len(prover.path.s), 10.0))
+    assert not _Prover(scenario, planned(scenario, own), Silent())._keeps_clear(1.0)  # it yields less
     prover._ease(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.5)
     assert not prover._keeps_clear(1.0)
     assert (prover.mends[-1].what, prover.mends[-1].why) == (LEFT_OUT, IN_PART)

@@ -319,9 +319,10 @@ class _Prover:
         )
 
     def _keeps_clear(self, wider: float) -> bool:
-        """Leave out where the tool would stand in the part, as the path is mended; whether it stands there
-        nowhere."""
-        if not self.mends or self.scenario.safety.tool_in_part != TOOL_IN_PART[0]:
+        """Leave out where the tool would stand in the part, as the path is mended and with the force of an
+        even removal, which is found after it was planned; whether it stands there nowhere."""
+        as_planned = not self.mends and self.path.force is None
+        if as_planned or self.scenario.safety.tool_in_part != TOOL_IN_PART[0]:
             return True
         ready = self.plan.ready
         inside = ready.measure(self.task_now().plan.path).pad_in_part.positions
