@@ -31,7 +31,7 @@ from polish_sim.analysis.removal_plot import removal_colors
 from polish_sim.config import Scenario
 from polish_sim.dual.dual import run_dual
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.even_removal import _Problem, axis_kept, even_out, plan_removal
+from polish_sim.experiments.even_removal import _Problem, axis_kept, even_out, plan_removal, planned
 from polish_sim.experiments.proof import prove
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import run_surface
@@ -89,7 +89,7 @@ def compare(part: str, common: list[str], asked: argparse.Namespace) -> dict[str
     for number, seed in enumerate(seeds):
         if before is not None and number >= asked.before:
             break
-        result = run(replace(usual, seed=seed), plan)
+        result = run(*planned(replace(usual, seed=seed), plan))
         before = before or (result if result.figures["path_done"] >= 1.0 else None)
         say(part, seed, "one feed", result, before or result)
     assert before is not None, "every run at one feed was stopped"
@@ -98,10 +98,10 @@ def compare(part: str, common: list[str], asked: argparse.Namespace) -> dict[str
     if asked.proof and name == "surface":
         plan, scenario = prove(scenario, plan)
     print(*plan.notes, sep="\n", flush=True)
-    even = [run(replace(scenario, seed=seed), plan) for seed in seeds[:1]]
+    even = [run(*planned(replace(scenario, seed=seed), plan)) for seed in seeds[:1]]
     say(part, seeds[0], "even", even[0], before)
     for seed in seeds[1:]:
-        say(part, seed, "even", run(replace(scenario, seed=seed), plan), before)
+        say(part, seed, "even", run(*planned(replace(scenario, seed=seed), plan)), before)
     return {**columns(before, "before"), **columns(even[0], "even")}
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.experiments.surface import prepare_surface
@@ -30,7 +31,7 @@ def main() -> None:
     print(f"{'part':12}{'feed':>10}  {'rule':10}{'time lost':>10}{'feed kept':>11}{'least feed':>12}")
     for case, feeds in CASES:
         scenario = scenario_of(case)
-        task = prepare_surface(scenario)
+        task = prepare_surface(*planned(scenario))
         for feed in feeds:
             for rule in RULES:
                 asked = replace(

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.even_removal import draw
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.surface import run_surface
 from polish_sim.job.tools import read_tools
 from polish_sim.planning import plan_part
@@ -54,7 +55,7 @@ def main() -> None:
     for axes, name in zip(figure.subplots(1, 2), TOOLS, strict=True):
         tool = read_tools()[name]
         scenario = merge(usual, tool.settings(), "")
-        found = run_surface(scenario, replace(plan, tool=plan.tool._replace(pad=scenario.pad)))
+        found = run_surface(*planned(scenario, replace(plan, tool=plan.tool._replace(pad=scenario.pad))))
         removal, process = found.removal, scenario.process
         assert removal is not None
         away, _ = cKDTree(removal.vertices[removal.border[:, 0]]).query(removal.vertices)

@@ -25,7 +25,7 @@ from polish_sim.analysis.metrics import spreads
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.even_removal import axis_kept, even_out, plan_removal
+from polish_sim.experiments.even_removal import axis_kept, even_out, plan_removal, planned
 from polish_sim.experiments.surface import run_surface
 from polish_sim.log import RemovalMap
 from polish_sim.planning import plan_part
@@ -55,7 +55,7 @@ def main() -> None:
     plan = plan_removal(scenario)
     print(plan.notes[-1])
     for seed in asked.seed or range(700, 705):
-        found = run_surface(replace(scenario, seed=seed), plan)
+        found = run_surface(*planned(replace(scenario, seed=seed), plan))
         assert found.removal is not None
         print(f"ramp on plate, seed {seed}: {followed(found.removal)}", flush=True)
     figure = Figure((6.0, 5.0), layout="constrained")

@@ -16,6 +16,7 @@ from dataclasses import replace
 from polish_sim.cell import Silent
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.part_setup import SENSOR_STREAM, random_streams
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
@@ -41,7 +42,7 @@ def main() -> None:
                         "plan.clearance_m=0.01", f"part.file={part}"]  # fmt: skip
             base = override(default_scenario("surface"), settings)
             base = replace(base, controller=replace(base.controller, name=controller))
-            task = prepare_surface(base)
+            task = prepare_surface(*planned(base))
             cell = build_cell(base, task.place, build_part(base, task.place))
             begun, largest, lost, stops = time.perf_counter(), (0.0, 0), 0.0, list[str]()
             for seed in range(asked.first, asked.first + asked.seeds):

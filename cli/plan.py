@@ -308,7 +308,8 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
     Raises:
         PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
     """
-    from polish_sim.dual.task import planned, prepare_dual
+    from polish_sim.dual.task import prepare_dual
+    from polish_sim.experiments.even_removal import planned
     from polish_sim.planning import measure_given_path
 
     begin = time.perf_counter()

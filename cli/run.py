@@ -346,7 +346,7 @@ def plan_to_run(
         PolishSimError: If the part cannot be used or planned.
     """
     row = experiment(scenario.experiment)
-    if given is None and not (row.plans or (row.along_plan and scenario.plan.removal)):
+    if given is None and not row.is_planned(scenario):
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import read_cuts, write_plan

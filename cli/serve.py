@@ -201,8 +201,7 @@ def _case(given: Given) -> Task | None:
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.cli.run import checked, plan_to_run
     from polish_sim.experiments.assembly import build_part, check
-    from polish_sim.experiments.force import measure_hold, place_force
-    from polish_sim.experiments.surface import measure_run, prepare_surface
+    from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
 
     if task is not None and not task.case.moving:
         scenario = check(task.scenario)
@@ -211,7 +210,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
             scenario,
             place,
             build_part(scenario, place),
-            lambda ran, _, run: measure_hold(ran, place.path, place.reach, run),
+            lambda ran, _, run: measure_hold(ran, place, run),
             task=task,
             most_s=scenario.process.hold_s,
         )
@@ -221,6 +220,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         raise InputError("robot.compensation is of a host inside: leave it out of 'serve'.")
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
+    assert plan is not None  # ``surface`` plans one
     surface = prepare_surface(scenario, plan, observer)
     part = build_part(scenario, surface.place)
     notes = surface.plan.notes

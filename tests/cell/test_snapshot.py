@@ -9,6 +9,7 @@ from polish_sim.cell import Cell
 from polish_sim.cell.cell import CellRun, Played
 from polish_sim.experiments import default_scenario, prepare_surface
 from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import planned
 from polish_sim.scenario_file import override
 from tests.kept import plate_file
 
@@ -20,7 +21,7 @@ SHORT = (
 
 def cell(*changes: str, seed: int = 500) -> Cell:
     scenario = replace(override(default_scenario("surface"), [*SHORT, *changes]), seed=seed)
-    task = prepare_surface(scenario)
+    task = prepare_surface(*planned(scenario))
     return build_cell(scenario, task.place, build_part(scenario, task.place))
 
 

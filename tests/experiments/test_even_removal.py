@@ -15,8 +15,7 @@ from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.assembly import place_key
-from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal
-from polish_sim.experiments.surface import prepare_surface
+from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal, planned
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 
@@ -156,7 +155,7 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
 def test_another_feed_in_the_same_process_is_planned_anew():
     asked = replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.02))
     slow, fast = (
-        prepare_surface(replace(asked, process=replace(asked.process, feed_m_s=feed))).plan.path.feed
+        planned(replace(asked, process=replace(asked.process, feed_m_s=feed)))[1].path.feed
         for feed in (0.02, 0.04)
     )
     assert slow.mean() < 0.7 * fast.mean()

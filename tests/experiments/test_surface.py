@@ -12,6 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.experiments import RunResult, part_pose, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import planned
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
@@ -41,7 +42,7 @@ def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform):
     T_base_work = np.array(freeform.figures["T_base_work"])
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
-    prepared = prepare_surface(freeform.scenario)
+    prepared = prepare_surface(*planned(freeform.scenario))
     np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
     assert np.linalg.norm(tool - prepared.plan.surface.closest(tool).positions, axis=1).max() < 0.006
 

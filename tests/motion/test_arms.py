@@ -21,8 +21,8 @@ from polish_sim.experiments import (
 )
 from polish_sim.experiments.arc import prepare_arc
 from polish_sim.experiments.assembly import Workplace, check, strokes_for
-from polish_sim.experiments.force import place_force
-from polish_sim.experiments.surface import prepare_surface
+from polish_sim.experiments.even_removal import planned
+from polish_sim.experiments.surface import place_force, prepare_surface
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
 from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.scenario_file import load_scenario, override, to_toml
@@ -123,7 +123,7 @@ def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_b
     """Places and circles are kept: the second call of each finds what the first one worked out."""
 
     def on_surface(scenario: Checked) -> Workplace:
-        return prepare_surface(scenario).place
+        return prepare_surface(*planned(scenario)).place
 
     for prepare, name in ((prepare_arc, "arc"), (place_force, "force"), (on_surface, "surface")):
         scenarios = [checked(name, arm, "plan.stepover_m=0.05") for arm in ("ur5e", "ur10e")]

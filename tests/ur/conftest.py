@@ -6,6 +6,7 @@ import pytest
 
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
 from polish_sim.ur.robot import SimulatedRobot
@@ -18,7 +19,7 @@ __all__ = ["polish_sim"]
 def build() -> Callable[[], SimulatedRobot]:
     """What builds one."""
     scenario = override(default_scenario("surface"), ["part.file=plate", "plan.stepover_m=0.03"])
-    task = prepare_surface(scenario)
+    task = prepare_surface(*planned(scenario))
 
     def make() -> SimulatedRobot:
         return SimulatedRobot(build_cell(scenario, task.place, build_part(scenario, task.place)))

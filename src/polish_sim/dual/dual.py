@@ -18,7 +18,7 @@ from polish_sim.dual.cell import PairCell
 from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.gripper import seat_text
 from polish_sim.dual.scene import Held, build_pair_scene
-from polish_sim.dual.task import DualTask, planned, prepare_dual
+from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
@@ -40,7 +40,7 @@ from polish_sim.spatial import apply, into_plane, inverse, transform
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
-    task = prepare_dual(*planned(scenario, plan, observer), observer)
+    task = prepare_dual(scenario, plan, observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
@@ -52,7 +52,6 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     PolishSimError if the part, a calibration or the placement cannot be used.
     """
     scenario = replace(scenario, dual=settled_bases(scenario.dual))
-    scenario, plan = planned(scenario, plan, observer)
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -34,7 +34,6 @@ from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_sce
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.experiments.assembly import Workplace
-from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
@@ -69,15 +68,6 @@ class DualTask:
     strokes: list[Stroke]  #: What the tool does, base of the follower, the part at its start
     master: MasterRows
     residual: float  #: Of the closed chain, over the planned joints [m] or [rad]
-
-
-def planned(
-    scenario: Checked, plan: PlanResult | None, observer: Observer
-) -> tuple[Checked, PlanResult | None]:
-    """The plan that was given, or that of an even removal if the scenario asks for one, and its pad."""
-    if plan is None and scenario.plan.removal:
-        plan = plan_removal(scenario, observer)
-    return scenario if plan is None else replace(scenario, pad=plan.tool.pad), plan
 
 
 def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> DualTask:

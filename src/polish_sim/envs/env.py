@@ -29,9 +29,8 @@ from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, check, course_for, strokes_for
-from polish_sim.experiments.force import place_force
 from polish_sim.experiments.registry import default_scenario, experiment
-from polish_sim.experiments.surface import prepare_surface
+from polish_sim.experiments.surface import place_work
 from polish_sim.scenario_file import load_scenario, override
 from polish_sim.scoring.figures import measure_score
 from polish_sim.scoring.reach import REACH, Asked
@@ -98,7 +97,7 @@ class Stage:
                 check(override(scenario, [f"{key}={value!r}"]))
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
         self.moving = not experiment(scenario.experiment).holds
-        self.place: Workplace = prepare_surface(scenario).place if self.moving else place_force(scenario)
+        self.place: Workplace = place_work(scenario)
         self.strokes = strokes_for(scenario, self.place)
         surface = self.place.region.surface
         self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))

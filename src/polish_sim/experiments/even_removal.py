@@ -27,6 +27,8 @@ from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
 from polish_sim.cell.stroke import TOUCH_DOWN_TIME
 from polish_sim.config import Checked
 from polish_sim.errors import ConfigError, InputError
+from polish_sim.experiments.assembly import Memory, place_key
+from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.geometry.ply_file import read_vertex_column
 from polish_sim.planning import PlanResult, plan_part
@@ -53,6 +55,25 @@ LEAST_GOAL = 0.02  #: Share of the mean below which a target's deviations weigh 
 SMOOTH = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 #: Weight of the time, over that at one feed, beside half the mean square of the deviation
 QUICK = 0.008
+
+
+PLANS = Memory()
+
+
+def planned(
+    scenario: Checked, plan: PlanResult | None = None, observer: PlanObserver = UNSEEN
+) -> tuple[Checked, PlanResult | None]:
+    """The plan a run goes along, made unless it is given, and the scenario with what it has chosen; None: the
+    experiment plans no path, or its own. The last few plans are kept."""
+    if plan is None and experiment(scenario.experiment).is_planned(scenario):
+        plan = PLANS.get(place_key(scenario), lambda: plan_removal(scenario, observer))
+    return scenario if plan is None else with_plan(scenario, plan), plan
+
+
+def with_plan(scenario: Checked, plan: PlanResult) -> Checked:
+    """The scenario with the pad and the step-over of a plan, which may have chosen others than asked for."""
+    asked = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
+    return replace(scenario, pad=plan.tool.pad, plan=asked)
 
 
 def plan_removal(scenario: Checked, observer: PlanObserver = UNSEEN) -> PlanResult:

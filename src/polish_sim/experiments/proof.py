@@ -41,7 +41,7 @@ from polish_sim.experiments.assembly import (
     modelled_depth,
     proof_seeds,
 )
-from polish_sim.experiments.even_removal import even_out, plan_removal
+from polish_sim.experiments.even_removal import even_out, plan_removal, with_plan
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
@@ -217,10 +217,9 @@ class _Prover:
     """A plan on its way to its proof."""
 
     def __init__(self, scenario: Checked, plan: PlanResult, observer: Observer) -> None:
+        self.scenario = scenario = with_plan(scenario, plan)
         self.task = prepare_surface(scenario, plan, observer)
         self.plan, self.path, self.observer = plan, plan.path, observer
-        planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
-        self.scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
         self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
         self.pressed = np.ones(len(plan.path.s))  #: Of the force asked for, by rows of the path
         #: Feed an even removal keeps below where the path was slowed [m/s], by rows of the path

@@ -133,6 +133,10 @@ class Experiment:
         """Whether a controller feeds the tool along a path."""
         return self.controlled and not self.holds
 
+    def is_planned(self, scenario: Scenario) -> bool:
+        """Whether a run without a path has one planned by pattern."""
+        return self.plans or (self.along_plan and bool(scenario.plan.removal))
+
     def is_paper_trial(self, scenario: Scenario) -> bool:
         """Whether part, path, force and feed of a run are those of the paper's trial."""
         return all(attrgetter(name)(scenario) == value for name, value in self.paper.items())
@@ -234,9 +238,11 @@ def _call(
     row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None
 ) -> Any:
     checked = load("polish_sim.experiments.assembly:check")(scenario, plan and plan.path)
-    function = load(name)
     looking_on = () if observer is None else (observer,)
-    return function(checked, plan, *looking_on) if row.along_plan else function(checked, *looking_on)
+    asked = (checked,)
+    if row.along_plan:
+        asked = load("polish_sim.experiments.even_removal:planned")(checked, plan, *looking_on)
+    return load(name)(*asked, *looking_on)
 
 
 def check_flange(scenario: Scenario, where: str = "") -> None:

@@ -13,8 +13,8 @@ from polish_sim.cell import RealPart
 from polish_sim.config import Checked, Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check
-from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.surface import place_force
 from polish_sim.scenario_file import override
 from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 

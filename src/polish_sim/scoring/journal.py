@@ -28,9 +28,8 @@ from polish_sim.experiments.assembly import (
     modelled_depth,
     place_key,
 )
-from polish_sim.experiments.force import hold_done, place_force
 from polish_sim.experiments.part_setup import path_done
-from polish_sim.experiments.surface import prepare_surface
+from polish_sim.experiments.surface import hold_done, place_work
 from polish_sim.row_file import Row, plain
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score
@@ -83,7 +82,7 @@ def setup_key(task: Task) -> Hashable:
 
 def _measure(task: Task) -> Row:
     scenario = check(task.scenario)
-    place = prepare_surface(scenario).place if task.case.moving else place_force(scenario)
+    place = place_work(scenario)
     run = build_cell(scenario, place, build_part(scenario, place)).run()
     if run.interrupted:
         raise KeyboardInterrupt
