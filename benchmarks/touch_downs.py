@@ -17,7 +17,7 @@ from polish_sim.cell import Silent
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import planned
-from polish_sim.experiments.part_setup import SENSOR_STREAM, random_streams
+from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
 
@@ -47,7 +47,7 @@ def main() -> None:
             begun, largest, lost, stops = time.perf_counter(), (0.0, 0), 0.0, list[str]()
             for seed in range(asked.first, asked.first + asked.seeds):
                 scenario = replace(base, seed=seed)
-                rng = random_streams(seed)[SENSOR_STREAM]
+                rng = random_streams(seed).sensor
                 cell.begin_again(scenario, build_part(scenario, task.place), rng)
                 run = cell.run(Silent())
                 force, fed = run.trace.normal_force_n, run.trace.fed

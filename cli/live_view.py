@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell.faults import as_planned
+from polish_sim.cell.kernel import FEED, FORCE
 from polish_sim.cell.observer import STOPPING
-from polish_sim.cell.set_points import FEED, FORCE
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.cli.live_page import PLOT_S, LivePage, Moment, block
 from polish_sim.cli.pictures import FrameSink

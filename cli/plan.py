@@ -167,7 +167,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     if unreached:
         console.note(f"error: {unreached} The plan is written, unproven.")
     if dual:
-        from polish_sim.dual.gripper import seat_notes
+        from polish_sim.dual.scene import seat_notes
 
         console.note(seat_notes(result.figures)[0])
     for text in much_left_out(result.figures):

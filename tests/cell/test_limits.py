@@ -5,10 +5,15 @@ from dataclasses import replace
 
 import pytest
 
-from polish_sim.cell.limits import check_contact_settings, check_depth, check_friction, check_rates
+from polish_sim.cell.limits import (
+    check_contact_settings,
+    check_depth,
+    check_friction,
+    check_rates,
+    modelled_depth,
+)
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import run_experiment
-from polish_sim.experiments.assembly import modelled_depth
 from tests.cell.cells import cell_for, free_stroke, ideal, tool_pose
 
 TANGENTIAL_MASS = 4.0  # [kg]

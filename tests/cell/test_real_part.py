@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.cell import RealPart, Touch, build_real_part
+from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.real_part import PartFields, bend_of, build_part_fields, displacement_of, spread_over
-from polish_sim.cell.support import would_sink
 from polish_sim.config import PadConfig, PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles

@@ -9,7 +9,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.cell import PairCell
-from polish_sim.dual.gripper import GRIPPER_LENGTH
+from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import transform
 from tests.cell.cells import joints_at, start_of, tool_pose

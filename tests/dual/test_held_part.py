@@ -11,7 +11,7 @@ from polish_sim import geometry
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import ClosedChain, follow_joints, limit_margin
 from polish_sim.dual.frames import spread_marks
-from polish_sim.dual.gripper import seat_part
+from polish_sim.dual.scene import seat_part
 from polish_sim.dual.task import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario

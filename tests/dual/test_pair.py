@@ -17,8 +17,7 @@ from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.gripper import GRIPPER_MASS, check_load, volume_and_center
-from polish_sim.dual.scene import Held, build_pair_scene
+from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, check_load, volume_and_center
 from polish_sim.errors import InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path

@@ -12,8 +12,7 @@ from scipy.spatial import KDTree
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
-from polish_sim.dual.gripper import GRIPPER_RADIUS
-from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
+from polish_sim.dual.scene import GRIPPER_RADIUS, Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse

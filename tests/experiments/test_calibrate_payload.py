@@ -15,7 +15,7 @@ from polish_sim.experiments import (
     default_scenario,
     run_payload_calibration,
 )
-from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
+from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.payload import believe_tool, readings_at_rest
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.experiments.surface import prepare_force
@@ -83,7 +83,7 @@ def test_the_belief_of_a_run_is_as_good_as_the_calibration():
     errors = []
     for seed in range(8):
         cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_stroke(HERE))
-        believe_tool(cell, random_streams(seed)[PAYLOAD_STREAM])
+        believe_tool(cell, random_streams(seed).payload)
         errors.append(cell.payload_errors)
     mass, center = np.array(errors).T
     assert 0.0 < np.abs(mass).max() < 0.01 * cell.carried.mass

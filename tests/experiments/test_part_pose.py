@@ -12,12 +12,11 @@ import pytest
 import trimesh
 
 from polish_sim.cell import build_scene, no_part, tool_on_flange
-from polish_sim.cell.arm_check import ArmCheck
 from polish_sim.cell.scene import Drawn, robot_with_tool, works_below
 from polish_sim.config import Scenario
 from polish_sim.config.key import POSE
 from polish_sim.errors import ReachError
-from polish_sim.experiments.part_pose import PartPlacing, reach_path
+from polish_sim.experiments.part_pose import ArmCheck, PartPlacing, reach_path
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, Reach, find_reach, tool_rotations
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS
 from polish_sim.motion import inverse_all, jacobian, link_frames, track

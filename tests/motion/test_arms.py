@@ -19,9 +19,9 @@ from polish_sim.experiments import (
     default_scenario,
     run_payload_calibration,
 )
-from polish_sim.experiments.arc import prepare_arc
 from polish_sim.experiments.assembly import Workplace, check, strokes_for
 from polish_sim.experiments.even_removal import planned
+from polish_sim.experiments.free_space import prepare_arc
 from polish_sim.experiments.surface import place_force, prepare_surface
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
 from polish_sim.motion.makes import use_arm, used_arm

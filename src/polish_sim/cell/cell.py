@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell.contact import RealPart, build_pad, build_spindle
+from polish_sim.cell.contact import RealPart, build_flange, build_pad, build_spindle
 from polish_sim.cell.engine import engine_views, register_engine
 from polish_sim.cell.faults import (
     FAULTS,
@@ -26,10 +26,19 @@ from polish_sim.cell.faults import (
     planned_events,
     record_safety,
 )
-from polish_sim.cell.flange import build_flange
 from polish_sim.cell.gears import HostArm, RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
-from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
+from polish_sim.cell.kernel import (
+    CellKernel,
+    CellSnapshot,
+    CellState,
+    LawMemory,
+    Lesson,
+    SetPoints,
+    cell_memory,
+    restore_cell,
+    save_cell,
+)
 from polish_sim.cell.limits import (
     check_contact_settings,
     check_depth,
@@ -44,8 +53,6 @@ from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.scene import touching
-from polish_sim.cell.set_points import SetPoints
-from polish_sim.cell.snapshot import CellSnapshot, cell_memory, restore_cell, save_cell
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
     DRAWS,

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from polish_sim.cell.guards import MEASURED, NO_STOP
-from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, SetPoints
 from polish_sim.cell.robot import SENT, SHORT, STANDING
-from polish_sim.cell.set_points import FORCE, SET_POINTS, SetPoints
 from polish_sim.config import FaultsConfig, ProcessConfig, Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from polish_sim.cell.real_part import depth_for
+from polish_sim.cell.real_part import DEEPEST_BAND, FIELD_BAND
 from polish_sim.config import HeadConfig, PadConfig, SafetyConfig, Scenario
 from polish_sim.errors import ConfigError
 
@@ -65,7 +65,14 @@ def check_contact_settings(
             f"to be held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or "
             "more, or lower process.contact_force_n (--contact-force) or the path's own force."
         )
-    check_depth(pad, head, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
+    check_depth(pad, head, force, modelled_depth(head, pad, force))
+
+
+def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
+    """How deep a part is modelled [m] for a pad pressed in by twice a ``force`` [N]: whole millimetres, between
+    ``FIELD_BAND`` and ``DEEPEST_BAND``."""
+    needed = math.ceil(2e3 * force / (pad.stiffness_n_m * head.spring_scale)) * 1e-3
+    return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 
 def check_depth(pad: PadConfig, head: HeadConfig, force: float, modelled: float) -> None:

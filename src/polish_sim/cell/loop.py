@@ -10,9 +10,8 @@ import math
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell import guards
-from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
+from polish_sim.cell.contact import Pad, RealPart, hold_force, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
-from polish_sim.cell.flange import hold_force
 from polish_sim.cell.gears import (
     RealArm,
     compensate,

@@ -44,16 +44,6 @@ class Touch(NamedTuple):
     depth: float = FIELD_BAND  #: How deep below its surface the part is modelled [m]
 
 
-def depth_for(force: float, pad_stiffness: float) -> float:
-    """How deep a part is modelled [m] for a pad of ``pad_stiffness`` [N/m] pressed in by twice a ``force``
-    [N].
-
-    Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
-    """
-    needed = math.ceil(2e3 * force / pad_stiffness) * 1e-3
-    return min(max(FIELD_BAND, needed), DEEPEST_BAND)
-
-
 class FormError(NamedTuple):
     """A smooth bend: a sum of plane waves, its points in the work frame."""
 

@@ -16,14 +16,10 @@ from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
 from polish_sim.dual.frames import settled_bases
-from polish_sim.dual.gripper import seat_text
-from polish_sim.dual.scene import Held, build_pair_scene
+from polish_sim.dual.scene import Held, build_pair_scene, seat_text
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.part_setup import (
-    PART_STREAM,
-    PAYLOAD_STREAM,
-    SENSOR_STREAM,
     path_done,
     random_streams,
 )
@@ -96,7 +92,7 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
     strokes = task.strokes
     part = build_real_part(
         place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
-        streams[PART_STREAM],
+        streams.part,
     )  # fmt: skip
     true = task.frames.true
     held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part), task.seat.nose)
@@ -109,10 +105,10 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
         task.arms.known["follower"],
     )  # fmt: skip
     cell = PairCell(
-        task.master, host_arm, scenario, model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
+        task.master, host_arm, scenario, model, part, strokes, q_start, controller, streams.sensor,
         course_for(controller, scenario, place, strokes),
     )  # fmt: skip
-    believe_tool(cell, streams[PAYLOAD_STREAM])
+    believe_tool(cell, streams.payload)
     return DualCell(cell, strokes, part)
 
 

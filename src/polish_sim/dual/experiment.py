@@ -157,5 +157,5 @@ DUAL = Experiment(
             "--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")
         ),
     ),
-    notes="polish_sim.dual.gripper:seat_notes",
+    notes="polish_sim.dual.scene:seat_notes",
 )

@@ -41,7 +41,7 @@ from polish_sim.dual.calibration.pair import (
 )
 from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, read_tool_calibration
 from polish_sim.dual.calibration.tool_checks import ToolTouches
-from polish_sim.dual.gripper import GRIPPER_LENGTH
+from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, transform

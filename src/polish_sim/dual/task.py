@@ -19,7 +19,6 @@ from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, spread_marks, tracker_sees, true_chain
-from polish_sim.dual.gripper import Seat, check_load, seat_part
 from polish_sim.dual.master import MasterMotion, master_motion
 from polish_sim.dual.placement import (
     Collides,
@@ -30,7 +29,15 @@ from polish_sim.dual.placement import (
     sampled,
     tool_on_start,
 )
-from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
+from polish_sim.dual.scene import (
+    Clearances,
+    Held,
+    PairContacts,
+    Seat,
+    build_pair_scene,
+    check_load,
+    seat_part,
+)
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.experiments.assembly import Workplace

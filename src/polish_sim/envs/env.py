@@ -18,10 +18,10 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.kernel import FORCE
 from polish_sim.cell.limits import check_contact_settings
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
-from polish_sim.cell.set_points import FORCE
 from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Checked, Scenario

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
-    from polish_sim.experiments.arc import run_arc
+    from polish_sim.experiments.free_space import run_arc
     from polish_sim.experiments.payload import PayloadCalibration, calibrate_from, run_payload_calibration
     from polish_sim.experiments.registry import check_experiment, default_scenario, run_experiment
     from polish_sim.experiments.result import RunResult

@@ -15,20 +15,17 @@ from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
 from polish_sim.cell.cell import NO_LESSON
 from polish_sim.cell.faults import parse_changes, planned_events
-from polish_sim.cell.limits import check_contact_settings, check_rates
+from polish_sim.cell.kernel import FORCE
+from polish_sim.cell.limits import check_contact_settings, check_rates, modelled_depth
 from polish_sim.cell.real_arm import take_arm
-from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
+from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields
 from polish_sim.cell.scene import Drawn, works_below
-from polish_sim.cell.set_points import FORCE
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.experiments.compensation import check_compensation, knowing_host
 from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
-    PART_STREAM,
-    PAYLOAD_STREAM,
-    SENSOR_STREAM,
     RealShape,
     placed_strokes,
     placed_tool,
@@ -45,7 +42,7 @@ from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
-    from polish_sim.config import HeadConfig, PadConfig, Scenario
+    from polish_sim.config import Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
     from polish_sim.geometry.fixture import Fixture
@@ -100,7 +97,7 @@ def build_part(scenario: Checked, place: Workplace) -> RealPart:
         (drawn, Same(place), Same(fields)),
         lambda: build_real_part(
             fields, part, place.reach.T_base_work, place.region.surface, place.mesh.up,
-            random_streams(scenario.seed)[PART_STREAM],
+            random_streams(scenario.seed).part,
         ),
     )  # fmt: skip
 
@@ -197,11 +194,6 @@ def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
-    """How deep the real part is modelled for a force [N] on a pad [m]."""
-    return depth_for(force, pad.stiffness_n_m * head.spring_scale)
-
-
 def build_cell(scenario: Checked, place: Workplace, part: RealPart) -> Cell:
     """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated
     payload."""
@@ -226,9 +218,8 @@ def cell_for(scenario: Checked, place: Workplace, part: RealPart, strokes: Seque
     if scenario.process.learn:
         lesson = read_lesson(scenario, place.path, place.reach)
         # The part lies and the arm errs as before, the sensor's noise is another.
-        streams[SENSOR_STREAM] = np.random.default_rng(
-            np.random.SeedSequence(scenario.seed).spawn(len(streams) + lesson.runs)[-1]
-        )
+        again = np.random.SeedSequence(scenario.seed).spawn(len(streams) + lesson.runs)[-1]
+        streams = streams._replace(sensor=np.random.default_rng(again))
     held_behind, fixture = (
         works_below(place.reach.T_base_work, place.path.axes_work),
         standing_fixture(scenario.pad.radius_m, place),
@@ -240,13 +231,13 @@ def cell_for(scenario: Checked, place: Workplace, part: RealPart, strokes: Seque
         strokes,
         place.reach.q_start,
         controller,
-        streams[SENSOR_STREAM],
+        streams.sensor,
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
         lesson,
         knowing_host(scenario, place.reach.q_start),
     )
-    believe_tool(cell, streams[PAYLOAD_STREAM])
+    believe_tool(cell, streams.payload)
     return cell
 
 

@@ -1,22 +1,33 @@
-"""Where the part stands: the pose asked for, or one from which the arm does the whole path (path -> pose,
-joints)."""
+"""Where the part stands: the pose asked for, or one from which the arm does the whole path without touching what
+stands around it (path -> pose, joints)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.arm_check import ArmCheck, standing_fault
-from polish_sim.cell.scene import robot_with_tool
+from polish_sim.cell.guards import crash_points
+from polish_sim.cell.scene import (
+    STAND_NAMES,
+    TABLE,
+    TABLE_TOP,
+    add_stand,
+    add_table,
+    robot_with_tool,
+    stand_of,
+    touching,
+    works_below,
+)
 from polish_sim.config import Checked
-from polish_sim.errors import ReachError
+from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.experiments.part_setup import pressing_depths
 from polish_sim.experiments.placement import (
     SPINS,
@@ -28,11 +39,132 @@ from polish_sim.experiments.placement import (
     given_placement,
 )
 from polish_sim.experiments.reach_map import ReachMap, map_reach
+from polish_sim.geometry import PartMesh, Surface
+from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath
 from polish_sim.planning.toolpath import ToolPath, pressed
+from polish_sim.spatial import apply, inverse
 
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh, Surface
+
+
+CLEARANCE_M = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
+BASE_RADIUS_M = 0.11  #: Of the robot's base and pedestal [m]
+_BASE_AXIS = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
+"""From the floor to the shoulder, base frame [m], shape (k, 3)."""
+_SUNK_M = 1e-3
+_LINKS = ("link_2", "link_3", "link_4", "link_5", "tool")
+_WRIST_AND_FOREARM = ("link_5", "link_4", "link_3")
+
+
+def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
+    """What is in the way of a part at a pose (4, 4), or that it is beside the table; empty if it can stand
+    there."""
+    corners = apply(T_base_work, mesh.vertices)
+    low, middle = corners.min(axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    if low[2] < _BASE_AXIS[0, 2] - _SUNK_M:
+        return f"it would be {1e3 * (_BASE_AXIS[0, 2] - low[2]):.0f} mm below the floor"
+    if signed_distances(surface, apply(inverse(T_base_work), _BASE_AXIS)).min() < BASE_RADIUS_M:
+        return "it would be in the robot's base or pedestal"
+    if (np.abs(middle - TABLE.middle) > TABLE.half)[:2].any():
+        (x0, y0, _), (x1, y1, _) = 1e3 * (TABLE.middle - TABLE.half), 1e3 * (TABLE.middle + TABLE.half)
+        return (
+            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no stand "
+            f"carries it (the table: x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm)"
+        )
+    return (
+        f"it would be {1e3 * (TABLE_TOP - low[2]):.0f} mm inside the table"
+        if low[2] < TABLE_TOP - _SUNK_M
+        else ""
+    )
+
+
+class ArmTouch(NamedTuple):
+    """What touches or comes too close first along a motion of the arm."""
+
+    row: int  #: Of the joint angles
+    names: str  #: Of the two
+
+
+class ArmCheck:
+    """What the arm touches at given joint angles: itself, the table, the stand, or the part in its fixture.
+
+    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands.
+    ``spec`` is the arm's, of `robot_with_tool`, and gets a table and a stand; ``axes`` (n, 3) are the tool
+    axes from the part to the tool, work frame. The part is ``fixed`` in a fixture, or lies alone.
+    """
+
+    def __init__(self, spec: Any, mesh: PartMesh, surface: Surface, axes: Array, fixed: bool) -> None:
+        self._mesh, self._surface, self._axes = mesh, surface, axes
+        self._held = "part or its fixture" if fixed else "part"
+        add_table(spec)
+        add_stand(spec, (TABLE, TABLE))  # of any size, see _place
+        self._model = spec.compile()
+        self._stand = [self._model.geom(name).id for name in STAND_NAMES]
+        self._model.geom_contype[self._stand] = self._model.geom_conaffinity[self._stand] = 0
+        self._data = mujoco.MjData(self._model)
+        crash = crash_points(self._model)
+        links = [self._model.body(name).id for name in _WRIST_AND_FOREARM]
+        chosen = np.isin(crash.bodies, links)
+        self._points, self._bodies = crash.points[chosen], crash.bodies[chosen]
+
+    def first_touch(self, T_base_work: Array, q: Array) -> ArmTouch | None:
+        """Find what touches or comes too close first along joint angles (n, 6) [rad]; None if nothing does.
+
+        The part is at ``T_base_work`` (4, 4).
+        """
+        self._place(T_base_work)
+        near: list[Array] = []
+        for row, joints in enumerate(q):
+            names = self._touching(joints)
+            if names:
+                return ArmTouch(row, names)
+            R, x = self._data.xmat[self._bodies].reshape(-1, 3, 3), self._data.xpos[self._bodies]
+            near.append(x + np.einsum("kij,kj->ki", R, self._points))
+        points, rows = (
+            apply(inverse(T_base_work), np.concatenate(near)),
+            np.repeat(np.arange(len(q)), len(self._bodies)),
+        )
+        low, high = (
+            self._mesh.vertices.min(axis=0) - CLEARANCE_M,
+            self._mesh.vertices.max(axis=0) + CLEARANCE_M,
+        )
+        close = ((points > low) & (points < high)).all(axis=1)
+        if close.any():
+            close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
+        return (
+            ArmTouch(int(rows[close][0]), f"wrist or forearm and the {self._held}") if close.any() else None
+        )
+
+    def _place(self, T_base_work: Array) -> None:
+        """Put the stand under the part, or out of the way where it needs none."""
+        held_behind = works_below(T_base_work, self._axes)
+        boxes = stand_of(apply(T_base_work, self._mesh.vertices), held_behind)
+        for geom, box in zip(self._stand, [*boxes, TABLE, TABLE], strict=False):
+            self._model.geom_pos[geom], self._model.geom_size[geom] = box
+            self._model.geom_rbound[geom] = np.linalg.norm(box.half)
+
+    def _touching(self, joints: Array) -> str:
+        model, data = self._model, self._data
+        data.qpos[:6] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon:
+            return touching(model, data)
+        for link in _LINKS:
+            arm = model.geom(f"{link}_collision").id
+            for still in ("table", *STAND_NAMES):
+                if (
+                    mujoco.mj_geomDistance(model, data, arm, model.geom(still).id, CLEARANCE_M, None)
+                    < CLEARANCE_M
+                ):
+                    return f"{link}_collision and {still}"
+        return ""
+
+
+# The pose asked for, or the best.
+
 
 TRIED = 150  #: Poses of the reach map that are followed with the joints before the part is refused
 LOOKED_AT = 60  #: Places along the path at which the arm is checked against what stands around it

@@ -26,13 +26,19 @@ from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, s
 from polish_sim.spatial import apply
 
 TARES = ("start", "strokes")
-SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2
 
 
-def random_streams(seed: int) -> list[np.random.Generator]:
-    """Independent generators for the sensor, the part's errors and the payload's calibration, from one
-    seed."""
-    return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+class Streams(NamedTuple):
+    """Independent generators of one seed."""
+
+    sensor: np.random.Generator
+    part: np.random.Generator  #: Of its errors
+    payload: np.random.Generator  #: Of its calibration
+
+
+def random_streams(seed: int) -> Streams:
+    """The generators of a seed."""
+    return Streams(*map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3)))
 
 
 def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:

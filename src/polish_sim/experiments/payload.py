@@ -17,7 +17,7 @@ from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.free_space import patience, plan_visit, run_visit, visiting_cell
-from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
+from polish_sim.experiments.part_setup import random_streams
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
@@ -80,17 +80,15 @@ def run_payload_calibration(
     poses = calibration.plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
-    cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams[SENSOR_STREAM])
+    cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams.sensor)
     observer.stage(f"visit {payload.poses} poses and the first again")
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
     observer.stage("estimate")
     estimate = calibration.fit_without_outliers(readings, drift, cell_gravity(cell))
     figures = calibration.estimate_figures(estimate) | _errors(cell, estimate)
-    figures |= _return_figures(readings, estimate) | _residual_figures(
-        cell, estimate, streams[PAYLOAD_STREAM]
-    )
-    long_run = idle_force(cell, streams[PAYLOAD_STREAM])
+    figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams.payload)
+    long_run = idle_force(cell, streams.payload)
     figures |= {
         "drift_600s_rms_n": rms_length(long_run.tared_once),
         "drift_600s_retared_rms_n": rms_length(long_run.tared_again),

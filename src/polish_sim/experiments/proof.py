@@ -26,10 +26,11 @@ from polish_sim.analysis.metrics import CONTACT_N
 from polish_sim.arrays import Bools, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
+from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.stroke import cycle_time
-from polish_sim.cell.support import would_sink
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, count_text, place_in_mm

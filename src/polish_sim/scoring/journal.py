@@ -17,6 +17,7 @@ import numpy as np
 from polish_sim.analysis.metrics import errors_at_peaks, peaks_passed
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
+from polish_sim.cell.limits import modelled_depth
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.assembly import (
@@ -25,7 +26,6 @@ from polish_sim.experiments.assembly import (
     build_part,
     check,
     config_hash,
-    modelled_depth,
     place_key,
 )
 from polish_sim.experiments.part_setup import path_done
