@@ -1,8 +1,9 @@
 """The elastic pad pressed on the real part, its spindle, and the active flange behind them.
 
-The pad is an elastic foundation sampled over the disc. Each sample point's depth below the part (signed distance) gives a normal pressure, linear with a
-Hunt-Crossley factor, and its sliding velocity gives Coulomb friction, smooth at zero speed. The sum acts on
-the sliding head. Engine contact against a triangulated part chatters or is slow and knows no area of contact.
+The pad is an elastic foundation sampled over the disc. Each sample point's depth below the part (signed
+distance) gives a normal pressure, linear with a Hunt-Crossley factor, and its sliding velocity gives Coulomb
+friction, smooth at zero speed. The sum acts on the sliding head. Engine contact against a triangulated part
+chatters or is slow and knows no area of contact.
 """
 
 from __future__ import annotations

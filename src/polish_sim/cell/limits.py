@@ -69,8 +69,10 @@ def check_contact_settings(
 
 
 def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
-    """How deep a part is modelled [m] for a pad pressed in by twice a ``force`` [N]: whole millimetres, between
-    ``FIELD_BAND`` and ``DEEPEST_BAND``."""
+    """How deep a part is modelled [m] for a pad pressed in by twice a ``force`` [N].
+
+    Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
+    """
     needed = math.ceil(2e3 * force / (pad.stiffness_n_m * head.spring_scale)) * 1e-3
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 

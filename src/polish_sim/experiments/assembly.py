@@ -23,7 +23,7 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError, unknown_name
-from polish_sim.experiments.compensation import check_compensation, knowing_host
+from polish_sim.experiments.compensation import believe_tool, check_compensation, knowing_host
 from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
     RealShape,
@@ -32,7 +32,6 @@ from polish_sim.experiments.part_setup import (
     random_streams,
     touched,
 )
-from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.registry import check_flange, experiment, known_faults, load
 from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
 from polish_sim.geometry.regions.region import check_part_words

@@ -1,4 +1,6 @@
-"""``robot.compensation``: the host computes with the arm as it is built, not with the maker's table.
+"""What the host knows of arm and tool: ``robot.compensation`` and ``payload``.
+
+With a compensation it computes with the arm as it is built, not with the maker's table.
 
 Before the run the arm stands still in poses around its work, and a laser tracker sees a target at the tool's
 point. Table, base, target and gears are found as by ``calibrate arm``. The host then knows where its links
@@ -14,9 +16,11 @@ from textwrap import wrap
 
 import numpy as np
 
+from polish_sim import calibration
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
 from polish_sim.calibration.tables import Calibration
+from polish_sim.cell import Cell, weight_of
 from polish_sim.cell.gears import HostArm, build_host_arm
 from polish_sim.cell.real_arm import AROUND, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
@@ -138,3 +142,36 @@ def arm_file(scenario: Scenario, q_start: Array) -> dict[str, str]:
         "gears": found.gears.tolist(),
     }  # fmt: skip
     return {FILE: toml_text(values, head=wrap(HEAD, 116))}
+
+
+# What the host believes to carry: from a calibration before every run, or from a file.
+
+
+def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
+    """Let the host of a cell, not yet run, learn its tool as the scenario's ``payload`` section says.
+
+    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and
+    quantisation, is read at rest in the poses of ``calibrate payload`` and the same estimator fits the
+    readings. The arm's way between the poses is not simulated; the drift of that time is.
+
+    Raises:
+        InputError: If the file cannot be used.
+        CalibrationError: If the readings do not determine the tool.
+    """
+    config = cell.scenario.payload
+    if config.file:
+        mass, center = calibration.read_calibrated_tool(Path(config.file))
+    else:
+        estimate = calibration.fit_payload(readings_at_rest(cell, rng))
+        mass, center = estimate.mass, estimate.center
+    cell.compensate(mass, center)
+
+
+def readings_at_rest(cell: Cell, rng: np.random.Generator) -> calibration.PayloadReadings:
+    """Readings of a cell's sensor in the calibration's poses, the robot not simulated."""
+    config = cell.scenario.payload
+    poses = calibration.plan_payload_poses(config.poses)
+    loads = weight_of(cell.carried, poses.R_base_sensor)
+    wrenches = cell.read_at_rest(loads, poses.move_times, config.settle_s, config.average_s, rng)
+    time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
+    return calibration.PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

@@ -1,4 +1,4 @@
-"""The robot in free space: a cell without a part, poses it visits to stand still and read its wrist sensor, and
+"""The robot in free space: a cell without a part, poses it visits to stand still and read its sensor, and
 experiment ``arc``, the tool point on a circle at constant feed (paper 1, fig. 12).
 
 Log and common figures of an arm whose runs the cell's loop does not record, too.
@@ -25,9 +25,8 @@ from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
-from polish_sim.experiments.compensation import arm_file, knowing_host
+from polish_sim.experiments.compensation import arm_file, believe_tool, knowing_host
 from polish_sim.experiments.part_setup import random_streams
-from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures

@@ -1,5 +1,5 @@
-"""Where the part stands: the pose asked for, or one from which the arm does the whole path without touching what
-stands around it (path -> pose, joints)."""
+"""Where the part stands: the pose asked for, or one from which the arm does the whole path without touching
+what is around it (path -> pose, joints)."""
 
 from __future__ import annotations
 

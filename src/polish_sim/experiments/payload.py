@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -197,36 +196,3 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
     time = np.asarray(VALUE_S * (np.arange(len(once)) + 0.5))
     return LongRun(time, once, again, RETARE_S, cell.scenario.sensor.force_drift_n_s)
-
-
-# What the host believes to carry: from a calibration before every run, or from a file.
-
-
-def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
-    """Let the host of a cell, not yet run, learn its tool as the scenario's ``payload`` section says.
-
-    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and
-    quantisation, is read at rest in the poses of ``calibrate payload`` and the same estimator fits the
-    readings. The arm's way between the poses is not simulated; the drift of that time is.
-
-    Raises:
-        InputError: If the file cannot be used.
-        CalibrationError: If the readings do not determine the tool.
-    """
-    config = cell.scenario.payload
-    if config.file:
-        mass, center = calibration.read_calibrated_tool(Path(config.file))
-    else:
-        estimate = calibration.fit_payload(readings_at_rest(cell, rng))
-        mass, center = estimate.mass, estimate.center
-    cell.compensate(mass, center)
-
-
-def readings_at_rest(cell: Cell, rng: np.random.Generator) -> calibration.PayloadReadings:
-    """Readings of a cell's sensor in the calibration's poses, the robot not simulated."""
-    config = cell.scenario.payload
-    poses = calibration.plan_payload_poses(config.poses)
-    loads = weight_of(cell.carried, poses.R_base_sensor)
-    wrenches = cell.read_at_rest(loads, poses.move_times, config.settle_s, config.average_s, rng)
-    time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
-    return calibration.PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

@@ -39,7 +39,6 @@ from polish_sim.experiments.assembly import (
     Same,
     config_hash,
     kept_place,
-    modelled_depth,
     proof_seeds,
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, with_plan
