@@ -40,7 +40,7 @@ def main() -> None:
                     smoothing=replace(scenario.smoothing, rule=rule),
                 )
                 jobs = placed_strokes(
-                    asked, task.plan.path, placed_tool(task.plan.path, task.reach), 0.0, 0.0
+                    asked, task.plan.path, placed_tool(task.plan.path, task.place.reach), 0.0, 0.0
                 )
                 law = feed_figures(jobs)
                 lost = 1.0 - sum(job.process.length for job in jobs) / feed / law["motion_time_s"]

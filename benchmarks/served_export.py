@@ -56,6 +56,7 @@ def main() -> None:
         scenario = override(default_scenario("surface"), [*settings, *asked.set, f"seed={asked.seed}"])
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
         task = prepare_surface(scenario, plan)
+        T_base_work = task.place.reach.T_base_work
         own = run_experiment(scenario, plan)
         held = run_experiment(override(scenario, [HELD]), plan)
         say(part, "run", own.figures)
@@ -63,18 +64,21 @@ def main() -> None:
         real = build_part(scenario, task.place)
         robot = SimulatedRobot(build_cell(scenario, task.place, real))
         controller = Controller(robot, "5.11", Machine)
-        setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(task.reach.T_base_work))
+        setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(T_base_work))
         text = urscript_text(plan, setup).replace("part_is_placed = False", "part_is_placed = True")
         controller.run(text.rstrip("\n") + "\n", "")
         begun = time.perf_counter()
         while robot.runtime == PLAYING and robot.ticks * 0.002 < MOST_S and controller.popups == 0:
             controller.tick()
-        points, s = apply(task.reach.T_base_work, plan.path.positions_work[plan.path.process]), plan.path.s
+        points, s = (
+            apply(T_base_work, plan.path.positions_work[plan.path.process]),
+            plan.path.s,
+        )
         served = robot.rig.result(time.perf_counter() - begun, points, s[plan.path.process])
         figures = measure_run(scenario, task, robot.cell, real, served).figures
         say(part, "served", figures)
         print("   ", "; ".join(controller.log), flush=True)
-        axes = plan.path.axes_work[plan.path.process] @ task.reach.T_base_work[:3, :3].T
+        axes = plan.path.axes_work[plan.path.process] @ task.place.reach.T_base_work[:3, :3].T
         for what, reference, other in (
             ("served beside run surface", own, served),
             ("served beside run surface, axis held", held, served),

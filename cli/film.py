@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from polish_sim.analysis.metrics import FORCE_BANDS_N, numbers
+from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureQuality
 from polish_sim.errors import InputError
+from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.run_page import clock, joint_columns, run_motion, run_plots, shown_rows
 from polish_sim.row_file import whole_file
 
@@ -87,7 +88,7 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     """Draw what a run is about over its time: its force and the band it is held in, or else the first of its
     curves."""
     time = clock(record.log)
-    band = FORCE_BANDS_N.get(record.scenario.experiment)
+    band = experiment(record.scenario.experiment).band_n
     kept = shown_rows(time, numbers(record.log, "q_rad"))
     plot = run_plots(record, run_motion(record, model, kept), kept)[0]
     figure = new_figure(*CURVE_INCH)

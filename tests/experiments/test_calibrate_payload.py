@@ -15,7 +15,7 @@ from polish_sim.experiments import (
     default_scenario,
     run_payload_calibration,
 )
-from polish_sim.experiments.compensation import believe_tool, readings_at_rest
+from polish_sim.experiments.beliefs import believe_tool, readings_at_rest
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.experiments.surface import prepare_force

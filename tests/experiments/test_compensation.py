@@ -13,7 +13,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.experiments.assembly import check_settings
-from polish_sim.experiments.compensation import find_arm
+from polish_sim.experiments.beliefs import find_arm
 from polish_sim.experiments.free_space import prepare_arc
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import use_arm

@@ -43,7 +43,7 @@ def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform):
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
     prepared = prepare_surface(*planned(freeform.scenario))
-    np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
+    np.testing.assert_allclose(prepared.place.reach.T_base_work, T_base_work, atol=1e-12)
     assert np.linalg.norm(tool - prepared.plan.surface.closest(tool).positions, axis=1).max() < 0.006
 
 
@@ -86,7 +86,7 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, m
     quiet = override(
         scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"]
     )
-    x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
+    x, y, z = np.array(prepare_surface(quiet, plan).place.reach.T_base_work)[:3, 3]
     poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
     placed = [replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))) for pose in poses]
     (here, way), (there, way_there) = (polish_with_a_balanced_tool(one, plan) for one in placed)

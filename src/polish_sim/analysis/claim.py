@@ -46,6 +46,7 @@ class Claim(NamedTuple):
         return min(known) if self.more_is_better else max(known)
 
 
+HOLD_BAND_N, FOLLOW_BAND_N = 3.0, 4.0  #: About the set force, on one point and along a path (paper 1)
 PATH_DONE = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import stretches
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 FLAT_1_M = 1.0 / 0.300  #: Below this normal curvature the path counts as gentle [1/m]
 SHARP_1_M = 1.0 / 0.120  #: A peak of the normal curvature rises above this [1/m]
-FORCE_BANDS_N = {"force": 3.0, "surface": 4.0, "dual": 1.5}  #: Band about the set force, by experiment
 WINDOW_M = 0.015  #: Half-width of a peak's window along the path [m]: the curvature rises within 15 mm
 
 
@@ -159,7 +159,7 @@ def force_shares(force: Array, wanted: Array, most: float, held: Bools) -> tuple
     """
     error = force - wanted
     lost = np.where(held, -error / (wanted - CONTACT_N), 0.0)
-    band = np.where(held, np.abs(error) / FORCE_BANDS_N["surface"], 0.0)
+    band = np.where(held, np.abs(error) / FOLLOW_BAND_N, 0.0)
     return np.maximum(error / (MOST_FORCE * most - wanted), lost), band
 
 
@@ -291,7 +291,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "force_mean_n": _reduce(np.mean, force),
         "force_rms_error_n": _rms(error),
         "force_max_deviation_n": _reduce(np.max, off),
-        "force_within_4n": _share(error, FORCE_BANDS_N["surface"]),
+        "force_within_4n": _share(error, FOLLOW_BAND_N),
         "force_within_1n": _share(error, 1.0),
         "force_error_median_n": _reduce(np.median, off),
         "force_error_p95_n": float(np.percentile(off, 95)) if len(off) else math.nan,

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.claim import Claim, bound_text, value_text
+from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, value_text
 from polish_sim.analysis.metrics import (
-    FORCE_BANDS_N,
     PAPER_ARC,
     distance_to_circle,
     first_contact,
@@ -179,7 +178,6 @@ def _exaggeration(largest: float, radius: float) -> float:
     return 10.0 ** math.floor(math.log10(SHOWN_SHARE * radius / largest)) if largest > 0.0 else 1.0
 
 
-BAND_N = FORCE_BANDS_N["force"]
 _BEFORE_S, _LONGEST_S = 0.5, 6.0
 
 
@@ -193,14 +191,14 @@ def plot_force(record: RunRecord) -> Figure:
     time, force = response(record)
     measured = numbers(record.log, "wrench_measured_tool")[_shown(record.log), 2]
     touched = first_contact(force) is not None
-    shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N, the paper's band")
+    shade_band(axes, target, HOLD_BAND_N, f"{target:g} ± {HOLD_BAND_N:g} N, the paper's band")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.8, label="as the controller measures it")
     axes.plot(time, force, color=BLUE, lw=1.5, label="exact contact force")
     if touched:
         axes.axvline(0.0, color=ORANGE, lw=1.0, ls="-.", label="first contact")
         settling = _number(record.metrics.get("settling_time_3n_s"))
         if not math.isnan(settling):
-            label = f"inside ±{BAND_N:g} N from {settling:.3f} s on"
+            label = f"inside ±{HOLD_BAND_N:g} N from {settling:.3f} s on"
             axes.axvline(settling, color=BLUE, lw=1.2, ls=":", label=label)
     _frame(axes, time, [force, measured], target, touched)
     stop = stop_mark(record.metrics)
@@ -223,7 +221,7 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
     axes = figure.add_subplot()
     targets = sorted({record.scenario.process.contact_force_n for record in records})
     for target in targets:
-        shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N, the paper's band")
+        shade_band(axes, target, HOLD_BAND_N, f"{target:g} ± {HOLD_BAND_N:g} N, the paper's band")
     responses = [response(record) for record in records]
     few = len({replace(record.scenario, seed=0) for record in records}) > 1 and len(records) <= len(SERIES)
     for index, (record, (time, force)) in enumerate(zip(records, responses, strict=True)):
@@ -281,7 +279,7 @@ def _frame(axes: Axes, time: Array, forces: Sequence[Array], target: float, touc
         xlabel=f"time since {'first contact' if touched else 'the start'} [s]",
         ylabel="force along the tool axis [N]",
         xlim=(max(float(time[0]), -_BEFORE_S), min(float(time[-1]), _LONGEST_S)),
-        ylim=(max(lowest, -target) - 1.0, max(target + 2.5 * BAND_N, highest + 1.0)),
+        ylim=(max(lowest, -target) - 1.0, max(target + 2.5 * HOLD_BAND_N, highest + 1.0)),
     )
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.analysis.metrics import (
     FLAT_1_M,
-    FORCE_BANDS_N,
     SHARP_1_M,
     WINDOW_M,
     curvature_peaks,
@@ -36,7 +36,6 @@ from polish_sim.arrays import Array
 from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
 
-BAND_N = FORCE_BANDS_N["surface"]
 NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their number
 
 
@@ -65,7 +64,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
         mark_stop((force, bend), stop.s)
     facts = facts_of(
         m,
-        (f"in ±{BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0),
+        (f"in ±{FOLLOW_BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0),
         ("error rms {:.2f} N", "force_rms_error_n", 1.0),
         ("median {:.2f} N", "force_error_median_n", 1.0),
         ("largest {:.2f} N", "force_max_deviation_n", 1.0),
@@ -102,15 +101,17 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         share.hist(
             force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True
         )
-        shade_band(share, target, BAND_N, "")
-        within = facts_of(record.metrics, (f"in ±{BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0))
+        shade_band(share, target, FOLLOW_BAND_N, "")
+        within = facts_of(record.metrics, (f"in ±{FOLLOW_BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0))
         share.set_title("".join(within), fontsize=9.0)
         share.grid(visible=False)
         share.set_xticks([])
     grid[-1, 0].set(xlabel="along the path [m]")
     grid[-1, 1].set(xlabel="share of the time")
     head(
-        figure, "Force along the path, side by side", [f"shaded: set force ± {BAND_N:g} N, the paper's band"]
+        figure,
+        "Force along the path, side by side",
+        [f"shaded: set force ± {FOLLOW_BAND_N:g} N, the paper's band"],
     )
     return figure
 
@@ -138,13 +139,17 @@ def _set_force(record: RunRecord) -> float:
 
 def _draw_wanted(axes: Axes, record: RunRecord, labelled: bool) -> None:
     """The force asked for, of the path where that names one, and the band around it."""
-    band = f"± {BAND_N:g} N, the paper's band"
+    band = f"± {FOLLOW_BAND_N:g} N, the paper's band"
     if record.path is None or record.path.force is None:
-        shade_band(axes, _set_force(record), BAND_N, f"{_set_force(record):g} {band}" if labelled else "")
+        shade_band(
+            axes, _set_force(record), FOLLOW_BAND_N, f"{_set_force(record):g} {band}" if labelled else ""
+        )
         return
     s = record.path.s[record.path.process]
     wanted = record.path.force_at(s, _set_force(record))
-    axes.fill_between(s, wanted - BAND_N, wanted + BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0)
+    axes.fill_between(
+        s, wanted - FOLLOW_BAND_N, wanted + FOLLOW_BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0
+    )
     axes.plot(
         s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path {band}" if labelled else None
     )
@@ -194,8 +199,8 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
 def _error_limits(records: Sequence[RunRecord]) -> tuple[float, float]:
     """How far below and above its set force any of the runs is to be shown [N]."""
     offsets = np.concatenate([process_force(record)[1] - _set_force(record) for record in records])
-    below = min(-1.6 * BAND_N, float(offsets.min(initial=0.0)) - 1.0)
-    return below, max(1.6 * BAND_N, float(offsets.max(initial=0.0)) + 1.0)
+    below = min(-1.6 * FOLLOW_BAND_N, float(offsets.min(initial=0.0)) - 1.0)
+    return below, max(1.6 * FOLLOW_BAND_N, float(offsets.max(initial=0.0)) + 1.0)
 
 
 def _title(record: RunRecord) -> str:

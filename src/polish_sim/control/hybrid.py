@@ -1,9 +1,11 @@
-"""Hybrid position/force control: the loops of paper 1 composed axis by axis in the tool frame (fig. 10,
-11)."""
+"""Hybrid position/force control: the loops of paper 1 composed axis by axis in the tool frame (fig. 10, 11),
+and a robot's own force mode within them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from numba import carray
 
@@ -236,16 +238,107 @@ def _position_law(context, _course, measurement, target, answer):  # type: ignor
     turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
 
 
-def hybrid_pi(config: ControllerConfig) -> CompiledController:
-    """Paper 1's controller for a speed-commanded robot (eq. 6, 7; fig. 10, 11)."""
-    return CompiledController(HybridContext(hybrid_gains(config)), _hybrid_pi_law)
+def _composed(law: Any) -> Callable[[ControllerConfig], CompiledController]:
+    """What makes a controller of one of these laws."""
+    return lambda config: CompiledController(HybridContext(hybrid_gains(config)), law)
 
 
-def hybrid_pi_position(config: ControllerConfig) -> CompiledController:
-    """The sister of hybrid-pi, with the position loop of eq. 5."""
-    return CompiledController(HybridContext(hybrid_gains(config)), _hybrid_pi_position_law)
+#: Paper 1's controller for a speed-commanded robot (eq. 6, 7; fig. 10, 11)
+hybrid_pi = _composed(_hybrid_pi_law)
+#: The sister of hybrid-pi, with the position loop of eq. 5
+hybrid_pi_position = _composed(_hybrid_pi_position_law)
+#: Position control alone: what a pressed-in path gives without a force loop
+position = _composed(_position_law)
 
 
-def position(config: ControllerConfig) -> CompiledController:
-    """Position control alone: what a pressed-in path gives without a force loop."""
-    return CompiledController(HybridContext(hybrid_gains(config)), _position_law)
+# Controller ``force-mode``: a UR robot's own force mode along tool z, as far as that is public; else as
+# ``hybrid-pi``.
+#
+# Public (manual of URScript, documentation of the ROS driver): the mode runs in the robot at 500 Hz;
+# compliant axes are chosen by a selection vector and limited in speed; a damping from 0 (keeps its speed
+# where nothing presses) to 1
+# (comes to rest at once), by default 0.025; a gain scaling from 0 to 2, by default 0.5, which above 1 may be
+# unstable on hard surfaces. A law that keeps its speed is a mass pushed by the force error, so this one is
+#
+#     v <- (1 - damping) v + scaling / M (Fd - Fe) h        every h = 2 ms.
+#
+# Ours, not public: that the damping counts per step; M, the mass at a scaling of 1, taken as what the arm
+# itself weighs along the tool axis (lighter than itself an arm cannot be made to feel without feeding energy
+# in, which fits the warning about scalings above 1); the mean of the readings since the last step as its
+# filter. The real mode has no latency of a host between itself and the servos; here it answers through the
+# same speedl as all others.
+
+STEP_S = 0.002  #: The mode's own cycle [s]
+
+
+class ForceModeGains(Record):
+    """Gains of the loops around the mode and its own."""
+
+    hybrid: HybridGains
+    mass: float  #: Virtual mass M / scaling [kg]
+    damping: float  #: Share of the speed lost per step [-]
+    limit: float  #: Largest speed [m/s]
+
+
+class ForceModeMemory(Record):
+    """All zero after a reset."""
+
+    hybrid: HybridMemory
+    velocity: float  #: [m/s]
+    started: bool  #: In contact
+    passed: float  #: Time since the mode's last step [s]
+    sum: float  #: Of the force errors since [N]
+    readings: int  #: Since then
+
+
+class ForceModeContext(Record):
+    """What the law reads and writes."""
+
+    gains: ForceModeGains
+    memory: ForceModeMemory
+
+
+_MODE = ForceModeContext.dtype
+
+
+@kernel
+def mode_speed(error: float, dt: float, gains: ForceModeGains, memory: ForceModeMemory) -> float:
+    """Speed of the mode [m/s] for the ``error`` Fd - Fe [N], renewed every 2 ms and held in between."""
+    memory.passed += dt
+    memory.sum += error
+    memory.readings += 1
+    if memory.passed >= STEP_S - 1e-9:
+        gained = memory.sum / memory.readings * memory.passed / gains.mass
+        kept = (1.0 - gains.damping) ** (memory.passed / STEP_S)
+        memory.velocity = min(max(kept * memory.velocity + gained, -gains.limit), gains.limit)
+        memory.passed = memory.sum = 0.0
+        memory.readings = 0
+    return memory.velocity
+
+
+@cfunc(LAW_SIGNATURE)
+def _force_mode_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    """Everything but tool z, and before contact tool z too, as ``hybrid-pi`` does it."""
+    c, out = carray(context, 1, _MODE)[0], carray(answer, 1, ANSWER)[0]
+    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    gains, memory, dt = c.gains.hybrid, c.memory, m.cycle
+    position_by_velocity(m, t, gains.position, dt, memory.hybrid, out.twist)
+    turn_and_level(m, t, gains, dt, memory.hybrid, out.twist)
+    if not t.contact:
+        memory.started = False
+        return
+    if not memory.started:
+        # Bumpless: from the tool's own speed.
+        memory.started = True
+        memory.velocity = along_z(m, m.twist)
+        memory.passed = memory.sum = 0.0
+        memory.readings = 0
+    replace_along_z(m, mode_speed(t.force - m.wrench[2], dt, c.gains, memory), out.twist)
+
+
+def force_mode(config: ControllerConfig) -> CompiledController:
+    """A robot's own force mode along tool z."""
+    own = config.baselines
+    mass = own.mode_mass_kg / own.mode_gain_scaling
+    gains = ForceModeGains(hybrid_gains(config), mass, own.mode_damping, config.force_limit_m_s)
+    return CompiledController(ForceModeContext(gains), _force_mode_law)

@@ -27,7 +27,7 @@ from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calib
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
 from polish_sim.errors import ConfigError, ReachError
-from polish_sim.experiments.compensation import POSES, TRACKER
+from polish_sim.experiments.beliefs import POSES, TRACKER
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import (
     JOINT_LIMITS,

@@ -19,7 +19,7 @@ from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.scene import Held, build_pair_scene, seat_text
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
-from polish_sim.experiments.compensation import believe_tool
+from polish_sim.experiments.beliefs import believe_tool
 from polish_sim.experiments.part_setup import (
     path_done,
     random_streams,

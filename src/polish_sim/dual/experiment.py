@@ -32,8 +32,9 @@ _PAIR = (
     Claim("master_way_m", "way of the part", "mm"),
     Claim("master_turn_rad", "turn of the part", "deg"),
 )
+BAND_N = 1.5  #: The force is to be held so near what is set
 PRESSING_CLAIMS = (
-    Claim("force_max_deviation_n", "force error, max", "N", high=1.5),
+    Claim("force_max_deviation_n", "force error, max", "N", high=BAND_N),
     Claim("force_mean_n", "force, mean", "N"),
     Claim("force_rms_error_n", "force error, rms", "N"),
     Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
@@ -148,6 +149,7 @@ DUAL = Experiment(
     ),
     along_plan=True,
     carried=True,
+    band_n=BAND_N,
     faults="polish_sim.dual.faults:PAIR_FAULTS",
     remade=False,
     only_with={REMOVAL_OPTIONS: COVER_OPTIONS},

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import FORCE_BANDS_N, numbers
+from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_plots import compare_runs
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import (
@@ -34,13 +34,13 @@ from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.bases import Group
 from polish_sim.dual.calibration.pair import INSTRUMENTS
+from polish_sim.dual.experiment import BAND_N
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
     from polish_sim.dual.calibrate import ArmsFound, BasesFound, TcpCalibration
 
 BAND_MM = 0.1
-BAND_N = FORCE_BANDS_N["dual"]
 DARK = "#222222"
 _MANY, _BINS = 100, 50
 CURVE = 100  #: Steps of a predicted density

@@ -23,8 +23,13 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError, unknown_name
-from polish_sim.experiments.compensation import believe_tool, check_compensation, knowing_host
-from polish_sim.experiments.learning import check_learning, read_lesson
+from polish_sim.experiments.beliefs import (
+    believe_tool,
+    check_compensation,
+    check_learning,
+    knowing_host,
+    read_lesson,
+)
 from polish_sim.experiments.part_setup import (
     RealShape,
     placed_strokes,
@@ -70,10 +75,11 @@ class Workplace:
         """Distances of the part as it is, before it is displaced and bent; sampled at first use and kept."""
         return self._fields(self.shape, scenario)
 
-    def keep_fields_of(self, other: Workplace) -> None:
-        """Take over the distances another place has sampled, of the same part under a path that goes
-        further."""
-        self._kept.update(other._kept)
+    def along(self, path: ToolPath, reach: Reach) -> Workplace:
+        """The place under a path that goes nowhere else, with the distances that were sampled."""
+        place = replace(self, path=path, reach=reach)
+        place._kept.update(self._kept)
+        return place
 
     def _fields(self, shape: RealShape, scenario: Checked) -> PartFields:
         force = self.path.largest_force(scenario.process.contact_force_n)

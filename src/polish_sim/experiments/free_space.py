@@ -25,7 +25,7 @@ from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
-from polish_sim.experiments.compensation import arm_file, believe_tool, knowing_host
+from polish_sim.experiments.beliefs import arm_file, believe_tool, knowing_host
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath

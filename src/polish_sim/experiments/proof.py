@@ -377,14 +377,12 @@ class _Prover:
         if (self.pressed < 1.0).any():
             force = self.pressed * path.force_at(path.s, process.contact_force_n)
         plan = replace(self.plan, path=replace(path, feed=feed, force=force))
-        task = SurfaceTask(plan, self._reach_now(), self.task.shape)
-        task.place.keep_fields_of(self.task.place)
-        return task
+        return SurfaceTask(plan, self.task.place.along(plan.path, self._reach_now()))
 
     def _reach_now(self) -> Reach:
         """How the arm does the path as it is mended so far: with its first stroke cut, it starts
         elsewhere."""
-        path, whole, reach = self.path, self.plan.path, self.task.reach
+        path, whole, reach = self.path, self.plan.path, self.task.place.reach
         if path.positions_work is whole.positions_work:
             return reach
         joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
@@ -507,7 +505,8 @@ class _Prover:
     def result(self) -> Proven:
         """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
         task, scenario, plan = self.task_now(), self.scenario, self.plan
-        pose = to_pose(task.reach.T_base_work)
+        reach = task.place.reach
+        pose = to_pose(reach.T_base_work)
         made, mends = {mend.what for mend in self.mends}, (*self.plan.mends, *self.mends)
         if LEFT_OUT in made:
             plan = plan.along(task.plan.path, self.mends)
@@ -529,16 +528,14 @@ class _Prover:
         }  # fmt: skip
         figures = {
             **plan.figures,
-            "T_base_work": task.reach.T_base_work.tolist(),
-            "smallest_singular_value": task.reach.smallest_singular_value,
+            "T_base_work": reach.T_base_work.tolist(),
+            "smallest_singular_value": reach.smallest_singular_value,
             "proven": 1,
             "proof_work_s": self.worked_s,
         }
         notes = (*plan.notes, *proof_notes(proof))
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
-        final = SurfaceTask(plan, task.reach, task.shape)
-        final.place.keep_fields_of(self.task.place)
-        kept_place(scenario, lambda: final, Same(plan))
+        kept_place(scenario, lambda: SurfaceTask(plan, task.place), Same(plan))
         return Proven(plan, scenario)
 
 

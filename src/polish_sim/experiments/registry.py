@@ -124,6 +124,7 @@ class Experiment:
     on_part: bool = True  #: Whether there is a part to press on
     carried: bool = False  #: Whether a second robot carries the part
     remade: bool = True  #: Whether the cell of a run can be set up again from what it left
+    band_n: float = 0.0  #: In which the force is to stay about what is set [N]; 0: none
     fixtures: bool = False  #: Whether a fixture may hold the part
     faults: str = "polish_sim.cell.faults:FAULTS"  #: What can go wrong in its cell, Faults by name
     holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path

@@ -3,7 +3,7 @@ asked."""
 
 from __future__ import annotations
 
-from polish_sim.analysis.claim import PATH_DONE, Claim
+from polish_sim.analysis.claim import FOLLOW_BAND_N, HOLD_BAND_N, PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.experiments.registry import (
     FINISHED,
@@ -115,6 +115,7 @@ FORCE = Experiment(
         *WATCH_OPTIONS,
     ),
     holds=True,
+    band_n=HOLD_BAND_N,
     paper={"part.file": "plate", "process.contact_force_n": 20.0},
 )
 SURFACE = Experiment(
@@ -151,6 +152,7 @@ SURFACE = Experiment(
     along_plan=True,
     plans=True,
     fixtures=True,
+    band_n=FOLLOW_BAND_N,
     only_with={("--path",): ("--from",)},
     not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
     paper={

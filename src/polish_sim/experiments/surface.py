@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,19 +23,16 @@ from polish_sim.experiments.assembly import (
     build_part,
     kept_place,
 )
-from polish_sim.experiments.compensation import arm_file
+from polish_sim.experiments.beliefs import FIGURE, arm_file
 from polish_sim.experiments.even_removal import planned
-from polish_sim.experiments.learning import FIGURE
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
-    RealShape,
     check_set_points,
     path_done,
     real_shape,
     shape_figures,
     touched,
 )
-from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath, experiment
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import feed_figures
@@ -107,16 +103,7 @@ class SurfaceTask:
     """A part, the path on it and the way the arm does it, all checked before anything moves."""
 
     plan: PlanResult
-    reach: Reach
-    shape: RealShape
-
-    @cached_property
-    def place(self) -> Workplace:
-        """Part, path and reach, as the cell is set up from them."""
-        plan = self.plan
-        return Workplace(
-            plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape, plan.tool.fixture
-        )
+    place: Workplace  #: Part, path and reach, as the cell is set up from them
 
 
 def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> SurfaceTask:
@@ -135,7 +122,11 @@ def _prepare(scenario: Checked, plan: PlanResult, observer: Observer) -> Surface
     refuse_collision(scenario.safety.tool_in_part, plan)
     observer.stage("check the reach")
     reach = reach_path(scenario, *plan.standing, plan.path)
-    return SurfaceTask(plan, reach, real_shape(scenario, *plan.standing, plan.path))
+    shape = real_shape(scenario, *plan.standing, plan.path)
+    return SurfaceTask(
+        plan,
+        Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture),
+    )
 
 
 def refuse_collision(answer: str, plan: PlanResult) -> None:
@@ -154,8 +145,7 @@ def refuse_collision(answer: str, plan: PlanResult) -> None:
 
 def check_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> CheckedPath:
     """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
-    task = prepare_surface(scenario, plan, observer)
-    return CheckedPath(task.plan.path, task.reach)
+    return CheckedPath(plan.path, prepare_surface(scenario, plan, observer).place.reach)
 
 
 def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> RunResult:
@@ -171,22 +161,22 @@ def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT
 
 def measure_run(scenario: Checked, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the task's part."""
-    plan, reach, place, path = task.plan, task.reach, task.place, task.plan.path
+    plan, place, path = task.plan, task.place, task.plan.path
     fed = run.trace.path_s_m[run.trace.fed]
     figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     removal = remove_material(scenario, place, part, run)
     figures |= measure_removal(removal.map, scenario.pad.radius_m)
-    figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
-    figures |= shape_figures(task.shape, path)
+    figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
+    figures |= shape_figures(place.shape, path)
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
     figures["bad_figures"] = shortcomings(figures, path.largest_force(scenario.process.contact_force_n))
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
-        arm_file(scenario, reach.q_start),
+        arm_file(scenario, place.reach.q_start),
     )  # fmt: skip
 
 

@@ -160,7 +160,7 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
     plan = zoned(one, scenario, plan_removal(scenario, observer))
     if scenario.safety.proof != "none":
         plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
-    pose = to_pose(prepare_surface(scenario, plan).reach.T_base_work)
+    pose = to_pose(prepare_surface(scenario, plan).place.reach.T_base_work)
     scenario = replace(scenario, part=replace(scenario.part, pose=pose))
     # A job is repeated byte for byte.
     plan = replace(plan, figures={**plan.figures, "plan_time_s": 0.0})
