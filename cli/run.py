@@ -351,7 +351,7 @@ def plan_to_run(
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import read_cuts, write_plan
     from polish_sim.experiments.even_removal import axis_kept, plan_removal
-    from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
+    from polish_sim.experiments.proof import proof_notes, prove_with_a_pad_that_fits, why_not_proven
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import measure_given_path
 
@@ -366,9 +366,12 @@ def plan_to_run(
     try:
         if folder and row.name == "surface" and scenario.safety.proof != "none":
             known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
-            if known is not None and is_proven(scenario, plan.path, known):
+            doubt = why_not_proven(scenario, plan.path, known) if known else "missing"
+            if not doubt:
                 plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
             else:
+                if known:
+                    console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     finally:
         for text in plan.notes:

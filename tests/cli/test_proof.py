@@ -32,6 +32,7 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim):
     harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
     other = polish_sim(*run, *harder, "--out", "other")
     assert "prove in the cell" in other.err
+    assert "process.contact_force_n" in other.err
     found = metrics_of("whole")
     assert found["path_done"] == 1.0
     assert "feed_m_s = 0.04" in Path("whole/config.toml").read_text()

@@ -13,7 +13,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.proof import SPENT, Proven, _Prover, is_proven, prove
+from polish_sim.experiments.proof import SPENT, Proven, _Prover, prove, why_not_proven
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, Mend, PreparedRegion
@@ -193,9 +193,16 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     shares = {name: limit["share"] for name, limit in proof["limits"].items()}
     assert shares.pop("tangential error") > 0.5  # what no mend helps is only said
     assert max(shares.values()) <= 0.8
-    for changes, known in (("seed=77", True), ("process.feed_m_s=0.04", False), ("robot.arm=ideal", False)):
-        assert is_proven(override(proven.scenario, [changes]), path, proof) == known
-    assert not is_proven(proven.scenario, soft_corner()[1].path, proof)
+    for changes, named in (
+        ("seed=77", ""),
+        ("process.feed_m_s=0.04", "process.feed_m_s"),
+        ("robot.arm=ideal", "robot.arm"),
+        ("safety.proof='2'", "--proof 1"),
+    ):
+        doubt = why_not_proven(override(proven.scenario, [changes]), path, proof)
+        assert named in doubt
+        assert bool(doubt) == bool(named)
+    assert why_not_proven(proven.scenario, soft_corner()[1].path, proof) == "of another path"
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path):

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import CONTACT_N
+from polish_sim.analysis.run_record import changed_words
 from polish_sim.arrays import Bools, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
@@ -44,6 +45,7 @@ from polish_sim.experiments.assembly import (
 from polish_sim.experiments.even_removal import even_out, plan_removal, with_plan
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import Remaining, lift_over
@@ -91,10 +93,10 @@ class Proven(NamedTuple):
     scenario: Checked  #: Its part stands where it was played
 
 
-def settings_key(scenario: Scenario) -> str:
+def _settings(scenario: Scenario) -> Scenario:
     """What a proof depends on besides the path: arm, tool, sensor, controller, force, feed and limits."""
     process = replace(scenario.process, changes="", learn="")
-    bare = replace(
+    return replace(
         scenario,
         experiment="surface",
         seed=0,
@@ -106,7 +108,10 @@ def settings_key(scenario: Scenario) -> str:
         safety=replace(scenario.safety, proof=""),
         simulation=replace(scenario.simulation, log_rate_hz=0.0),
     )
-    return config_hash(bare, {})
+
+
+def _changed(settings: Scenario) -> list[str]:
+    return changed_words(settings, _settings(default_scenario("surface")))
 
 
 def prove(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
@@ -519,7 +524,8 @@ class _Prover:
             "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
-            "settings": settings_key(scenario), "path": path_key(task.plan.path),
+            "settings": config_hash(_settings(scenario), {}), "path": path_key(task.plan.path),
+            "changed": _changed(_settings(scenario)),
             "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [
@@ -548,9 +554,9 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
         f"{name}, {100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
     ]
     if worst["share"] > 1.0 - DRAWN_MARGIN:
+        fails = "this fails" if worst["share"] > 1.0 else "on other arms and parts this may fail"
         notes.append(
-            f"on other arms and parts this may fail run --check: {name}; a lower --contact-force helps, and "
-            "robot.compensation=tracker"
+            f"{fails} run --check: {name}; a lower --contact-force helps, and robot.compensation=tracker"
         )
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
     for mend in proof["mends"]:
@@ -576,11 +582,13 @@ def path_key(path: ToolPath) -> str:
     return hashlib.sha256(content).hexdigest()[:24]
 
 
-def is_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any] | None) -> bool:
-    """Whether a plan folder's ``proof`` is of this path and these settings."""
-    return (
-        proof is not None
-        and proof["settings"] == settings_key(scenario)
-        and proof["path"] == path_key(path)
-        and scenario.safety.proof in ("nominal", proof["proof"])
-    )
+def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) -> str:
+    """Why a plan folder's ``proof`` does not hold for a path and its settings; empty if it does."""
+    settings = _settings(scenario)
+    if proof["settings"] != config_hash(settings, {}):
+        words = {*_changed(settings)} ^ {*proof.get("changed", ())}
+        named = ", ".join(sorted({word.partition("=")[0] for word in words}))
+        return f"of other settings{f' ({named})' * bool(named)}"
+    if proof["path"] != path_key(path):
+        return "of another path"
+    return "" if scenario.safety.proof in ("nominal", proof["proof"]) else f"with --proof {proof['proof']}"
