@@ -8,8 +8,10 @@ from __future__ import annotations
 import atexit
 import os
 import signal
+import stat
 import sys
 from contextlib import suppress
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -95,8 +97,25 @@ commands.add_typer(
 )
 
 
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    """End as by Ctrl-C, which keeps what was recorded, unless that is ignored."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)
+    for output in 1, 2:
+        if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):  # its terminal was closed
+            os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    signal.raise_signal(signal.SIGINT)
+
+
 def app() -> None:
-    """Run the command line of this process and end it with the exit code of the contract."""
+    """Run the command line of this process and end it with the exit code of the contract.
+
+    ``kill``, ``timeout``, a batch system and a closed terminal end it as Ctrl-C does.
+    """
+    for number in {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}:
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
+            signal.signal(number, _interrupt)
     code = execute(commands, sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written and said
     atexit._run_exitfuncs()

@@ -2,13 +2,14 @@
 
 import ctypes
 import os
+import pty
 import shlex
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -26,10 +27,14 @@ def _at_work(out: Path) -> Path:
 
 
 def interrupted(
-    words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float, times: int = 1
+    words: list[str],
+    folder: Path,
+    ready: Callable[[Path, str], bool],
+    then_s: float,
+    signals: Sequence[signal.Signals] = (signal.SIGINT,),
 ) -> str:
-    """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has
-    said, and then again and again; it ends with 130. It says every 0.1 s how far it is.
+    """What a command says when Ctrl-C or other ``signals`` come a while after it is ready, by its draft
+    folder and what it has said; it ends with 130. It says every 0.1 s how far it is.
     """
     start = "from polish_sim.cli import progress, start; progress.QUIET_S = 0.1; start()"
     command = [sys.executable, "-c", start, *words, "--out", "out/cut"]
@@ -42,8 +47,8 @@ def interrupted(
             assert run.poll() is None, Path(said.name).read_text()
             time.sleep(0.02)
         time.sleep(then_s)
-        for _ in range(times):
-            run.send_signal(signal.SIGINT)
+        for number in signals:
+            run.send_signal(number)
             time.sleep(0.02)
         run.wait()
         err = Path(said.name).read_text()
@@ -123,14 +128,29 @@ def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(command, caps
     assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
 
 
-@pytest.mark.parametrize("times", [1, 20])
-def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path, times):
+@pytest.mark.parametrize("signals", [[signal.SIGTERM], 20 * [signal.SIGINT]])
+def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes_and_so_does_kill(tmp_path, signals):
     arc = ["run", "arc", "--feed", "0.5"]
-    err = interrupted(arc, tmp_path, lambda _, said: "simulate: " in said, 0.0, times)
+    err = interrupted(arc, tmp_path, lambda _, said: "simulate: " in said, 0.0, signals)
     assert "kept" in err
     assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
     assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
+
+
+def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path):
+    ours, its = pty.openpty()
+    words = ["run", "arc", "--feed", "1", "--out", "cut"]
+    start = [sys.executable, "-c", "from polish_sim.cli import start; start()", *words]
+    with subprocess.Popen(start, cwd=tmp_path, stdout=its, stderr=its) as run:
+        os.close(its)
+        said = b""
+        while b"%" not in said.partition(b"simulate")[2]:
+            said += os.read(ours, 1000)
+        os.close(ours)
+        run.send_signal(signal.SIGHUP)
+    assert run.returncode == 130
+    assert metrics_of(tmp_path / "cut")["path_done"] < 1.0
 
 
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polish_sim):
