@@ -366,11 +366,10 @@ def plan_to_run(
     try:
         if folder and row.name == "surface" and scenario.safety.proof != "none":
             known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
-            doubt = why_not_proven(scenario, plan.path, known) if known else "missing"
-            if not doubt:
+            if known is not None and not (doubt := why_not_proven(scenario, plan.path, known)):
                 plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
             else:
-                if known:
+                if known is not None:
                     console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     finally:
