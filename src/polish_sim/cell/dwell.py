@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from polish_sim.arrays import Array, Bools, running_sums
 from polish_sim.cell.contact import Pad, RealPart, build_pad, press_pad
 from polish_sim.cell.real_part import PartFields, place_part
-from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes
+from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes, _room_for
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, kernel
@@ -82,11 +82,7 @@ def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
 
 @njit
 def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  # type: ignore[no-untyped-def]
-    under, force, power = (
-        np.empty(len(nodes.areas), np.int64),
-        np.empty(len(nodes.areas)),
-        np.empty(len(nodes.areas)),
-    )
+    under, force, power = _room_for(nodes)
     depths = np.empty(len(starts) - 1)
     for k in range(len(depths)):
         axis = poses.axes[k]

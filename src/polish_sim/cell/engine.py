@@ -113,6 +113,16 @@ def register_engine() -> None:
     ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
 
 
+@kernel
+def links_touch(e: EngineViews, one: int, other: int) -> bool:
+    """Whether the engine pushes on any body but two."""
+    for body in range(1, e.cfrc_ext.shape[0]):
+        f = e.cfrc_ext[body]
+        if body != one and body != other and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
+            return True
+    return False
+
+
 # The inertia the wrist sensor feels is that of the motion that really happens.
 #
 # The engine's sensors are computed from its explicit acceleration; its implicit integrator then moves the

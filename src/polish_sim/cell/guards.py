@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN
+from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
 from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
-from polish_sim.kernels import Record, Vector3, kernel, matvec, minus, plus
+from polish_sim.kernels import Record, Vector3, dot, kernel, matvec, minus, plus
 from polish_sim.models import robot_model_path
 
 if TYPE_CHECKING:
@@ -298,7 +298,7 @@ def check_guards(
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
     t = count * dt
-    guards.found = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    guards.found = math.sqrt(dot(w, w))
     _note(state, FORCE, guards.found / guards.force, t)
     if guards.found > guards.force:
         return FORCE
@@ -360,9 +360,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     if not target.contact:
         guards.holding, guards.depth, guards.was_held, guards.missing = 0.0, 0.0, False, 0.0
         return NO_STOP
-    offset = 0.0
-    for i in range(3):
-        offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
+    offset = depth_below(target, m.position)
     landing = sequence.stage == TOUCH_DOWN
     # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
     depth = offset + (sequence.depth if landing else planned) - state.flange.travel

@@ -11,7 +11,14 @@ import math
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, hold_force, press_pad, pull_of_imbalance, turn_spindle
-from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
+from polish_sim.cell.engine import (
+    EngineViews,
+    correct_reading,
+    keep_speeds,
+    links_touch,
+    mj_step1,
+    mj_step2,
+)
 from polish_sim.cell.gears import (
     RealArm,
     compensate,
@@ -45,10 +52,11 @@ from polish_sim.cell.stroke import (
     TRAVEL,
     Stroke,
     advance_sequence,
+    depth_below,
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, kernel, matvec, minus, plus_cross, scaled, set_to
+from polish_sim.kernels import cross, dot, kernel, matvec, minus, plus_cross, scaled, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
@@ -168,7 +176,7 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
     if not arm.elastic:
         return
     m = state.measurement
-    arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
+    arm.tool_speed = math.sqrt(dot(m.twist, m.twist))
     hear_joints(arm, e)
     compensate(arm, arm.host, e, m, 1.0)
     read_encoders(arm.host, arm.links, 0)
@@ -216,10 +224,8 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    target, deeper = state.target, 0.0
-    for i in range(3):
-        deeper += target.rotation[i, 2] * (m.position[i] - target.position[i])
-    reach = state.guards.offset
+    target, reach = state.target, state.guards.offset
+    deeper = depth_below(target, m.position)
     if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, target, reach, deeper):
         trip(state.status, guards.MISSING, t)
 
@@ -338,16 +344,16 @@ def _phase(stage: int, touched: bool) -> int:
 
 
 @kernel
-def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
+def is_over(cell: CellKernel, free_body: int, t: float) -> bool:
     """Ask the guards; whether the run or the stroke ends with the step just finished, at ``t`` [s].
 
-    ``held_body`` is the body of a part that is carried, 0 for none.
+    Besides the head our own contact acts on ``free_body``, 0 for none: the engine may push on it.
     """
     state, e = cell.state, cell.engine
     status, count = state.status, state.status.steps - 1
     if not math.isfinite(e.qvel[0] + e.qvel[6]):
         status.stop, status.stop_time, status.ended = guards.UNSTABLE, t, True
-    elif status.stop == guards.NO_STOP and count % LOOK_EVERY == 0 and _links_touch(e, held_body):
+    elif status.stop == guards.NO_STOP and count % LOOK_EVERY == 0 and links_touch(e, e.head_body, free_body):
         trip(status, guards.ENGINE_CONTACT, t)
     elif status.stop == guards.NO_STOP:
         trip(
@@ -371,14 +377,3 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
     just_touched = status.pause_at_contact and status.contact_time == t
     just_stopped = status.stop != guards.NO_STOP and status.stop_time == t
     return status.ended or status.arrived or just_touched or just_stopped
-
-
-@kernel
-def _links_touch(e: EngineViews, held_body: int) -> bool:
-    """Whether the engine pushes on any body but the head and a carried part, on which our own contact
-    acts."""
-    for body in range(1, e.cfrc_ext.shape[0]):
-        f = e.cfrc_ext[body]
-        if body != e.head_body and body != held_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
-            return True
-    return False

@@ -11,7 +11,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews, engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.gears import RealArm, drive_joints, follow_rotors, hear_joints
 from polish_sim.cell.real_arm import build_real_arm, built_table
-from polish_sim.cell.scene import touching
+from polish_sim.cell.scene import touching_at
 from polish_sim.config import RobotConfig
 from polish_sim.errors import ProtectiveStop, ReachError
 from polish_sim.kernel_cache import njit
@@ -75,11 +75,7 @@ def play_joints(model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: J
 def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
     """Look for links in contact along the way."""
     for joints in q[::LOOK_EVERY]:
-        data.qpos[:JOINTS] = joints
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        if data.ncon:
-            pair = touching(model, data)
+        if pair := touching_at(model, data, joints):
             raise ReachError(f"the robot cannot do this path: {pair} would touch. Move it with --part-pose.")
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellState
+from polish_sim.cell.stroke import depth_below
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, kernel
+from polish_sim.kernels import Record, Vector2, Vector3, dot, kernel
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
@@ -98,7 +99,7 @@ def record_state(
     filled, m, target, force = recorder.filled, state.measurement, state.target, state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)
     filled.force_range[1] = max(filled.force_range[1], force)
-    speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
+    speed = math.sqrt(dot(m.twist, m.twist))
     position, travel = e.site_xpos[e.tool_site], e.qpos[6]
     step = recorder.trace[filled.steps]
     step.time_s, step.phase, step.normal_force_n = t, phase, force
@@ -120,9 +121,7 @@ def record_state(
     quaternion_from_rotation(e.site_xmat[e.tool_site].reshape((3, 3)), row[_QUATERNION : _QUATERNION + 4])
     put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
-    row[_DEPTH] = 0.0
-    for i in range(3):
-        row[_DEPTH] += target.rotation[i, 2] * (m.position[i] - target.position[i])
+    row[_DEPTH] = depth_below(target, m.position)
     row[_SPEED] = speed
     put(row, _COMMAND, state.speedl.twist, 6)
     put(row, _MEASURED, m.wrench, 6)

@@ -286,17 +286,10 @@ def expose_nodes(
 
 @njit
 def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-untyped-def]
-    exposure, gained, carried = (
-        np.zeros(len(nodes.areas)),
-        np.zeros(len(motion.times)),
-        np.zeros(len(motion.times)),
-    )
-    under, force, power = (
-        np.empty(len(nodes.areas), np.int64),
-        np.empty(len(nodes.areas)),
-        np.empty(len(nodes.areas)),
-    )
-    for k in range(len(motion.times)):
+    steps = len(motion.times)
+    exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(steps), np.zeros(steps)
+    under, force, power = _room_for(nodes)
+    for k in range(steps):
         number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
         _press_nodes(
             nodes.positions,
@@ -323,6 +316,13 @@ def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-unty
                 gained[k] += work
                 exposure[under[t]] += work / nodes.areas[under[t]]
     return exposure, gained, carried
+
+
+@kernel
+def _room_for(nodes):  # type: ignore[no-untyped-def]
+    """For the numbers of the nodes under a pad, and force and power of each."""
+    count = len(nodes.areas)
+    return np.empty(count, np.int64), np.empty(count), np.empty(count)
 
 
 @kernel

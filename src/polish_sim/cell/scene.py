@@ -250,6 +250,14 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData) -> str:
     return " and ".join(model.geom(int(g)).name for g in data.contact[0].geom) if data.ncon else ""
 
 
+def touching_at(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> str:
+    """`touching` with the first joints of the scene at ``q`` (n,)."""
+    data.qpos[: len(q)] = q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    return touching(model, data)
+
+
 @cache
 def tool_on_flange() -> Array:
     """Pose of the tool frame on the flange, read from the compiled robot, shape (4, 4)."""

@@ -208,6 +208,15 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
 
 
 @kernel
+def depth_below(target: Target, position: Array) -> float:
+    """How far a point (3,) is below a target along its tool axis [m]."""
+    depth = 0.0
+    for i in range(3):
+        depth += target.rotation[i, 2] * (position[i] - target.position[i])
+    return depth
+
+
+@kernel
 def _play(motion: TimedPath, state: Sequence, dt: float, target: Target) -> None:
     """Let a motion pass at the clock's rate; its place and speed go to ``state``."""
     moving = state.clock < motion.duration

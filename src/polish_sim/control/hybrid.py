@@ -13,13 +13,11 @@ from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import loops
 from polish_sim.control.signals import (
-    ANSWER,
     LAW_SIGNATURE,
-    MEASUREMENT,
-    TARGET,
     CompiledController,
     Measurement,
     Target,
+    records_at,
 )
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, Vector3, dot, kernel
@@ -212,8 +210,8 @@ _CONTEXT = HybridContext.dtype
 @cfunc(LAW_SIGNATURE)
 def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Eq. 6 and 7 with force along tool z and moment about tool y in contact."""
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
-    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = records_at(measurement, target, answer)
     position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
     press(m, t, c.gains, c.memory, out.twist)
 
@@ -221,8 +219,8 @@ def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: igno
 @cfunc(LAW_SIGNATURE)
 def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """As ``hybrid-pi`` with the position loop of eq. 5."""
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
-    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = records_at(measurement, target, answer)
     loops.position_pd(
         m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3]
     )
@@ -232,8 +230,8 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
 @cfunc(LAW_SIGNATURE)
 def _position_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Eq. 6 and 7 on all six axes, no force control."""
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
-    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = records_at(measurement, target, answer)
     position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
     turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
 
@@ -319,8 +317,8 @@ def mode_speed(error: float, dt: float, gains: ForceModeGains, memory: ForceMode
 @cfunc(LAW_SIGNATURE)
 def _force_mode_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Everything but tool z, and before contact tool z too, as ``hybrid-pi`` does it."""
-    c, out = carray(context, 1, _MODE)[0], carray(answer, 1, ANSWER)[0]
-    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    c = carray(context, 1, _MODE)[0]
+    m, t, out = records_at(measurement, target, answer)
     gains, memory, dt = c.gains.hybrid, c.memory, m.cycle
     position_by_velocity(m, t, gains.position, dt, memory.hybrid, out.twist)
     turn_and_level(m, t, gains, dt, memory.hybrid, out.twist)

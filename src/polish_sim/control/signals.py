@@ -9,10 +9,11 @@ import ctypes
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import types
+from numba import carray, types
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
+from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix3, Record, Vector3, Vector6, memory_of
 
 
@@ -60,6 +61,12 @@ MEASUREMENT, TARGET, ANSWER = Measurement.dtype, Target.dtype, Answer.dtype
 
 LAW_SIGNATURE = types.void(*[types.voidptr] * 5)
 """A compiled law takes pointers to its context, the course, measurement, target and the answer it writes."""
+
+
+@njit(inline="always")
+def records_at(measurement, target, answer):  # type: ignore[no-untyped-def]
+    """What a law reads and writes, behind the pointers it gets."""
+    return carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0], carray(answer, 1, ANSWER)[0]
 
 
 CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)

@@ -17,9 +17,15 @@ from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
 from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
 from polish_sim.dual.strokes import Visits
 from polish_sim.errors import ReachError
-from polish_sim.experiments.placement import failure_of, given_placement, rotations_towards, spin_direction
+from polish_sim.experiments.placement import (
+    any_turn_about,
+    failure_of,
+    given_placement,
+    rotations_towards,
+    spin_direction,
+)
 from polish_sim.motion import JointPath, inverse_all, track
-from polish_sim.spatial import inverse, rotation_to_axis, transform
+from polish_sim.spatial import inverse, transform
 
 UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see
@@ -96,9 +102,7 @@ def held_poses(pose: tuple[float, ...], work: PairWork, motion: MasterMotion, up
 def _frame(up: Array, wanted: Array) -> Array:
     """A rotation that turns ``up`` of the part, roughly its z, to a direction [base of the master]."""
     z = wanted / np.linalg.norm(wanted)
-    R_z = rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0]
-    R_up = rotation_to_axis(up[None], np.eye(3)[int(np.abs(up).argmin())])[0]
-    return R_z @ R_up.T
+    return any_turn_about(z) @ any_turn_about(up).T
 
 
 class Sampled(NamedTuple):

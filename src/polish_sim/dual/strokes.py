@@ -17,7 +17,7 @@ from polish_sim.config import Checked, ProcessConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
-from polish_sim.experiments.stroke_motion import CELL_LIMITS, StrokePath, stroke_motion
+from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
@@ -118,9 +118,8 @@ def free_strokes(
         during = slice(first, last + 1)
         down = slice(first - points_before(path, first), first + 1)
         table = build_path_table(points[during], rotations[during], path.s[during])
-        feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
-        table = with_feed_share(table, path.s[during], feed / process.feed_m_s)
-        along = StrokePath(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
+        along = stroke_path(path, during, points, rotations, process.feed_m_s, limits)
+        table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
         motion = time_path(table, pace)
         if scenario.smoothing.limits_file or not is_gentle(motion, limits):
             motion = stroke_motion(scenario.smoothing, along, placed.arm) or motion

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
-from polish_sim.config import Checked
+from polish_sim.config import Checked, DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
@@ -41,8 +41,8 @@ from polish_sim.dual.scene import (
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.experiments.assembly import Workplace
-from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
-from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
+from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape, unplaced_tool
+from polish_sim.experiments.placement import Reach, check_shaft
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.motion import forward, use_arm
 from polish_sim.motion.rules.limits import build_arm
@@ -84,18 +84,19 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot
     follow.
     """
+    dual = scenario.dual
     use_arm(scenario.robot.arm)
     observer.stage("plan the path")
     mesh, surface, region, path = _given_or_rim(scenario, plan)
-    check_load(mesh, scenario.dual.density_kg_m3)
+    check_load(mesh, dual.density_kg_m3)
     check_set_points(path)
-    path = lifted(path, scenario.dual.standoff_m)
-    check_shaft(path, surface, scenario.dual.pad_clearance_m)
-    seat = seat_part(surface, region.up, scenario.dual.part_on_gripper)
+    path = lifted(path, dual.standoff_m)
+    check_shaft(path, surface, dual.pad_clearance_m)
+    seat = seat_part(surface, region.up, dual.part_on_gripper)
     visits = _visits(scenario, path)
-    true = true_chain(scenario.dual, seat.T_gripper_work)
+    true = true_chain(dual, seat.T_gripper_work)
     job = PairJob(scenario, mesh, path, visits, region.up, seat.nose)
-    marks = spread_marks(region, surface, scenario.dual.marks)
+    marks = spread_marks(region, surface, dual.marks)
     made = NOMINAL_ARMS
     drawn = None
     work, motion = _asked_of_both(job, true)
@@ -109,16 +110,16 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     observer.stage("calibrate the robots")
     stand = tracker_sees(true.T_master_follower)
     rng = np.random.default_rng([scenario.seed, ARMS_STREAM])
-    arms = pair_arms(scenario.dual, scenario.robot.compensation, stand, rng, made)
+    arms = pair_arms(dual, scenario.robot.compensation, stand, rng, made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
-    frames = calibrated_frames(scenario.dual, true, site, rng, arms)
+    frames = calibrated_frames(dual, true, site, rng, arms)
     work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
-    master = _master_rows(scenario, frames, arms, reach, work)
+    master = _master_rows(dual, frames, arms, reach, work)
     closely = _visits(scenario, path, min(CHECK_S, CHECK_M / scenario.process.feed_m_s))
     check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
@@ -165,8 +166,7 @@ def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = Non
 def _visits(scenario: Checked, path: ToolPath, step: float | None = None) -> Visits:
     """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it
     goes."""
-    placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
-    strokes = pair_strokes(scenario, path, placed)
+    strokes = pair_strokes(scenario, path, unplaced_tool(path))
     lasts = sum(expected_duration(stroke) for stroke in strokes)
     return plan_visits(strokes, step or min(lasts / SAMPLES, SAMPLE_M / scenario.process.feed_m_s))
 
@@ -197,7 +197,7 @@ def _half_way(work: PairWork, T_master_work: Array) -> Array:
 
 
 def _master_rows(
-    scenario: Checked, frames: PairFrames, arms: PairArms, reach: PairReach, work: PairWork
+    dual: DualConfig, frames: PairFrames, arms: PairArms, reach: PairReach, work: PairWork
 ) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed = frames.believed
@@ -215,9 +215,9 @@ def _master_rows(
         inverse(believed.T_master_follower) @ true.T_master_follower,
         arms.believed["master"],
         arms.known["master"],
-        scenario.dual.master_delay_s,
-        1.0 / scenario.dual.master_rate_hz,
-        scenario.dual.command_lead_s,
+        dual.master_delay_s,
+        1.0 / dual.master_rate_hz,
+        dual.command_lead_s,
     )
 
 

@@ -22,8 +22,8 @@ from polish_sim.cell.stroke import (
 )
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError
-from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, placed_tool
-from polish_sim.experiments.placement import Reach, tool_rotations
+from polish_sim.experiments.part_setup import placed_strokes, placed_tool, unplaced_tool
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import ScanNoise
 from polish_sim.motion.timed_path import TimedPath
@@ -46,11 +46,7 @@ def cycle_strokes(
     smoothed. ``process.max_feed_s`` ends nothing here.
     """
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
-    placed = (
-        placed_tool(path, reach)
-        if reach
-        else PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
-    )
+    placed = placed_tool(path, reach) if reach else unplaced_tool(path)
     try:
         return placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)
     except SmoothingError:

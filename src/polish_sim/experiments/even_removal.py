@@ -121,7 +121,7 @@ def even_out(
     observer.stage("even the removal")
     path, asked, again = plan.path, scenario.plan, most is not None
     problem = _Problem(scenario, plan, again)
-    low, high = problem.limits(scenario, np.full(len(path.s), math.inf) if most is None else most)
+    low, high = problem.limits(np.full(len(path.s), math.inf) if most is None else most)
     slowness = np.clip(1.0 / scenario.process.feed_m_s, low, high)
     change, before = 0.0 if again else asked.removal_force, problem.exposure(slowness)
     eased = problem.force / problem.usual
@@ -150,9 +150,11 @@ class _Problem:
 
     def __init__(self, scenario: Checked, plan: PlanResult, again: bool = False) -> None:
         self.path, self.pad, process = plan.path, plan.tool.pad, scenario.process
+        #: Least and largest feed of the plan [m/s]
+        self.slowest, self.fastest = (share * process.feed_m_s for share in scenario.plan.removal_feed)
         self.nodes = drawn_nodes(plan)
         self.s, self.steps = _places(self.path, POSES * self.pad.radius_m)
-        self.spacing = self._spacing(scenario)
+        self.spacing = self._spacing()
         self.knot_s, self.knots = _hats(self.path, self.s, self.spacing)
         self.usual = process.contact_force_n
         self.poses = _poses(self.path, self.s, process.feed_m_s, scenario.spindle.speed_rpm * math.tau / 60.0)
@@ -175,12 +177,11 @@ class _Problem:
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
         self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
 
-    def _spacing(self, scenario: Checked) -> float:
+    def _spacing(self) -> float:
         """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""
-        least, most = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
-        return max(
-            KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration
-        )
+        most = self.fastest
+        steepest = most**3 * (1.0 / self.slowest - 1.0 / most) / CELL_LIMITS.tip_acceleration
+        return max(KNOTS * self.pad.radius_m, steepest)
 
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
@@ -189,14 +190,14 @@ class _Problem:
         near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * self.spacing
         self.force = np.where(near, eased, math.inf).min(axis=1)
 
-    def limits(self, scenario: Checked, most: Array) -> tuple[Array, Array]:
+    def limits(self, most: Array) -> tuple[Array, Array]:
         """Least and largest slowness at the knots [s/m], (m,), that keep within the plan's limits of the feed
         and below the ``most`` feed at the points of the path [m/s], (n,)."""
-        least, largest = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
+        largest = self.fastest
         slow = most < largest
         near = np.abs(np.subtract.outer(self.knot_s, self.path.s[slow])) <= self.spacing
         low = 1.0 / np.where(near, most[slow], largest).min(axis=1, initial=largest)
-        return low, np.maximum(low, 1.0 / least)
+        return low, np.maximum(low, 1.0 / self.slowest)
 
     def press(self, force: Array) -> None:
         """Set the force at the knots [N] and find the rates under it."""

@@ -23,7 +23,7 @@ from polish_sim.cell.scene import (
     add_table,
     robot_with_tool,
     stand_of,
-    touching,
+    touching_at,
     works_below,
 )
 from polish_sim.config import Checked
@@ -147,11 +147,8 @@ class ArmCheck:
 
     def _touching(self, joints: Array) -> str:
         model, data = self._model, self._data
-        data.qpos[:6] = joints
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
-        if data.ncon:
-            return touching(model, data)
+        if pair := touching_at(model, data, joints):
+            return pair
         for link in _LINKS:
             arm = model.geom(f"{link}_collision").id
             for still in ("table", *STAND_NAMES):

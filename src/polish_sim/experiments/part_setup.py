@@ -16,7 +16,7 @@ from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_p
 from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
 from polish_sim.experiments.placement import Reach, tool_rotations
-from polish_sim.experiments.stroke_motion import StrokePath, stroke_motion
+from polish_sim.experiments.stroke_motion import stroke_motion, stroke_path
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
@@ -88,8 +88,13 @@ class PlacedTool(NamedTuple):
 
 def placed_tool(path: ToolPath, reach: Reach) -> PlacedTool:
     """The tool along a path on a part that stands still, and the arm that holds it."""
-    rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
-    return PlacedTool(reach.T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_start))
+    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
+    return PlacedTool(reach.T_base_work, reach.rotations(path.axes_work), arm)
+
+
+def unplaced_tool(path: ToolPath) -> PlacedTool:
+    """The tool alone, in the work frame."""
+    return PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
 
 
 def placed_strokes(
@@ -127,10 +132,9 @@ def placed_strokes(
             path.pass_index[during],
         )
         force = at_rows(table, path.s[during], path.force_at(path.s[during], process.contact_force_n))
+        along = stroke_path(path, during, pressed_in, rotations, process.feed_m_s)
         if path.feed is not None:
-            table = with_feed_share(table, path.s[during], path.feed[during] / process.feed_m_s)
-        feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
-        along = StrokePath(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
+            table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
         motion = stroke_motion(scenario.smoothing, along, placed.arm)
         if motion is None:
             motion = time_path(table, feed_pace(process.feed_m_s))

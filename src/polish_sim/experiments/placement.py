@@ -40,6 +40,15 @@ class Reach(NamedTuple):
     q_start: Array  #: Joint positions at the first pose [rad], shape (6,)
     smallest_singular_value: float  #: Over the path [-]
 
+    def rotations(self, axes: Array) -> Array:
+        """Tool frames R_base_tool (n, 3, 3) for axes from the part to the tool, work frame, (n, 3)."""
+        return tool_rotations(axes @ self.T_base_work[:3, :3].T, self.spin)
+
+    def follow(self, positions: Array, axes: Array, T_flange_tool: Array) -> JointPath:
+        """The joints along tool points [m] with these axes, work frame, both (n, 3)."""
+        poses = transform(self.rotations(axes), apply(self.T_base_work, positions))
+        return track(poses, T_flange_tool, self.q_start)
+
 
 class ReachFailure(NamedTuple):
     """The furthest a tried way got."""
@@ -77,6 +86,11 @@ def rotations_towards(axes_base: Array, direction: Array) -> Array:
             "the tool axes of this path turn through more than a right angle: no fixed tool spin fits."
         )
     return rotation_to_axis(z_axes, direction)
+
+
+def any_turn_about(z: Array) -> Array:
+    """A rotation with this z axis, a unit vector (3,), whatever its turn about it, shape (3, 3)."""
+    return rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0]
 
 
 def find_reach(
@@ -157,8 +171,7 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
         ReachError: If a point between the samples of ``find_reach`` is out of reach or beyond a joint's
             range.
     """
-    rotations = tool_rotations(axes @ reach.T_base_work[:3, :3].T, reach.spin)
-    joints = track(transform(rotations, apply(reach.T_base_work, positions)), T_flange_tool, reach.q_start)
+    joints = reach.follow(positions, axes, T_flange_tool)
     failure = failure_of(joints, False)
     if failure is not None:
         point = positions[failure.point] * 1e3
@@ -237,8 +250,7 @@ def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:
     _, rows = np.unique(np.round(path.s / EVERY).astype(int), return_index=True)
     points = path.positions_work[rows]
     tools = -path.axes_work[rows]
-    # The shaft is round: any turn about the axis will do.
-    R_work_tool = np.stack([rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0] for z in tools])
+    R_work_tool = np.stack([any_turn_about(z) for z in tools])  # the shaft is round
     shaft = np.einsum("nij,kj->nki", R_work_tool, shaft_points()) + points[:, None]
     gaps = signed_distances(surface, shaft.reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
     if gaps.min() < clearance:

@@ -76,20 +76,20 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
     ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and
     on the part, tool_on_part_m.
     """
-    limits, at = run.stop_reason, run.safety.protective_stop_time_s
+    trace, limits, at = run.trace, run.stop_reason, run.safety.protective_stop_time_s
     if limits:
         limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), limits)
-    if limits is None or at is None or not len(run.trace.time_s):
+    if limits is None or at is None or not len(trace.time_s):
         return {"protective_stop": limits, "protective_stop_at": None}
-    row = min(int(np.searchsorted(run.trace.time_s, at)), len(run.trace.time_s) - 1)
-    tip = run.trace.tcp_position_m[row]
-    on_part, where = run.trace.tool_on_part_m[row], ""  # of a part that is carried
+    row = min(int(np.searchsorted(trace.time_s, at)), len(trace.time_s) - 1)
+    tip = trace.tcp_position_m[row]
+    on_part, where = trace.tool_on_part_m[row], ""  # of a part that is carried
     if T_base_work is not None:
         on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "
-    force = f"exact force {run.trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
+    force = f"exact force {trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
     along = (
-        f"{1e3 * float(run.trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, "
+        f"{1e3 * float(trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, "
         if run.stroke
         else ""
     )
@@ -104,7 +104,7 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
         "protective_stop_at": {
             "name": ", ".join(filter(None, [name, measured])),
             "time_s": at,
-            "path_s_m": float(run.trace.path_s_m[row]),
+            "path_s_m": float(trace.path_s_m[row]),
             "tool_m": tip.tolist(),
             "tool_on_part_m": on_part.tolist() if where else None,
         },

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.geometry.repair.skin import ScanNoise
     from polish_sim.motion.rules.rule import Rule
+    from polish_sim.planning.toolpath import ToolPath
 
 
 CELL_LIMITS = SmoothingLimits(
@@ -56,6 +57,21 @@ class StrokePath(NamedTuple):
     s: Array  #: Arc length on the part from the stroke's start [m], never falling, shape (n,)
     feed: Array  #: Wanted rate of it [m/s], shape (n,)
     limits: SmoothingLimits = CELL_LIMITS  #: Where the scenario's file sets no others
+
+
+def stroke_path(
+    path: ToolPath,
+    rows: slice,
+    points: Array,
+    rotations: Array,
+    usual: float,
+    limits: SmoothingLimits = CELL_LIMITS,
+) -> StrokePath:
+    """The stroke of some rows of a path whose tool points and frames are these, (n, 3), (n, 3, 3); ``usual``
+    is its feed where the path has none [m/s]."""
+    s = path.s[rows]
+    feed = np.full(len(s), usual) if path.feed is None else path.feed[rows]
+    return StrokePath(points[rows], rotations[rows], s - s[0], feed, limits)
 
 
 def check_stroke_rule(asked: SmoothingConfig) -> None:

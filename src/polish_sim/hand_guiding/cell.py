@@ -16,6 +16,7 @@ from polish_sim.cell.engine import (
     correct_reading,
     engine_views,
     keep_speeds,
+    links_touch,
     mj_step1,
     mj_step2,
     register_engine,
@@ -47,6 +48,7 @@ from polish_sim.kernels import (
     Vector3,
     Vector6,
     cross,
+    dot,
     kernel,
     minus,
     plus,
@@ -259,7 +261,7 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
     for step in range(status.step, last):
         mj_step1(e.model, e.data)
         tool_velocity(e, velocity)
-        speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
+        speed = math.sqrt(dot(velocity, velocity))
         if arm.elastic:
             hear_joints(arm, e)
             quantize_encoders(k.gains, memory, arm.read, e.dt, step == 0)
@@ -359,8 +361,4 @@ def _touches(e: EngineViews, ranges: Array) -> int:
     for j in range(6):
         if e.qpos[j] < ranges[j, 0] or e.qpos[j] > ranges[j, 1]:
             return JOINT_END
-    for body in range(1, e.cfrc_ext.shape[0]):
-        f = e.cfrc_ext[body]
-        if body != e.mount_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):
-            return TOUCH
-    return 0
+    return TOUCH if links_touch(e, e.mount_body, 0) else 0

@@ -21,7 +21,7 @@ from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
 from polish_sim.experiments.free_space import free_log
 from polish_sim.experiments.part_pose import reach_path
-from polish_sim.experiments.placement import Reach, tool_rotations
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.geometry.surface import ClosestPoints
@@ -39,6 +39,7 @@ from polish_sim.hand_guiding.teach import (
     figures_of_moves,
     move_columns,
     run_teach,
+    servos_hold,
     trace_of_move,
 )
 from polish_sim.motion import forward
@@ -212,10 +213,9 @@ def drag_table(
     )
     wobble = Rotation.from_rotvec(steady * _noise(rng, len(t), dt, drag.wobble_rad, 0.0, drag.wander_hz))
     grip = (t >= HOLD_S).astype(float)
-    servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
     meant = _motion(points, turned.as_matrix(), grip, dt)
     wanted = _motion(points + shake, (turned * wobble).as_matrix(), grip, dt)
-    return DragTable(MoveTable(wanted, servos, np.where(moving, MOVING, HELD).astype(np.int8)), meant)
+    return DragTable(MoveTable(wanted, servos_hold(t), np.where(moving, MOVING, HELD).astype(np.int8)), meant)
 
 
 def _motion(positions: Array, rotations: Array, grip: Array, dt: float) -> HandMotion:
@@ -267,7 +267,7 @@ class DragTask(NamedTuple):
     @property
     def rotations(self) -> Array:
         """Tool frames along it, shape (n, 3, 3)."""
-        return tool_rotations(self.path.axes_work @ self.reach.T_base_work[:3, :3].T, self.reach.spin)
+        return self.reach.rotations(self.path.axes_work)
 
 
 def prepare_drag(scenario: Checked) -> DragTask:

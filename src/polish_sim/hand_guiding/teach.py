@@ -90,6 +90,11 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
     return [*moves[:-1], moves[-1]._replace(off=hand.off_s if MODES[moves[-1].mode].gravity else 0.0)]
 
 
+def servos_hold(t: Array) -> Array:
+    """Share of the servos that hold the arm at times of a move (n,) [s]."""
+    return np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
+
+
 def minimum_jerk(share: Array) -> tuple[Array, Array]:
     """Way and speed of a minimum-jerk move of unit length and duration at shares of its time, clipped to
     0..1."""
@@ -109,7 +114,7 @@ def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> M
     velocities = hand.distance_m / duration * speed[:, None] * along
     rotations = np.tile(T_base_home[:3, :3], (len(t), 1, 1))
     grip = ((t >= HOLD_S) & (t < end)).astype(float)
-    servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
+    servos = servos_hold(t)
     phase = np.where((t >= begin) & (t < begin + duration), MOVING, np.where(t < end, HELD, OFF)).astype(
         np.int8
     )

@@ -17,15 +17,12 @@ from polish_sim.experiments.placement import (
     failure_of,
     find_reach,
     given_placement,
-    tool_rotations,
 )
-from polish_sim.motion import track
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
-from polish_sim.spatial import apply, transform
 
 FEW = 3  #: Segments that suffice to have a rule compiled
 SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out
@@ -67,8 +64,7 @@ def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> 
         "Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg).",
     )
     reach, _way, q = follow_path(points, rows, placements, *cures)
-    R_base_work = reach.T_base_work[:3, :3]
-    chain = build_chain(positions, R_base_work.T @ tool_rotations(axes @ R_base_work.T, reach.spin))
+    chain = build_chain(positions, reach.T_base_work[:3, :3].T @ reach.rotations(axes))
     return PlacedPath(chain, rows, build_arm(reach.T_base_work, tool_on_flange(), q[0].copy()))
 
 
@@ -155,8 +151,7 @@ def follow_path(
     way = way_between(points.path.positions_work[rows], points.path.axes_work[rows])
     tool = tool_on_flange()
     reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
-    rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
-    joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), tool, reach.q_start)
+    joints = reach.follow(way.positions, way.axes, tool)
     failure = failure_of(joints, False)
     if failure is not None:
         end = points.place(int(rows[way.ends[failure.point]]))

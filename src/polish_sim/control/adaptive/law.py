@@ -33,14 +33,12 @@ from polish_sim.control.hybrid import (
 )
 from polish_sim.control.loops import strike_limit
 from polish_sim.control.signals import (
-    ANSWER,
     LAW_SIGNATURE,
-    MEASUREMENT,
-    TARGET,
     CompiledController,
     Course,
     Measurement,
     Target,
+    records_at,
 )
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, kernel
@@ -72,8 +70,8 @@ _CONTEXT, _ROW = AdaptiveContext.dtype, drawing.AheadRow.dtype
 
 @cfunc(LAW_SIGNATURE)
 def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
-    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = records_at(measurement, target, answer)
     ahead = Ahead(c.spacing, carray(course, c.rows, _ROW))
     g, p, press_memory, path, dt = c.press, c.path, c.memory.press, c.memory.path, m.cycle
     force, twist = press_memory.force, out.twist
