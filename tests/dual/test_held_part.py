@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from shapely.geometry import Polygon
+from trimesh.creation import extrude_polygon
 
 from polish_sim import geometry
 from polish_sim.arrays import Array
@@ -152,6 +154,16 @@ def test_a_narrow_strip_is_found_by_marks_all_over_the_part():
     region, surface = part("plate", "box:-100,-2,-50,100,2,50")
     points = spread_marks(region, surface, 3)[:, :3, 3]
     assert np.ptp(points[:, 1]) > 0.03
+
+
+def test_marks_on_a_long_slanted_part_do_not_lie_on_a_line(tmp_path):
+    outline = Polygon([(0, 0), (158, 0), (252, 57), (0, 59)]).buffer(2)
+    extrude_polygon(outline.difference(outline.buffer(-30.4)), 45).export(tmp_path / "slanted.stl")
+    mesh = geometry.load_part(tmp_path / "slanted.stl")
+    surface = geometry.fit_surface(mesh)
+    points = spread_marks(geometry.select_region(surface, mesh, "auto"), surface, 3)[:, :3, 3]
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    assert spread[1] > 0.1 * spread[0]
 
 
 RADIUS = 0.2

@@ -61,7 +61,7 @@ NARROW = 0.1
 
 def spread_marks(region: Region, surface: Surface, count: int) -> Array:
     """Marks on a part that are touched to find it: far apart, in directions evenly spread about the region's
-    middle.
+    middle, its length and its width counting alike.
 
     Returns T_work_tool, the tool's z axis into the part, shape (count, 4, 4).
     """
@@ -72,7 +72,7 @@ def spread_marks(region: Region, surface: Surface, count: int) -> Array:
         if widths[1] > NARROW * widths[0]:
             break
     angle = 2.0 * np.pi * np.arange(count) / count
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ axes[:2]
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ (axes[:2] / widths[:2, None])
     outmost = points[np.argmax((points - middle) @ directions.T, axis=0)]
     there = candidate.closest(middle + INSIDE * (outmost - middle))
     R = [rotation_to_axis(-normal[None], perpendicular(normal))[0] for normal in there.normals]
