@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -39,22 +41,22 @@ def _facts(border: Border) -> dict[str, Any]:
     """What each run did, and the longest latency that is stable by scale of the springs."""
     controllers = {}
     for name, rests in border.rests.items():
-        stable = np.array([[rest.stable for rest in row] for row in rests])
+        stable = [[rest.stable for rest in row] for row in rests]
         line = np.interp(np.log(border.scales), np.log(border.line_scales), border.lines[name])
         controllers[name] = {
             "stable": stable,
             "at_rest": [[rest.resting for rest in row] for row in rests],
             "swing_n": [[rest.swing for rest in row] for row in rests],
-            "latency_stable_s": [_longest(border, column) for column in stable.T],
+            "latency_stable_s": [_longest(border, column) for column in zip(*stable, strict=True)],
             "latency_stable_model_s": line,
         }
     return {"spring_scales": border.scales, "latencies_s": border.latencies, "controllers": controllers}
 
 
-def _longest(border: Border, stable: Any) -> float | None:
+def _longest(border: Border, stable: Sequence[bool | None]) -> float | None:
     """The longest latency up to which every run was stable [s]; None if already the shortest was not."""
-    count = len(stable) if stable.all() else int(np.argmin(stable))
-    return float(border.latencies[count - 1]) if count else None
+    known = takewhile(lambda run: run[1] is not False, zip(border.latencies.tolist(), stable, strict=True))
+    return max((latency for latency, held in known if held), default=None)
 
 
 def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:

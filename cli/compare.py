@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from polish_sim.exchange.robot_log import RobotRecording
 
 PANEL = "Log"
+FREE_N = 5.0  #: Beyond what noise and drift of a wrist sensor make without contact [N]
+FREE_SHARE = 0.01  #: Of the time; a shorter excess is no contact
 ROBOT = "robot."  #: What --set may change
 REPLAY = ("--arm", "--payload", "--payload-center", "--set")
 LogFile = Annotated[
@@ -84,6 +86,8 @@ def compare(real: LogFile, given: Given) -> int:
     refuse_beside(given, "--beside", *REPLAY)
     refuse_without(given, "--beside", "--asked")
     log = read_measured_log(real, given, () if beside else ("q_rad",))
+    if beside is None and (pressed := pressing(log)):
+        console.note(f"note: {pressed}")
     with claimed(given, "compare") as folder:
         if beside is not None:
             _forces(real, log, beside, given, folder.draft)
@@ -91,6 +95,24 @@ def compare(real: LogFile, given: Given) -> int:
             _joints(real, log, given, folder.draft)
     console.say_folder(folder.final)
     return 0
+
+
+def pressing(log: RobotRecording) -> str:
+    """That a log is of a tool that pressed on something, which its replay does not; empty if it is not."""
+    from polish_sim.arrays import norms
+
+    measured = log.values.get("wrench", log.values.get("force_n"))
+    if measured is None:
+        return ""
+    force = norms(measured[:, :3])
+    share = float((force > FREE_N).mean())
+    if share < FREE_SHARE:
+        return ""
+    return (
+        f"the log's force is above {FREE_N:g} N for {100.0 * share:.0f}% of the time, {force.max():.0f} N at "
+        "most: its tool pressed on something. The replay is in free space, so torques differ by that force; "
+        "--beside RUN compares forces."
+    )
 
 
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:

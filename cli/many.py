@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 import sys
 import time
@@ -15,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from polish_sim.analysis.claim import Claim
+from polish_sim.analysis.claim import Claim, figure_of
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.cli.outcome import Outcome, other_conditions
@@ -147,8 +148,17 @@ def scored(
             scorer = Scorer(folder, workers)
             done = work(scorer, heard)
         yield folder, done
+        say_lost(scorer.lost)
         if scorer.interrupted:
             raise KeyboardInterrupt
+
+
+def say_lost(runs: int) -> None:
+    """Say how many runs are left out because their processes died."""
+    if runs:
+        console.note(
+            f"{count_text(runs, 'run')} left out: the processes died; the same command does them again."
+        )
 
 
 def duration(seconds: float) -> str:
@@ -236,8 +246,8 @@ def aggregate(
     """Mean (or rms) and worst value of each figure over the runs; what no run has is left out."""
     power, middle, worst = 2.0 if mean == "rms" else 1.0, {}, {}
     for claim in claims:
-        values = [run.get(claim.figure) for run in runs]
-        known = [float(value) for value in values if value is not None]
+        values = [figure_of(run, claim.figure) for run in runs]
+        known = [value for value in values if not math.isnan(value)]
         middle[claim.figure] = (
             (sum(v**power for v in known) / len(known)) ** (1.0 / power) if known else float("nan")
         )

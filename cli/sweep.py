@@ -16,7 +16,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
-from polish_sim.cli.many import at_work, duration
+from polish_sim.cli.many import at_work, duration, say_lost
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import put, rows_folder
 from polish_sim.config.key import OUTPUT, RUN
@@ -236,6 +236,5 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
     reasons = dict.fromkeys(zip(columns["outcome"], columns.get("reason", ()), strict=False))
     for reason in [why for outcome, why in reasons if outcome == FAILED][:SHOWN]:
         console.note(f"failed: {reason}")
-    if facts["lost"]:
-        console.note("runs whose processes died are lost; the same command does them again.")
+    say_lost(facts["lost"])
     console.say_folder(table.folder)

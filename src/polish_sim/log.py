@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError
 from polish_sim.row_file import whole_file
 
+T = TypeVar("T")
 UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error),
@@ -81,7 +82,11 @@ class RunLog:
     columns: Mapping[str, NDArray[np.generic]]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one column, shape (n,) or (n, k)."""
+        """Return one column, shape (n,) or (n, k); InputError where the log has none of this name."""
+        if name not in self.columns:
+            raise InputError(
+                f"the log has no column {name}: it is of an older run, or of another experiment."
+            )
         return self.columns[name]
 
     def __len__(self) -> int:
@@ -142,17 +147,40 @@ def write_log(path: Path, log: RunLog) -> None:
 def read_log(path: Path) -> RunLog:
     """Read a log written by ``write_log``; InputError if it is missing, damaged, or lacks a column of the
     contract."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            columns = {name: archive[name] for name in archive.files}
-    except UNREADABLE as error:
-        raise InputError(f"cannot read the log '{path}': {error}. Was the run finished?") from error
+    return read_arrays(path, "log", "Was the run finished?", _log_of)
+
+
+def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
+    """The log of its columns; ValueError if they are not a run's."""
     missing = [name for name in COLUMNS if name not in columns and name not in NEWER]
     if missing:
-        raise InputError(f"the log '{path}' lacks the columns {', '.join(missing)}: it is not a run's log.")
-    for column in columns.values():
+        raise ValueError(f"it lacks the columns {', '.join(missing)}, so it is not a run's log")
+    for name, column in columns.items():
+        width, _unit = {**COLUMNS, **LATER}.get(name, (0, ""))
+        if column.shape != (columns["time_s"].size, width)[: 1 + (width > 0)]:
+            raise ValueError(f"the column {name} has the shape {column.shape}, others have other rows")
+        if name.endswith("wxyz") and not column.any(axis=1).all():
+            raise ValueError(f"the column {name} holds zeros")
         column.setflags(write=False)
     return RunLog(MappingProxyType(columns))
+
+
+def read_arrays(file: Path, what: str, remedy: str, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
+    """What ``build`` makes of the arrays in an npz, by name.
+
+    Raises:
+        InputError: The file is missing or damaged, an array is not of finite numbers, or ``build`` raised one
+            of `UNREADABLE`: ``what`` cannot be read, and the ``remedy``.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        for name, array in arrays.items():
+            if array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+                raise ValueError(f"'{name}' is not of finite numbers")
+        return build(arrays)
+    except UNREADABLE as error:
+        raise InputError(f"cannot read the {what} '{file}': {error}. {remedy}") from error
 
 
 # What the figures are computed from: the exact quantities of a run at the full rate.
@@ -248,13 +276,19 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
 
 def read_removal(file: Path) -> RemovalMap:
     """Read a map written by ``write_removal``; InputError if the file is damaged or lacks an entry."""
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            found = {name: archive[name].astype(np.float64) for name in archive.files}
-        columns = {name: value if value.ndim else float(value) for name, value in found.items()}
-        columns["triangles"] = found["triangles"].astype(np.int64)
-        return RemovalMap(**columns)  # type: ignore[arg-type]
-    except UNREADABLE as error:
-        raise InputError(
-            f"cannot read the removal map '{file}': {error}. Delete it to see the run without."
-        ) from error
+    return read_arrays(file, "removal map", "Delete it to see the run without.", _removal_of)
+
+
+def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:
+    """The map of its arrays; ValueError if they do not fit each other."""
+    columns: dict[str, Any] = {
+        name: array.astype(np.float64) if array.ndim else float(array) for name, array in arrays.items()
+    }
+    columns["triangles"] = triangles = arrays["triangles"].astype(np.int64)
+    removal = RemovalMap(**columns)
+    count = len(removal.exposure)
+    shapes = removal.areas.shape, removal.vertices.shape, removal.normals.shape
+    known = triangles.size and 0 <= triangles.min() <= triangles.max() < count
+    if shapes != ((count,), (count, 3), (count, 3)) or not known:
+        raise ValueError("its nodes, areas and triangles do not fit each other")
+    return removal

@@ -50,6 +50,54 @@ def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
         run_record.read_record(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("figure", "value"),
+    [
+        ("protective_stop_at", {"name": "x", "time_s": "1", "path_s_m": 0.1, "tool_m": [0, 0, 0]}),
+        ("protective_stop_at", {"name": "x", "time_s": 1.0}),
+        ("T_base_work", [[0.0] * 4] * 4),
+        ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]),
+        ("protective_stop", ["no text"]),
+        ("moves", [1, 2]),
+        ("versions", "1.0"),
+    ],
+)
+def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path, figure, value):
+    run_record.write_record(tmp_path, replace(record, metrics={**record.metrics, figure: value}))
+    with pytest.raises(InputError, match=rf"'{figure}' in '.*metrics.json'.*Delete the entry"):
+        run_record.read_record(tmp_path)
+
+
+def test_a_config_that_names_no_experiment_is_refused(record, tmp_path):
+    run_record.write_record(tmp_path, record)
+    (tmp_path / "config.toml").write_text("")
+    with pytest.raises(InputError, match=r"config\.toml' is not the config of a run"):
+        run_record.read_record(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "change"),
+    [
+        ("log.npz", "normal_force_n", lambda column: column[:-3]),
+        ("log.npz", "q_rad", lambda column: column[:, :4]),
+        ("log.npz", "time_s", lambda column: np.full(len(column), "a")),
+        ("log.npz", "time_s", lambda column: np.array(1.0)),
+        ("log.npz", "torque_nm", lambda column: column * np.nan),
+        ("log.npz", "tcp_quaternion_wxyz", np.zeros_like),
+        ("path.npz", "curvature", lambda column: column * np.nan),
+        ("removal.npz", "triangles", lambda triangles: triangles + 1000),
+        ("removal.npz", "exposure", lambda exposure: exposure[:-1]),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_by_file(record, tmp_path, name, array, change):
+    run_record.write_record(tmp_path, record)
+    with np.load(tmp_path / name) as read:
+        arrays = dict(read)
+    np.savez(tmp_path / name, **arrays | {array: change(arrays[array])})
+    with pytest.raises(InputError, match=rf"cannot read the .*{name}"):
+        run_record.read_record(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", run_record.REMOVAL])
 def test_a_truncated_file_is_refused_by_name(record, tmp_path, name):
     run_record.write_record(tmp_path, record)

@@ -1,5 +1,6 @@
 """Runs as a user starts them: files, figures, exit codes, interrupts."""
 
+import json
 import re
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
-from tests.cli.conftest import done, metrics_of
+from tests.cli.conftest import done, metrics_of, refused
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]
@@ -132,6 +133,13 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
     for folder in ("alone", "both"):
         assert (Path(folder) / "arc.png").stat().st_size > 10_000
+    figures = metrics_of("a")
+    Path("a/metrics.json").write_text("{}")
+    out = done(polish_sim("report", "a", "--out", "none")).out
+    (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("tracking error, max")]
+    assert row[3:5] == ["mm", "-"]
+    Path("a/metrics.json").write_text(json.dumps(figures | {"tracking_error_max_m": "small"}))
+    refused(polish_sim("report", "a", "--out", "text"), "'tracking_error_max_m'", "not a number: 'small'")
 
 
 @pytest.mark.pictures

@@ -167,6 +167,18 @@ def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
     assert files >= {"compare.png", "report.html", "config.toml"}
 
 
+def test_a_log_of_a_tool_that_pressed_is_said_to_be_replayed_without_the_force(logged, polish_sim, tmp_path):
+    wrench = np.zeros((len(logged["time_s"]), 6))
+    names = NAMES | {"wrench": "actual_TCP_force_{i}"}
+    free = write_csv(tmp_path / "free.csv", logged | {"wrench": wrench + 2.0}, ",", names)
+    assert "pressed" not in polish_sim("compare", free, "--arm", "ur10e", "--out", "free").err
+    wrench[:300, 2] = 20.0
+    polished = write_csv(tmp_path / "pressed.csv", logged | {"wrench": wrench}, ",", names)
+    call = polish_sim("compare", polished, "--arm", "ur10e", "--out", "pressed")
+    assert call.code == 0
+    assert "above 5 N for 30% of the time, 20 N at most: its tool pressed on something" in call.err
+
+
 @pytest.mark.parametrize(
     ("words", "what"),
     [

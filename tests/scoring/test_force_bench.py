@@ -1,17 +1,19 @@
 """The pad pressed on a spring: the cell's borders of stability lie where the linear model has them."""
 
+import json
 from dataclasses import replace
 
 import pytest
 
 from benchmarks.loop_margins import analytic_margins
+from polish_sim.cli.border import show_border
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import measure_border
-from polish_sim.scoring.force_bench import Bench, build_bench, press
+from polish_sim.scoring.border import MODEL, measure_border
+from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
 from polish_sim.scoring.score import Scorer, user_entry
-from polish_sim.workers import Here
+from polish_sim.workers import Here, Result
 
 SETTINGS = ["robot.arm=ideal", "controller.force_filter_hz=10"]
 FORCE = override(default_scenario("force"), SETTINGS)
@@ -53,3 +55,25 @@ def test_border_of_the_cell_lies_on_the_border_of_the_model(tmp_path, monkeypatc
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
     assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]
+
+
+def test_a_run_of_the_border_whose_process_died_is_left_out_and_counted(tmp_path, monkeypatch):
+    class Dying(Here):
+        def results(self, tasks, work, group_of):
+            for task in tasks:
+                lost = "springs x 1, " in str(task)
+                yield Result(task, None if lost else work(task), "left out" if lost else None)
+
+    def row(task):
+        return {"longest_s": 0.02} if task.case.text == MODEL else Rest(True, True, 0.0, 0.0, 0.0)._asdict()
+
+    monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
+    monkeypatch.setattr("polish_sim.scoring.border.border_row", row)
+    scorer = Scorer(tmp_path, Dying())
+    border = measure_border([user_entry("hybrid-pi")], scorer, lambda *_: None, (1.0, 3.0), (0.008, 0.06))
+    assert [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]] == [[None, True]] * 2
+    assert scorer.lost == 3
+    assert show_border(border, tmp_path) == 0
+    found = json.loads((tmp_path / "border.json").read_text())["controllers"]["hybrid-pi"]
+    assert found["latency_stable_s"] == [None, 0.06]
+    assert found["latency_stable_model_s"][0] is None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from polish_sim.errors import number_text
+from polish_sim.errors import InputError, number_text
 
 DEGREES = 180.0 / math.pi  #: Scale of an angle shown in degrees
 SCALES = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
@@ -34,20 +34,36 @@ class Claim(NamedTuple):
         """Whether anything is asked of the figure."""
         return math.isfinite(self.low) or math.isfinite(self.high)
 
-    def met_by(self, value: float | None) -> bool:
-        """Whether a value [SI] passes; an undefined one (None or NaN) never does where a range is asked."""
-        return not self.bounded or (value is not None and self.low <= value <= self.high)
+    def met_by(self, value: float) -> bool:
+        """Whether a value [SI] passes; an undefined one (NaN) never does where a range is asked."""
+        return not self.bounded or self.low <= value <= self.high
 
-    def worst_of(self, values: Sequence[float | None]) -> float:
+    def worst_of(self, values: Sequence[float]) -> float:
         """The least good value, or NaN if one is undefined."""
-        known = [value for value in values if value is not None and not math.isnan(value)]
-        if len(known) < len(values) or not known:
+        if not values or any(map(math.isnan, values)):
             return math.nan
-        return min(known) if self.more_is_better else max(known)
+        return min(values) if self.more_is_better else max(values)
 
 
 HOLD_BAND_N, FOLLOW_BAND_N = 3.0, 4.0  #: About the set force, on one point and along a path (paper 1)
 PATH_DONE = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
+
+
+def figure_of(figures: Mapping[str, Any], name: str) -> float:
+    """A figure of a run [SI]; NaN where it has none, or it is undefined.
+
+    Raises:
+        InputError: It is no number, as in a file that was edited.
+    """
+    value: float | None = figures.get(name)
+    if value is None:
+        return math.nan
+    if not hasattr(value, "__float__"):
+        raise InputError(
+            f"'{name}' in a run's metrics.json is not a number: {value!r:.60}. Delete the entry to see the "
+            "run without it."
+        )
+    return value
 
 
 def bound_text(claim: Claim) -> str:
@@ -59,11 +75,9 @@ def bound_text(claim: Claim) -> str:
     return f"<= {number_text(claim.high * claim.scale)}" if claim.bounded else "-"
 
 
-def value_text(claim: Claim, value: float | None) -> str:
+def value_text(claim: Claim, value: float) -> str:
     """A figure in its shown unit with three or four significant digits; an undefined one is a dash."""
-    if value is None or math.isnan(value):
-        return "-"
-    return number_text(float(value * claim.scale), 4)
+    return "-" if math.isnan(value) else number_text(float(value * claim.scale), 4)
 
 
 def claim_row(
@@ -71,18 +85,18 @@ def claim_row(
 ) -> list[str]:
     """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets
     it."""
-    values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
+    values = [value_text(claim, figure_of(metrics, claim.figure)) for metrics in columns]
     asked = bound_text(claim) if claim.bounded else "not asked"
     row = [claim.label, claim.unit, *values, claim.paper, asked]
     if checked is None:
         return row
-    verdict = "yes" if claim.met_by(checked.get(claim.figure)) else "NO"
+    verdict = "yes" if claim.met_by(figure_of(checked, claim.figure)) else "NO"
     return [*row, verdict if claim.bounded else ""]
 
 
 def shortfalls(claims: Iterable[Claim], figures: Mapping[str, Any]) -> list[Claim]:
     """The claims that figures do not meet."""
-    return [claim for claim in claims if not claim.met_by(figures.get(claim.figure))]
+    return [claim for claim in claims if not claim.met_by(figure_of(figures, claim.figure))]
 
 
 def without_paper(claims: Iterable[Claim]) -> tuple[Claim, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,10 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
-from polish_sim.analysis.metrics import OVER, UNDER
+from polish_sim.analysis.metrics import OVER, UNDER, measure_removal
 from polish_sim.analysis.path_plot import cross_out, scale_flat
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import (
@@ -68,7 +69,7 @@ def plot_removal(record: RunRecord, path_words: Callable[[Scenario], str]) -> Fi
     if stop and record.path is not None:
         cross_out(flat, (views.flat @ stop.on_path(record.path))[:2] * MM)
     _color_bar(figure, flat, removal)
-    _draw_shares(share, record)
+    _draw_shares(share, removal)
     title = f"Removal, {record.scenario.controller.label}, {path_words(record.scenario)}"
     head(figure, title, [*_facts(record), f"seen {views.name}"], legend=(flat,))
     return figure
@@ -90,7 +91,7 @@ def plot_removal_runs(records: Sequence[RunRecord], path_words: Callable[[Scenar
         color = SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, views_of(removal.normals, removal.up))
         run = f"{record.scenario.controller.label}, {path_words(record.scenario)} ({record.name})"
-        flat.set_title(f"{run}\n{_spread(record)}", fontsize=9.0, color=color)
+        flat.set_title(f"{run}\n{_spread(removal)}", fontsize=9.0, color=color)
         edges, shares = _histogram(removal)
         share.plot(midpoints(edges), shares, **line_look(index))
         if index % columns:
@@ -151,9 +152,8 @@ def _bare(removal: RemovalMap) -> bool:
     return bool((removal.exposure <= 0.0).any())
 
 
-def _draw_shares(axes: Axes, record: RunRecord) -> None:
-    removal = _of(record)
-    m = record.metrics
+def _draw_shares(axes: Axes, removal: RemovalMap) -> None:
+    m = measure_removal(removal)
     edges, shares = _histogram(removal)
     axes.stairs(shares, edges, fill=True, color=GREY, alpha=0.75)
     _mark_bands(axes)
@@ -171,7 +171,7 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
             axes.text(
                 m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY
             )
-    label = f"{RELATIVE}, the untouched {_untouched(record)} left out" if _bare(removal) else RELATIVE
+    label = f"{RELATIVE}, the untouched {_untouched(m)} left out" if _bare(removal) else RELATIVE
     axes.set(xlabel=label, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
 
@@ -193,30 +193,31 @@ def _histogram(removal: RemovalMap) -> tuple[Array, Array]:
     return edges, 100.0 * found / removal.areas.sum() * 0.1 / (edges[1] - edges[0])
 
 
-def _spread(record: RunRecord) -> str:
-    m = record.metrics
+def _spread(removal: RemovalMap) -> str:
+    m = measure_removal(removal)
     spread = (
         f"std {100.0 * m['removal_cv']:.0f}%, under {100.0 * m['under_polished_share']:.1f}%, "
         f"over {100.0 * m['over_polished_share']:.1f}%"
     )
-    return f"{spread}\nuntouched {_untouched(record)}, not in the curve" if _bare(_of(record)) else spread
+    return f"{spread}\nuntouched {_untouched(m)}, not in the curve" if _bare(removal) else spread
 
 
 def _facts(record: RunRecord) -> tuple[str, ...]:
-    m = record.metrics
     removal = _of(record)
+    m = measure_removal(removal)
     if removal.absolute:
         amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
     else:
         amount = f"pressure x way {number_text(m['exposure_mean_n_m'], 3)} N/m on average"
-    untouched = f"untouched on the part as it is: {_untouched(record)} of the area"
-    if m.get("coverage") is not None:
-        untouched += f" (beside the pad's disc on the drawing: {100.0 * (1.0 - m['coverage']):.2f}%)"
+    untouched = f"untouched on the part as it is: {_untouched(m)} of the area"
+    covered = figure_of(record.metrics, "coverage")
+    if not math.isnan(covered):
+        untouched += f" (beside the pad's disc on the drawing: {100.0 * (1.0 - covered):.2f}%)"
     return amount, f"standard deviation {100.0 * m['removal_cv']:.1f}% of the mean", untouched
 
 
-def _untouched(record: RunRecord) -> str:
-    return f"{100.0 * record.metrics['unpolished_share']:.2f}%"
+def _untouched(m: Mapping[str, float]) -> str:
+    return f"{100.0 * m['unpolished_share']:.2f}%"
 
 
 # What a run took off the part as a coloured mesh with the exposure at every vertex (RemovalMap ->

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, value_text
+from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, figure_of, value_text
 from polish_sim.analysis.metrics import (
     PAPER_ARC,
     distance_to_circle,
@@ -196,7 +196,7 @@ def plot_force(record: RunRecord) -> Figure:
     axes.plot(time, force, color=BLUE, lw=1.5, label="exact contact force")
     if touched:
         axes.axvline(0.0, color=ORANGE, lw=1.0, ls="-.", label="first contact")
-        settling = _number(record.metrics.get("settling_time_3n_s"))
+        settling = figure_of(record.metrics, "settling_time_3n_s")
         if not math.isnan(settling):
             label = f"inside ±{HOLD_BAND_N:g} N from {settling:.3f} s on"
             axes.axvline(settling, color=BLUE, lw=1.2, ls=":", label=label)
@@ -233,14 +233,14 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
         axes.plot(time, force, **look)
     if not few:
         axes.lines[-1].set_label("every seed")
-        worst = max(range(len(records)), key=lambda k: _number(records[k].metrics.get("overshoot_n"), 0.0))
+        worst = int(np.argmax(_or_zero(records, "overshoot_n")))
         label = f"seed {records[worst].scenario.seed}, overshoots most"
         axes.plot(*responses[worst], color=ORANGE, lw=1.6, label=label)
     axes.axvline(0.0, color=GREY, lw=1.0, ls="-.", label="first contact")
     longest = max((time for time, _ in responses), key=lambda time: float(time[-1]))
     _frame(axes, longest, [force for _, force in responses], targets[-1], touched=True)
     figures = ("settling_time_3n_s", "overshoot_n")
-    largest = {name: max(_number(record.metrics.get(name), 0.0) for record in records) for name in figures}
+    largest = {name: _or_zero(records, name).max() for name in figures}
     facts = facts_of(
         largest,
         ("slowest settling to ±3 N {:.3f} s", figures[0], 1.0),
@@ -295,8 +295,8 @@ def _facts(record: RunRecord, touched: bool) -> list[str]:
     )
 
 
-def _number(value: float | None, else_: float = math.nan) -> float:
-    return else_ if value is None or math.isnan(value) else value
+def _or_zero(records: Sequence[RunRecord], figure: str) -> Array:
+    return np.nan_to_num([figure_of(record.metrics, figure) for record in records])
 
 
 SAME = 1e-3  #: Relative spread up to which a figure counts as the same in all seeds
@@ -313,7 +313,7 @@ def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
     Those that are the same in all seeds stand in the head.
     """
     values = {
-        claim: np.array([_number(record.metrics.get(claim.figure)) for record in records]) for claim in claims
+        claim: np.array([figure_of(record.metrics, claim.figure) for record in records]) for claim in claims
     }
     known = [claim for claim in claims if np.isfinite(values[claim]).any()]
     drawn = [claim for claim in known if not np.ptp(values[claim]) <= SAME * np.abs(values[claim]).max()]

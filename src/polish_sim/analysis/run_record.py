@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,10 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from polish_sim.analysis.claim import figure_of
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text, regular
-from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
+from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.row_file import plain
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
@@ -25,6 +27,21 @@ from polish_sim.toml_text import toml_value
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
+AT_PEAK = (int, float, float, float)
+FORMS: Mapping[str, Any] = {
+    "protective_stop": str,
+    "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
+    "T_base_work": ((float,) * 4,) * 4,
+    "versions": {},
+    "moves": [str],
+    "rules": [str],
+    "joint_jerk_limits_rad_s3": (float,) * 6,
+    "spline_reduction_max": (float,) * 6,
+    "joint_jerk_at_peaks": [AT_PEAK],
+    "spline_at_peaks": [AT_PEAK],
+}
+"""Forms of the figures that are not one number, where a run has them: so many numbers, lists of any length,
+entries by name."""
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 
 
@@ -84,11 +101,25 @@ def read_record(folder: Path) -> RunRecord:
         raise InputError(
             f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'."
         )
-    scenario = load_scenario(folder / CONFIG, Scenario())
-    path = _read_path(folder / PATH) if (folder / PATH).is_file() else None
+    scenario = load_scenario(folder / CONFIG, replace(Scenario(), experiment=""))
+    if not scenario.experiment:
+        raise InputError(
+            f"'{folder / CONFIG}' is not the config of a run: it names no experiment. Run it again."
+        )
+    path, again = None, "Delete it to see the run without."
+    if (folder / PATH).is_file():
+        path = read_arrays(folder / PATH, "path", again, _path_of)
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
     name = folder.resolve().name
     metrics = read_json(folder / METRICS)
+    for figure, form in FORMS.items():
+        value = metrics.get(figure)
+        turned = figure == "T_base_work" and value and _fits(value, form) and np.linalg.det(value) < 0.5
+        if turned or not (value is None or _fits(value, form)):
+            raise InputError(
+                f"'{figure}' in '{folder / METRICS}' is not as a run writes it. Delete the entry to see the "
+                "run without it."
+            )
     log = read_log(folder / LOG)
     return RunRecord(name, scenario, metrics, log, path, removal)
 
@@ -132,12 +163,21 @@ def package_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in VERSIONED}
 
 
-def _read_path(file: Path) -> ToolPath:
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            return ToolPath(**{name: archive[name] for name in archive.files})
-    except UNREADABLE as error:
-        raise InputError(f"cannot read the path '{file}': {error}.") from error
+def _path_of(columns: dict[str, Any]) -> ToolPath:
+    path = ToolPath(**columns)
+    if len(path.s) < 2:
+        raise ValueError("it has fewer than two points")
+    return path
+
+
+def _fits(value: Any, form: Any) -> bool:
+    """Whether what was read has a form of `FORMS`."""
+    if isinstance(form, dict):
+        return isinstance(value, dict) and all(_fits(value.get(name), part) for name, part in form.items())
+    if isinstance(form, (list, tuple)):
+        forms = form if isinstance(form, tuple) or not isinstance(value, list) else form * len(value)
+        return isinstance(value, list) and len(value) == len(forms) and all(map(_fits, value, forms))
+    return isinstance(value, str) if form is str else isinstance(value, (int, form)) and math.isfinite(value)
 
 
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.
@@ -152,16 +192,16 @@ WHOLE = "whole"
 def ending(record: RunRecord) -> str:
     """How a run ended: ``whole``, or what cut it short and after which share of its path."""
     m = record.metrics
-    done = m.get("path_done")
+    done = figure_of(m, "path_done")
     if m.get("protective_stop"):
         how = "stopped"
     elif m.get("interrupted"):
         how = "interrupted"
-    elif done is None or done >= 1.0:
+    elif not done < 1.0:
         return WHOLE
     else:
         how = "cut short"
-    return how if done is None else f"{how} at {100.0 * done:.1f}%"
+    return how if math.isnan(done) else f"{how} at {100.0 * done:.1f}%"
 
 
 def notes_of(records: Sequence[RunRecord]) -> list[str]:

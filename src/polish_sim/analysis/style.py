@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
+from polish_sim.analysis.claim import figure_of
 from polish_sim.arrays import Array, Bools
 from polish_sim.spatial import unit
 
@@ -186,12 +187,8 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
 
 def facts_of(metrics: Mapping[str, Any], *rows: tuple[str, str, float]) -> list[str]:
     """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
-    known = [(text, metrics.get(name), scale) for text, name, scale in rows]
-    return [
-        text.format(scale * value)
-        for text, value, scale in known
-        if value is not None and not np.isnan(value)
-    ]
+    known = [(text, scale * figure_of(metrics, name)) for text, name, scale in rows]
+    return [text.format(value) for text, value in known if not np.isnan(value)]
 
 
 # The frame pictures of a part are drawn in: to the right, to the back, up (up -> rotation).

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.claim import FOLLOW_BAND_N
+from polish_sim.analysis.claim import FOLLOW_BAND_N, figure_of
 from polish_sim.analysis.metrics import (
     FLAT_1_M,
     SHARP_1_M,
@@ -213,13 +213,11 @@ def _title(record: RunRecord) -> str:
 
 
 def _at_peaks(m: Mapping[str, Any]) -> str:
-    count = m.get("curvature_peaks", 0)
-    if not count:
-        return "no curvature peak on the way"
-    text = (
-        f"{count_text(count, 'curvature peak')}: largest error within {1e3 * WINDOW_M:.0f} mm {{:.2f}} N "
-        "on average"
-    )
+    count = figure_of(m, "curvature_peaks")
+    if not count > 0:
+        return "no curvature peak on the way" if count == 0 else ""
+    peaks = count_text(int(count), "curvature peak")
+    text = f"{peaks}: largest error within {1e3 * WINDOW_M:.0f} mm {{:.2f}} N on average"
     return "".join(facts_of(m, (text, "force_error_at_peaks_n", 1.0)))
 
 
@@ -266,7 +264,7 @@ def plot_peaks(record: RunRecord) -> Figure | None:
 def _facts(record: RunRecord, errors: Array) -> list[str]:
     """The largest of the mean, and beside it the figure of the table, which is of all peaks that were
     passed."""
-    count = record.metrics.get("curvature_peaks", 0)
+    count = figure_of(record.metrics, "curvature_peaks")
     text = f"largest within {1e3 * WINDOW_M:.0f} mm of each: {{:.2f}} N, mean of {count}"
     facts = [f"largest of the mean {np.abs(errors.mean(axis=0)).max():.2f} N"]
     facts += facts_of(record.metrics, (text, "force_error_at_peaks_n", 1.0))

@@ -18,6 +18,7 @@ from textwrap import wrap
 import numpy as np
 
 from polish_sim import calibration
+from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import differences, read_record
 from polish_sim.arrays import Array
@@ -243,7 +244,7 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
         or not np.allclose(before.positions_work, path.positions_work, atol=1e-9)
     ):
         other.insert(0, "the path")
-    if not np.allclose(record.metrics["T_base_work"], reach.T_base_work, atol=1e-9):
+    if not np.allclose(record.metrics.get("T_base_work") or np.nan, reach.T_base_work, atol=1e-9):
         other.append("where the part stands")
     if other:
         raise InputError(
@@ -270,5 +271,5 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
         inside = (places >= at[0]) & (places <= at[-1])
         if inside.sum() > 1:
             slope[inside] = np.gradient(np.interp(places[inside], at, learned), SPACING)
-    runs = int(record.metrics.get(FIGURE, 0)) + 1
+    runs = 1 + int(np.nan_to_num(figure_of(record.metrics, FIGURE)))
     return Lesson(slope, SPACING, beliefs.command_delay_s, runs)

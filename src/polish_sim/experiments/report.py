@@ -54,6 +54,9 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
             f"runs of different experiments ({', '.join(sorted(names))}) cannot be put side by side: "
             "give runs of one experiment."
         )
+    records = [record for record in records if len(record.log)]
+    if not records:
+        return {}
     plots = _drawn(experiment(names.pop()).comparisons, records)
     return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
 

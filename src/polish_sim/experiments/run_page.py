@@ -73,7 +73,10 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         ],
         command=f"polish-sim run {scenario.experiment} --config config.toml",
         made=", ".join(
-            [f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]
+            [
+                f"seed {scenario.seed}",
+                *(f"{n} {v}" for n, v in (record.metrics.get("versions") or {}).items()),
+            ]
         ),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import (
@@ -19,6 +20,7 @@ from polish_sim.analysis.style import (
     ORANGE,
     PINK,
     SKY,
+    facts_of,
     head,
     line_look,
     new_figure,
@@ -74,7 +76,9 @@ def plot_guiding(record: RunRecord) -> Figure:
 def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the moves several runs of ``teach`` have in common over each other."""
     common = [
-        name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)
+        name
+        for name in records[0].metrics.get("moves") or ()
+        if all(name in (r.metrics.get("moves") or ()) for r in records)
     ]
     figure = new_figure(9.0, 2.8 * max(len(common), 1) + 0.8)
     grid = figure.subplots(max(len(common), 1), 1, squeeze=False, sharex=True)
@@ -93,8 +97,8 @@ def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
 def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
     time, force = _curve(record, case)
     if len(time):
-        peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
-        label = f"{mode}: cut short" if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
+        peak = figure_of(record.metrics, f"{record.metrics['moves'][case]}_hand_force_peak_n")
+        label = f"{mode}: cut short" if np.isnan(peak) else f"{mode}: {peak:.3g} N"
         axes.plot(time, force, color=COLORS[mode], ls=DASHES[list(COLORS).index(mode)], lw=1.3, label=label)
 
 
@@ -157,13 +161,19 @@ def plot_taught(record: RunRecord) -> Figure:
         s = arc_length(line)
         along.plot(100.0 * s / s[-1], 1e3 * distance_to_line(off, meant), color=color, lw=1.0, label=label)
     along.axhline(
-        1e3 * record.metrics["taught_deviation_rms_m"], color=ORANGE, lw=0.9, ls="--", label="taught, rms"
+        1e3 * figure_of(record.metrics, "taught_deviation_rms_m"),
+        color=ORANGE,
+        lw=0.9,
+        ls="--",
+        label="taught, rms",
     )
     along.set(xlabel="share of the way [%]", ylabel="distance from what was meant [mm]", ylim=(0.0, None))
-    m = record.metrics
-    facts = [
-        f"{m['points_recorded']} points recorded, {m['knots']} knots, {m['points_taught']} points taught",
-        f"off by at most {1e3 * m['taught_deviation_max_m']:.2f} mm",
-    ]
+    facts = facts_of(
+        record.metrics,
+        ("{} points recorded", "points_recorded", 1),
+        ("{} knots", "knots", 1),
+        ("{} points taught", "points_taught", 1),
+        ("off by at most {:.2f} mm", "taught_deviation_max_m", 1e3),
+    )
     head(figure, f"Taught on {record.scenario.part.file}", facts, legend=(above, along))
     return figure

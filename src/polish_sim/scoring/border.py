@@ -19,13 +19,13 @@ from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Memory, place_key
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import Case, Entry, latency_settings
-from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
+from polish_sim.scoring.force_bench import LOST, Border, Rest, build_bench, press
 from polish_sim.scoring.journal import Task
 from polish_sim.scoring.loop_model import FORCE_POSE, one_mass, setup_of
 from polish_sim.scoring.margins import longest_latency, with_springs
 from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
 from polish_sim.scoring.score import Scorer
-from polish_sim.workers import Heard, WorkersError
+from polish_sim.workers import Heard
 
 SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)  #: Of the springs, for the border in the cell [-]
 LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)  #: Totals, for the border in the cell [s]
@@ -91,22 +91,17 @@ def measure_border(
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
 
-    Raises:
-        WorkersError: If the processes of some runs died.
+    A run whose process died again and again is `LOST`.
     """
     tasks = {entry.label: border_tasks(entry, scales, latencies) for entry in entries}
     rows = scorer.rows([task for own in tasks.values() for task in own], heard, border_row)
-    if lost := [task for own in tasks.values() for task in own if task not in rows]:
-        raise WorkersError(
-            f"the processes of {len(lost)} runs died, as in {lost[0]}. Is there enough memory?"
-        )
     rests, lines = {}, {}
     for label, own in tasks.items():
-        cell, line = ([rows[t] for t in own if (t.case.text == MODEL) == of] for of in (False, True))
-        rests[label] = [
-            [Rest(**row) for row in cell[k : k + len(scales)]] for k in range(0, len(cell), len(scales))
-        ]
-        lines[label] = np.array([math.inf if row["longest_s"] is None else row["longest_s"] for row in line])
+        cell, line = ([rows.get(t) for t in own if (t.case.text == MODEL) == of] for of in (False, True))
+        ends = [Rest(**row) if row else LOST for row in cell]
+        rests[label] = [ends[k : k + len(scales)] for k in range(0, len(ends), len(scales))]
+        latest = [row["longest_s"] if row else math.nan for row in line]
+        lines[label] = np.array([math.inf if latency is None else latency for latency in latest])
     return Border(np.array(scales), np.array(latencies), rests, np.array(FINE_SCALES), lines)
 
 
@@ -141,8 +136,8 @@ def plot_border(border: Border) -> Figure:
         _draw_line(axes, border, name)
         _draw_runs(axes, border, name)
         _draw_reach(axes)
-        rests = [rest.stable for row in border.rests[name] for rest in row]
-        axes.set_title(f"{name}: {sum(rests)} of {len(rests)} runs stable", fontsize=9.5)
+        rests = [rest.stable for row in border.rests[name] for rest in row if rest is not LOST]
+        axes.set_title(f"{name}: {rests.count(True)} of {len(rests)} runs stable", fontsize=9.5)
         axes.set_xlabel("latency, sensor and command [ms]")
     panels[0].set_ylabel("springs by what the plan takes them for [-]")
     _scale(panels[0], border)
@@ -166,6 +161,7 @@ def _draw_runs(axes: Axes, border: Border, name: str) -> None:
         (1e3 * latency, scale, "rest" if rest.resting else "swing" if rest.stable else "unstable")
         for latency, row in zip(border.latencies, border.rests[name], strict=True)
         for scale, rest in zip(border.scales, row, strict=True)
+        if rest is not LOST
     ]
     for kind, (label, marker, color) in _LOOKS.items():
         points = np.array([run[:2] for run in runs if run[2] == kind]).reshape(-1, 2)

@@ -29,11 +29,15 @@ WINDOW_S = 0.8
 class Rest(NamedTuple):
     """How a loop ended."""
 
-    resting: bool  #: No swing, or one that dies away
-    stable: bool  #: Resting, or a swing the scorecard allows: friction of the joints can keep a small one up
+    resting: bool | None  #: No swing, or one that dies away; None: the run's process died
+    #: Resting, or a swing the scorecard allows: friction of the joints can keep a small one up
+    stable: bool | None
     swing: float  #: Of the exact force, peak to peak in the last window [N]
     frequency: float  #: Of that swing [rad/s]
     offset: float  #: Mean force less the wanted one in the last window [N]
+
+
+LOST = Rest(None, None, math.nan, math.nan, math.nan)
 
 
 class Border(NamedTuple):
@@ -44,7 +48,7 @@ class Border(NamedTuple):
     latencies: Array  #: Sensor and command together, in the cell [s], shape (m,)
     rests: dict[str, list[list[Rest]]]  #: How each run ended, by controller, latency and scale
     line_scales: Array  #: Springs, for the linear model [-], shape (k,)
-    #: Latency up to which the linear model is stable [s], by controller (k,); inf: always
+    #: Latency up to which the linear model is stable [s], by controller (k,); inf: always, NaN: lost
     lines: dict[str, Array]
 
 

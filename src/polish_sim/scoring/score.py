@@ -81,6 +81,7 @@ class Scorer:
     """
 
     interrupted = False  #: Whether Ctrl-C left rows out
+    lost = 0  #: Rows left out because their processes died
 
     def __init__(self, folder: Path, workers: Workers) -> None:
         self._kept, self._workers = Rows(folder), workers
@@ -89,7 +90,9 @@ class Scorer:
         self, tasks: Iterable[Task], heard: Heard, work: Callable[[Task], Row] = measure_row
     ) -> dict[Task, Row]:
         """The rows of tasks; those Ctrl-C or the death of a process left out are not there."""
-        rows, self.interrupted = fill_rows(keys_of(tasks), self._kept, work, setup_key, self._workers, heard)
+        keys = keys_of(tasks)
+        rows, self.interrupted = fill_rows(keys, self._kept, work, setup_key, self._workers, heard)
+        self.lost += 0 if self.interrupted else len(keys) - len(rows)
         return rows
 
     def rows(
