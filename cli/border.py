@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.output_folder import put
-from polish_sim.experiments.report import save_plots
-from polish_sim.row_file import plain
+from polish_sim.row_file import package_versions, plain, save_plots
 from polish_sim.scoring.border import plot_border
 from polish_sim.scoring.force_bench import Border
 

@@ -43,6 +43,7 @@ from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+from polish_sim.row_file import save_plots, write_metrics
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
@@ -205,7 +206,6 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) ->
 
     from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, predict
     from polish_sim.dual.plots import plot_budget
-    from polish_sim.experiments.report import save_plots
 
     with console.progress() as observer:
         observer.stage("predict by covariances")
@@ -227,7 +227,6 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) ->
 def _write_budget(
     folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
 ) -> None:
-    from polish_sim.analysis.run_record import write_metrics
 
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}

@@ -17,7 +17,7 @@ from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import whole_folder
+from polish_sim.row_file import save_plots, whole_folder, write_metrics
 
 if TYPE_CHECKING:
     import numpy as np
@@ -261,8 +261,6 @@ def _each(means: Means, folder: Path) -> Callable[[int], Figures]:
 
 def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[str, Figure]) -> None:
     """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
-    from polish_sim.analysis.run_record import write_metrics
-    from polish_sim.experiments.report import save_plots
 
     put(folder, "residuals.csv", residuals)
     write_metrics(folder, figures)

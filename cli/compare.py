@@ -13,7 +13,8 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_beside, re
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
-from polish_sim.page import PAGE
+from polish_sim.page import save_page
+from polish_sim.row_file import write_json
 from polish_sim.scenario_file import numbers_of
 
 if TYPE_CHECKING:
@@ -116,7 +117,6 @@ def pressing(log: RobotRecording) -> str:
 
 
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.cell.scene import build_scene
     from polish_sim.compare.replay import SCENARIO, CarriedPayload, compare_joints
     from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_table, plot_joint_torques
@@ -138,7 +138,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         put(draft, "config.toml", to_toml(scenario))
         write_json(draft / FIGURES, found.figures)
         plot_joint_torques(found, title).savefig(draft / PICTURE)
-        put(draft, PAGE, joint_page(found, build_scene(scenario), title))
+        save_page(draft, joint_page(found, build_scene(scenario), title))
     delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
     console.table(
@@ -159,10 +159,9 @@ def _center(text: str) -> tuple[float, ...]:
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
     from polish_sim.analysis.metrics import numbers
-    from polish_sim.analysis.run_record import read_record, write_json
+    from polish_sim.analysis.run_record import read_record
     from polish_sim.compare.figures import compare_steps, from_contact
     from polish_sim.compare.show import FIGURES, PICTURE, plot_steps, step_page, step_rows
-    from polish_sim.page.page import page_html
 
     record = read_record(run)
     if "force_n" in log.values or "wrench" not in log.values:
@@ -176,5 +175,5 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     title = f"{real.name} {given['--run'] or ''} beside {record.name}"
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
-    put(draft, PAGE, page_html(step_page(found, title)))
+    save_page(draft, step_page(found, title))
     console.table(f"compare: {title}", ["figure", "measured", "simulated"], step_rows(found))

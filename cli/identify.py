@@ -13,6 +13,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_be
 from polish_sim.cli.output_folder import claimed
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
+from polish_sim.row_file import write_metrics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -288,7 +289,6 @@ def _reader(given: Given) -> RunReader:
 
 def weigh_alone(robot: LoggedRobot, file: Path, read: RunReader, draft: Path) -> Outcome:
     """Find a payload from one log, the robot's model believed as it is, and write the folder."""
-    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.cli.outcome import Outcome
     from polish_sim.identification.folder import write_payload
     from polish_sim.identification.payload import weigh_from_logs

@@ -16,6 +16,7 @@ from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
+from polish_sim.row_file import save_plots, write_json
 from polish_sim.scenario_file import merge
 
 PathFile = Annotated[
@@ -41,11 +42,9 @@ def inspect(path: PathFile, given: Given) -> None:
     refuse_taken(given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_settings
     from polish_sim.exchange import read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
-    from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import guessed_stepover, inspect_path
 

@@ -6,8 +6,7 @@ Its page has times, passes, and each region's removal summed over its passes.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,14 +14,17 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT
-from polish_sim.errors import InputError, PolishSimError
-from polish_sim.row_file import whole_file
+from polish_sim.errors import InputError, PolishSimError, count_text
+from polish_sim.page import save_page
+from polish_sim.row_file import whole_file, write_json
 
 if TYPE_CHECKING:
     from polish_sim.job.run_job import Row
+    from polish_sim.page.page import Page
 
 INIT = "init"
 COPY = "job.toml"  #: Of the job's file, in its folder
@@ -46,7 +48,6 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     if part is not None:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.run import check_part, plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
@@ -91,7 +92,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         put(folder, f"setup_{number}.script", text)
-    put(folder, "report.html", job_page(f"Job {file.stem}: {asked.head.part}", figures))
+    save_page(folder, job_page(f"job {file.stem}: {asked.head.part}", figures))
     write_json(folder / "job.json", figures)
     _show(rows)
     console.say(
@@ -166,21 +167,16 @@ def _show(rows: list[Row]) -> None:
     for row in rows:
         f = row.figures
         times = (f"{f[name]:.1f}" for name in ("cycle_time_s", "planned_cycle_time_s", "contact_time_s"))
-        spread = console.number_or_dash(f["removal_cv"], ".1f", 100.0)
+        spread = dash(f["removal_cv"], ".1f", 100.0)
         table.append([row.folder, f["tool"], f"{f['grit'] or '-'}", *times, spread])
     heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "removal std, %"]
     console.table("job", heads, table, left=2)
 
 
-STYLE = (
-    "body{font:15px sans-serif;margin:2em;}table{border-collapse:collapse}td,th{padding:.3em "
-    ".8em;border-bottom:1px solid "
-    "#ccc;text-align:right}td:first-child,th:first-child{text-align:left}td{white-space:nowrap}"
-)
-
-
-def job_page(title: str, figures: Mapping[str, Any]) -> str:
+def job_page(title: str, figures: Mapping[str, Any]) -> Page:
     """The page of a job from what job.json says."""
+    from polish_sim.page.page import tables_page
+
     f = figures
     totals = [
         ["robot, simulated", f"{f['cycle_time_s']:.1f}"],
@@ -200,7 +196,7 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
             f"{p['contact_time_s']:.1f}",
             f"{p['abrasive_path_m']:.0f}",
             f"{100.0 * p['abrasive_left']:.0f}",
-            f"{100.0 * (p['removal_cv'] or 0.0):.1f}",
+            dash(p["removal_cv"], ".1f", 100.0),
             p["protective_stop"] or "",
         ]
         for p in f["passes"]
@@ -208,9 +204,9 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
     regions = [
         [
             r["region"],
-            f"{r['exposure_mean_n_m']:.4g}",
-            f"{100.0 * (r['removal_cv'] or 0.0):.1f}",
-            f"{100.0 * (r['removal_cv_inside'] or 0.0):.1f}",
+            dash(r["exposure_mean_n_m"], ".4g"),
+            dash(r["removal_cv"], ".1f", 100.0),
+            dash(r["removal_cv_inside"], ".1f", 100.0),
         ]
         for r in f["regions"]
     ]
@@ -227,15 +223,6 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         "stopped",
     ]
     sums = ["region, all passes", "pressure x way, N/m", "std / mean, %", "a pad's radius inside, %"]
-    return (
-        f'<!doctype html><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-        f"<h1>{escape(title)}</h1><p>{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {f['parts']} part(s)</p>"
-        f"{_table(['time', 's'], totals)}<h2>Passes</h2>{_table(heads, passes)}"
-        f"<h2>Removal</h2>{_table(sums, regions)}\n"
-    ).replace(">nan<", ">-<")
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    top = "".join(f"<th>{escape(str(head))}</th>" for head in heads)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{body}</table>"
+    about = f"{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {count_text(f['parts'], 'part')}"
+    tables = {"Time": [["time", "s"], *totals], "Passes": [heads, *passes], "Removal": [sums, *regions]}
+    return tables_page(title, about, tables, [])

@@ -23,7 +23,17 @@ from polish_sim.cli.outcome import Outcome, other_conditions
 from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text
-from polish_sim.row_file import ROWS, Row, Rows, whole_folder
+from polish_sim.row_file import (
+    METRICS,
+    ROWS,
+    Row,
+    Rows,
+    read_json,
+    save_plots,
+    whole_folder,
+    write_json,
+    write_metrics,
+)
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath
@@ -222,7 +232,6 @@ def run_seeds(
 
     ``finish`` may draw, and add to the outcome; an interrupt keeps the seeds that are done.
     """
-    from polish_sim.analysis.run_record import write_metrics
 
     first = given["--seed"] or 0
     with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs):
@@ -288,9 +297,9 @@ def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int)
 
 def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], outcome: Outcome) -> Outcome:
     """Draw all seeds together, and say what went wrong in which."""
-    from polish_sim.analysis.run_record import METRICS, read_json, read_record, write_json
+    from polish_sim.analysis.run_record import read_record
     from polish_sim.cli.run import PICTURES_MISSING
-    from polish_sim.experiments.report import draw_seeds, save_plots, write_seeds_page
+    from polish_sim.experiments.report import draw_seeds, write_seeds_page
 
     undrawn = ""
     try:

@@ -22,11 +22,12 @@ from polish_sim.cli.options import (
     refuse_idle_on_path,
     takes,
 )
-from polish_sim.cli.output_folder import claimed, put, refuse_taken
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
-from polish_sim.page import PAGE
+from polish_sim.page import save_page
+from polish_sim.row_file import save_plots, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,9 +124,7 @@ def plan_once(
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.even_removal import axis_kept, plan_removal
     from polish_sim.experiments.proof import prove_with_a_pad_that_fits
-    from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.run_page import plan_page
-    from polish_sim.page.page import page_html
 
     dual = scenario.experiment == "dual"
     scenario = axis_kept(scenario)
@@ -154,7 +153,7 @@ def plan_once(
     page = path_page(result, setup)
     if reach is not None and strokes:
         page = plan_page(page, scenario, result, reach, strokes)
-    put(folder, PAGE, page_html(page))
+    save_page(folder, page)
     save_plots(folder, plots)
     return result, unreached
 
@@ -184,7 +183,6 @@ def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Obser
     Raises:
         PlanError: No setup reaches anything of the part.
     """
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.experiments.setups import SetupSearch
     from polish_sim.planning.planner import NO_WAY
 

@@ -12,6 +12,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import count_text
+from polish_sim.row_file import save_plots, write_json
 
 Runs = Annotated[
     list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)
@@ -23,12 +24,12 @@ def report(runs: Runs, given: Given) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     refuse_taken(given)
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.run_record import notes_of, read_records, write_json
+    from polish_sim.analysis.run_record import notes_of, read_records
     from polish_sim.cli.outcome import show_figures
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.compared_page import cell_model, remade
     from polish_sim.experiments.registry import claims_shown, setting_rows
-    from polish_sim.experiments.report import draw_comparison, save_plots, write_saved_page
+    from polish_sim.experiments.report import draw_comparison, write_saved_page
 
     records = read_records(runs)
     first = records[0]

@@ -44,6 +44,7 @@ from polish_sim.experiments.registry import (
     refuse_idle_options,
     run_experiment,
 )
+from polish_sim.row_file import METRICS, package_versions, save_plots, write_json
 from polish_sim.scenario_file import merge
 
 if TYPE_CHECKING:
@@ -212,9 +213,9 @@ def run_once(
     Ctrl-C ``again`` after the run ends the drawing. ``sinks`` get the frames; with ``video`` a film is made.
     """
     from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
+    from polish_sim.analysis.run_record import stop_mark
     from polish_sim.cli.outcome import Outcome, other_conditions
-    from polish_sim.experiments.report import save_plots, write_page
+    from polish_sim.experiments.report import write_page
 
     row = experiment(scenario.experiment)
     record = None
@@ -291,7 +292,7 @@ def simulate(
 
     What was changed by hand in one of the ``sinks`` is in the config as if it had been planned.
     """
-    from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
+    from polish_sim.analysis.run_record import RunRecord, write_record
 
     result = run_experiment(scenario, plan, observer)
     figures = {**result.figures, "versions": package_versions()}
@@ -308,7 +309,7 @@ def simulate(
 def draw_run(record: RunRecord, folder: Path) -> None:
     """Draw and save the pictures of a run, and its removal as a mesh."""
     from polish_sim.analysis.removal_plot import REMOVAL_MESH, write_removal_mesh
-    from polish_sim.experiments.report import draw_plots, save_plots
+    from polish_sim.experiments.report import draw_plots
 
     save_plots(folder, draw_plots(record))
     if record.removal is not None:
@@ -352,7 +353,6 @@ def plan_to_run(
     from polish_sim.exchange import read_cuts, write_plan
     from polish_sim.experiments.even_removal import axis_kept, plan_removal
     from polish_sim.experiments.proof import proof_notes, prove_with_a_pad_that_fits, why_not_proven
-    from polish_sim.experiments.report import save_plots
     from polish_sim.planning import measure_given_path
 
     scenario = axis_kept(scenario)

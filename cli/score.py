@@ -15,10 +15,11 @@ from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
-from polish_sim.page import PAGE
+from polish_sim.page import save_page
+from polish_sim.row_file import Row, package_versions, save_plots, write_json
 
 if TYPE_CHECKING:
-    from polish_sim.row_file import Row
+    from polish_sim.page.page import Page
     from polish_sim.scoring import Entry, JudgedFigure, Score, Task
 
     Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
@@ -128,7 +129,6 @@ def score(given: Given) -> int:
 
 def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
     """Print the worst runs of a search with the commands that repeat them, and keep their configs."""
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.scenario_file import to_toml
     from polish_sim.scoring.worst import FIGURES, size_of
 
@@ -173,8 +173,6 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
 
 
 def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None:
-    from polish_sim.analysis.run_record import package_versions
-    from polish_sim.experiments.report import save_plots
     from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
     from polish_sim.scoring.figures import DEFINITIONS
     from polish_sim.scoring.plot import plot_ablation, plot_score
@@ -203,7 +201,7 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None
     put(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
     put(folder, "metrics.json", json.dumps(facts | {"asked": asked}, indent=2, allow_nan=False) + "\n")
     put(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
-    put(folder, PAGE, _page(score, verdicts))
+    save_page(folder, _page(score, verdicts))
     moving = {case.name: case.moving for case in score.cases}
     save_plots(folder, {
         "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
@@ -246,12 +244,12 @@ def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
             console.say(f"  breaks in {line}")
 
 
-def _page(score: Score, verdicts: Verdicts) -> str:
+def _page(score: Score, verdicts: Verdicts) -> Page:
     """The tables for a browser, with the command that plays the worst run of each case and leaves its own
     page."""
     from polish_sim.analysis.run_record import once_more
     from polish_sim.experiments.registry import default_scenario
-    from polish_sim.page.page import page_html, tables_page
+    from polish_sim.page.page import tables_page
     from polish_sim.scoring import breaking, overview, summarize, verdict_table, worst_case, worst_line
 
     summaries = summarize(score)
@@ -273,4 +271,4 @@ def _page(score: Score, verdicts: Verdicts) -> str:
     notes += [
         f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)
     ]
-    return page_html(tables_page(f"score: {named}", about, tables, notes))
+    return tables_page(f"score: {named}", about, tables, notes)

@@ -25,6 +25,7 @@ from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import check_flange, experiment
+from polish_sim.row_file import package_versions, write_json
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -365,7 +366,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 
 def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
-    from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
+    from polish_sim.analysis.run_record import RunRecord, write_record
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.report import write_page
     from polish_sim.spatial import apply
@@ -393,7 +394,6 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
 
 
 def _score(task: Task, place: Workplace, run: CellRun, folder: Path) -> None:
-    from polish_sim.analysis.run_record import write_json
     from polish_sim.scoring import Score, measured, overview, summarize
 
     row = measured(task, place, run)

@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.run_record import write_metrics
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.cli.output_folder import put
 from polish_sim.cli.run import plan_facts
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
-from polish_sim.experiments.report import save_plots
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.planning import PlanObserver
+from polish_sim.row_file import save_plots, write_metrics
 from polish_sim.smoothing.figures import (
     ORDERS,
     MeasuredMotion,

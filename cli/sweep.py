@@ -18,16 +18,15 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import at_work, duration, say_lost
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
-from polish_sim.cli.output_folder import put, rows_folder
+from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
-from polish_sim.page import PAGE
-from polish_sim.row_file import ROWS
+from polish_sim.page import save_page
+from polish_sim.row_file import ROWS, Row
 
 if TYPE_CHECKING:
-    from polish_sim.row_file import Row
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable, Task
 
@@ -217,7 +216,7 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
     from polish_sim.studies.table import FAILED, read_rows
 
     columns = read_rows(table.folder)
-    put(table.folder, PAGE, sweep_page(study, columns))
+    save_page(table.folder, sweep_page(study, columns))
     rows = []
     for claim in claims_shown([study.base]):
         every = zip(columns.get(claim.figure, []), columns["outcome"], strict=False)

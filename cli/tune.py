@@ -18,7 +18,8 @@ from polish_sim.cli.options import OWN, Given, Own, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, number_text, unknown_name
-from polish_sim.page import PAGE
+from polish_sim.page import save_page
+from polish_sim.row_file import write_metrics
 
 if TYPE_CHECKING:
     from polish_sim.scoring.score import Scorer
@@ -189,8 +190,7 @@ def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
 
 def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
     """Write metrics.json and the page, print the tables."""
-    from polish_sim.analysis.run_record import write_metrics
-    from polish_sim.page.page import page_html, tables_page
+    from polish_sim.page.page import tables_page
 
     goal, conditions = ":".join(search.goal), ", ".join(_facts(search)["subject_to"])
     values = [["parameter", "shipped", "tuned", "searched"]]
@@ -206,7 +206,7 @@ def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict],
     write_metrics(folder, facts)
     tables = {"Parameters": values, "Shipped and tuned": rows}
     page = tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])
-    put(folder, PAGE, page_html(page))
+    save_page(folder, page)
     console.table(f"tune {search.controller}", values[0], values[1:])
     console.table("shipped and tuned; goals of the runs in which both keep the conditions", rows[0], rows[1:])
     held = verdicts[1]

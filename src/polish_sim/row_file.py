@@ -8,15 +8,24 @@ from __future__ import annotations
 import json
 import math
 import os
+import platform
 import shutil
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, regular
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROWS = "rows.jsonl"
+METRICS = "metrics.json"
+VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 Row = dict[str, Any]
 
 
@@ -52,6 +61,48 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         draft.rename(folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+
+
+# Figures and pictures in a folder.
+
+
+def write_json(file: Path, figures: Mapping[str, Any]) -> None:
+    """Write figures as strict JSON: what is not a finite number becomes null."""
+    file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_metrics(folder: Path, figures: Mapping[str, Any]) -> None:
+    """Write a folder's metrics.json: figures, and the versions they depend on."""
+    write_json(folder / METRICS, {**figures, "versions": package_versions()})
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Read figures written by ``write_json``."""
+    try:
+        figures = json.loads(regular(file).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read '{file}': {error}.") from error
+    if not isinstance(figures, dict):
+        raise InputError(f"'{file}' does not hold figures by name.")
+    return figures
+
+
+@cache
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of the packages a run's numbers depend on."""
+    return {"python": platform.python_version()} | {name: version(name) for name in VERSIONED}
+
+
+def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
+    """Save figures under their file names; each file appears when it is whole."""
+    for name, figure in plots.items():
+        with whole_file(folder / name) as draft, warnings.catch_warnings():
+            # A name in a script that no installed font has is drawn as boxes.
+            warnings.filterwarnings("ignore", message="Glyph")
+            figure.savefig(draft)
+
+
+# Rows.
 
 
 class Rows:

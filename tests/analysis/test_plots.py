@@ -13,8 +13,9 @@ from polish_sim.analysis.style import RED
 from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds, save_plots
+from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds
 from polish_sim.log import APPROACH_PHASE, RunLog, Trace
+from polish_sim.row_file import save_plots
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, once_more, read_json
+from polish_sim.analysis.run_record import RunRecord, once_more
 from polish_sim.arrays import Array
 from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
@@ -27,6 +27,7 @@ from polish_sim.log import RunLog
 from polish_sim.motion import forward
 from polish_sim.page import PAGE
 from polish_sim.page.page import page_html, read_page, tables_page
+from polish_sim.row_file import read_json
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
 from polish_sim.spatial import apply, inverse

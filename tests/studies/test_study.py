@@ -164,7 +164,8 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert all(("nobody" in str(reason)) == (outcome == FAILED)
                for reason, outcome in zip(columns["reason"], columns["outcome"], strict=True))  # fmt: skip
     page = sweep_page(asked, columns)
-    assert page.startswith("<!DOCTYPE html>")
+    assert page.title == "sweep: sensor.force_noise_n"
+    assert dict(page.tables["Ended"])[DONE] == "2"
 
 
 def test_the_front_is_the_points_none_beats_in_both():

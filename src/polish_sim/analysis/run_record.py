@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
-import platform
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +14,14 @@ import numpy as np
 from polish_sim.analysis.claim import figure_of
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, number_text, regular
+from polish_sim.errors import InputError, number_text
 from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.row_file import plain
+from polish_sim.row_file import METRICS, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
 
-CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
+CONFIG, LOG, PATH = "config.toml", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
 AT_PEAK = (int, float, float, float)
 FORMS: Mapping[str, Any] = {
@@ -42,7 +38,6 @@ FORMS: Mapping[str, Any] = {
 }
 """Forms of the figures that are not one number, where a run has them: so many numbers, lists of any length,
 entries by name."""
-VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 
 
 @dataclass(frozen=True)
@@ -134,33 +129,6 @@ def read_records(folders: Sequence[Path]) -> list[RunRecord]:
     if len(set(names)) < len(names):
         names = [f"{name} #{number}" for number, name in enumerate(names, 1)]
     return [replace(record, name=name) for record, name in zip(records, names, strict=True)]
-
-
-def write_json(file: Path, figures: Mapping[str, Any]) -> None:
-    """Write figures as strict JSON: what is not a finite number becomes null."""
-    file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def write_metrics(folder: Path, figures: Mapping[str, Any]) -> None:
-    """Write a folder's metrics.json: figures, and the versions they depend on."""
-    write_json(folder / METRICS, {**figures, "versions": package_versions()})
-
-
-def read_json(file: Path) -> dict[str, Any]:
-    """Read figures written by ``write_json``."""
-    try:
-        figures = json.loads(regular(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read '{file}': {error}.") from error
-    if not isinstance(figures, dict):
-        raise InputError(f"'{file}' does not hold figures by name.")
-    return figures
-
-
-@cache
-def package_versions() -> dict[str, str]:
-    """Versions of Python and of the packages a run's numbers depend on."""
-    return {"python": platform.python_version()} | {name: version(name) for name in VERSIONED}
 
 
 def _path_of(columns: dict[str, Any]) -> ToolPath:

@@ -15,7 +15,7 @@ from polish_sim.arrays import Array, midpoints
 from polish_sim.compare.figures import SPEEDS, ForceStep
 from polish_sim.compare.replay import JOINTS, JointComparison
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
-from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_page
+from polish_sim.page.page import Line, Motion, Page, Plot, tables_page
 
 FIGURES = "compare.json"
 PICTURE = "compare.png"
@@ -104,9 +104,8 @@ def plot_steps(pairs: Sequence[tuple[str, ForceStep, ForceStep]], title: str) ->
     return figure
 
 
-def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> str:
-    """The replayed arm, drawn by a ``model``, in motion over its torques, measured and simulated, as one HTML
-    file."""
+def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> Page:
+    """The replayed arm, drawn by a ``model``, in motion over its torques, measured and simulated."""
     kept = shown_rows(found.time, found.simulated_q)
     time = found.time[kept]
     still = np.full(len(kept), np.nan)
@@ -124,10 +123,12 @@ def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> str
     page = tables_page(
         title, "a robot's log beside its replay", {"By joint": [head_row, *joint_table(found.figures)]}, []
     )
-    return page_html(page._replace(
-        bodies=scene_bodies(model), solids=scene_solids(model), plots=plots,
+    return page._replace(
+        bodies=scene_bodies(model),
+        solids=scene_solids(model),
+        plots=plots,
         motion=Motion(time, joints, pad, still, still, still, still, still),
-    ))  # fmt: skip
+    )
 
 
 def _lines(measured: Array, simulated: Array, kept: Any, j: int) -> list[Line]:

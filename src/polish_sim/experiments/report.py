@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,12 +20,11 @@ from polish_sim.errors import InputError
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS, TURNS, ReachMap
 from polish_sim.experiments.registry import experiment, load, path_words
 from polish_sim.geometry import PartMesh
-from polish_sim.page import PAGE
-from polish_sim.row_file import whole_file
+from polish_sim.page import save_page
 from polish_sim.spatial import apply
 
 if TYPE_CHECKING:
-    from polish_sim.page.page import Page
+    pass
 
 
 def draw_plots(record: RunRecord) -> dict[str, Figure]:
@@ -102,7 +100,7 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
 
         model = cell_model(record) if remade(record) else None
     if model is not None and len(record.log):
-        _save_page(folder, run_page(record, model, notes))
+        save_page(folder, run_page(record, model, notes))
 
 
 def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[RunRecord]) -> None:
@@ -113,7 +111,7 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[Ru
     pages = [saved_page(source, record) for source, record in zip(sources, records, strict=True)]
     known = [page for page in pages if page is not None]
     if len(known) == len(pages):
-        _save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
+        save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
 def write_seeds_page(
@@ -123,28 +121,12 @@ def write_seeds_page(
     from polish_sim.experiments.compared_page import remade, seeds_page
 
     if all(map(remade, records)):
-        _save_page(folder, seeds_page(records, columns))
-
-
-def _save_page(folder: Path, page: Page) -> None:
-    from polish_sim.page.page import page_html
-
-    with whole_file(folder / PAGE) as draft:
-        draft.write_text(page_html(page), encoding="utf-8")
+        save_page(folder, seeds_page(records, columns))
 
 
 def removed_something(record: RunRecord) -> bool:
     """Whether a run has a map of its removal, and removed anything."""
     return record.removal is not None and record.removal.mean > 0.0
-
-
-def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
-    """Save figures under their file names; each file appears when it is whole."""
-    for name, figure in plots.items():
-        with whole_file(folder / name) as draft, warnings.catch_warnings():
-            # A name in a script that no installed font has is drawn as boxes.
-            warnings.filterwarnings("ignore", message="Glyph")
-            figure.savefig(draft)
 
 
 def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:

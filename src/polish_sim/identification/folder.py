@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.run_record import write_metrics
 from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
 from polish_sim.arrays import Array
-from polish_sim.experiments.report import save_plots
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.identify import Identification
 from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, write_identified
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of
 from polish_sim.identification.physical import ParameterRow, parameter_rows, parameters_csv
+from polish_sim.row_file import save_plots, write_metrics
 from polish_sim.tables import csv_text
 
 PAYLOAD_FILE = "payload.csv"

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import measure_removal
-from polish_sim.analysis.run_record import METRICS, RunRecord, read_json, write_json, write_record
+from polish_sim.analysis.run_record import RunRecord, write_record
 from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
@@ -37,7 +37,7 @@ from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
-from polish_sim.row_file import whole_file, whole_folder
+from polish_sim.row_file import METRICS, read_json, whole_file, whole_folder, write_json
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import to_pose
 

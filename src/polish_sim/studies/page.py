@@ -20,7 +20,7 @@ from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError, InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, default_scenario
-from polish_sim.page.page import page_html, tables_page
+from polish_sim.page.page import Page, tables_page
 from polish_sim.studies.study import Run, Study
 from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 
@@ -40,8 +40,8 @@ PREFERRED = (
 MOST_BINS = 40  #: More values of a setting than this are put together by twentieths of its range
 
 
-def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
-    """The page of a sweep's rows as HTML; ``columns`` by name, of runs of this study and of others in its
+def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> Page:
+    """The page of a sweep's rows; ``columns`` by name, of runs of this study and of others in its
     folder."""
     outcomes, axes = list(columns["outcome"]), [axis.key for axis in study.axes if axis.key in columns]
     claims = _differing(study, columns)
@@ -74,7 +74,7 @@ def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
     ]
     tables["Worst runs"] = worst_runs(study, columns, goals)
     about = f"{count_text(len(outcomes), 'run')} of {study.base.experiment}, {study.base.controller.label}"
-    return page_html(tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts))
+    return tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts)
 
 
 def _differing(study: Study, columns: Mapping[str, Sequence[Any]]) -> dict[str, Claim]:

@@ -13,13 +13,13 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from polish_sim.analysis.run_record import RunRecord, package_versions, write_json, write_record
+from polish_sim.analysis.run_record import RunRecord, write_record
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Row, Rows, whole_file, whole_folder
+from polish_sim.row_file import Row, Rows, package_versions, whole_file, whole_folder, write_json
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Heard, Workers, fill_rows, local_copy
