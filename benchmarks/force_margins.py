@@ -14,7 +14,7 @@ from polish_sim.config import Scenario
 from polish_sim.config.cell import ARM_PRESETS
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
+from polish_sim.scoring.border import Bench, Rest, build_bench, press
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")
 ACCURACY = 1.02  # to which a gain margin is sought

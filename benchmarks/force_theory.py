@@ -15,8 +15,14 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.scoring.loop_model import Complex, LinearLaw, LoopSetup, build_plant, plant_response
-from polish_sim.scoring.margins import force_loop
+from polish_sim.scoring.loop_model import (
+    Complex,
+    LinearLaw,
+    LoopSetup,
+    build_plant,
+    force_loop,
+    plant_response,
+)
 
 SAMPLE_S = 0.02  # past readings are averaged over this long for the regression
 LEAST_SAMPLES = 25  # but at least this many lie within the shortest wave

@@ -11,8 +11,15 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.scoring.border import linear_law_of
-from polish_sim.scoring.loop_model import Complex, elastic_arm, setup_of
-from polish_sim.scoring.margins import Loop, contour, force_loop, turns_about_minus_one
+from polish_sim.scoring.loop_model import (
+    Complex,
+    Loop,
+    contour,
+    elastic_arm,
+    force_loop,
+    setup_of,
+    turns_about_minus_one,
+)
 from polish_sim.scoring.measured_law import MeasuredLaw
 
 SWINGS = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]

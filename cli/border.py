@@ -16,8 +16,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.output_folder import put
 from polish_sim.row_file import package_versions, plain, save_plots
-from polish_sim.scoring.border import plot_border
-from polish_sim.scoring.force_bench import Border
+from polish_sim.scoring.border import Border, plot_border
 
 
 def show_border(border: Border, folder: Path) -> int:

@@ -27,14 +27,13 @@ from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
 from polish_sim.cli.job import job
 from polish_sim.cli.plan import plan
-from polish_sim.cli.report import report
 from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
 from polish_sim.cli.serve import serve
 from polish_sim.cli.smooth import smooth
 from polish_sim.cli.sweep import sweep
 from polish_sim.cli.tune import tune
-from polish_sim.cli.view import view
+from polish_sim.cli.view import report, view
 
 commands = typer.Typer(
     name="polish-sim",

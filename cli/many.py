@@ -106,7 +106,7 @@ def at_work(
 
     ``files``: the user's, which are shipped to other machines.
     """
-    from polish_sim.cli.compiling import FIRST_START
+    from polish_sim.cli.progress import FIRST_START
     from polish_sim.kernel_cache import is_warm
     from polish_sim.workers import open_workers
 

@@ -1,7 +1,7 @@
-"""`polish-sim view`, and where the pages of `--live` and `view` are served: this computer, unless asked
-otherwise.
+"""`polish-sim report` and `view`: saved runs again; and where the pages of `--live` and `view` are served.
 
-A saved run has its page already, which is served as it is. viser is imported when a live page is opened.
+This computer alone, unless asked otherwise. A saved run has its page already, which is served as it is.
+viser is imported when a live page is opened.
 """
 
 from __future__ import annotations
@@ -19,11 +19,15 @@ from urllib.parse import urlsplit
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.options import Given, takes
-from polish_sim.errors import InputError
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, takes
+from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
+from polish_sim.errors import InputError, count_text
+from polish_sim.row_file import save_plots, write_json
 
 if TYPE_CHECKING:
     from http.server import HTTPServer
+
 
 LOOPBACK = "127.0.0.1"
 PORT = 8080
@@ -205,7 +209,7 @@ def view(
     on."""
     # Lazy: --help must not wait for numpy.
     from polish_sim.analysis.run_record import read_record
-    from polish_sim.experiments.compared_page import saved_page
+    from polish_sim.experiments.report import saved_page
     from polish_sim.page.page import page_html
 
     saved = saved_page(run, read_record(run))
@@ -218,3 +222,45 @@ def view(
     with page_server(address, page_html(saved).encode()) as server, contextlib.suppress(KeyboardInterrupt):
         say_address(asked, address)
         server.serve_forever()
+
+
+# Pictures, page and tables again.
+
+
+Runs = Annotated[
+    list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)
+]
+
+
+@takes(*OUTPUT_OPTIONS)
+def report(runs: Runs, given: Given) -> None:
+    """Draw plots and tables again from saved runs; two or more are put side by side."""
+    refuse_taken(given)
+    # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.run_record import notes_of, read_records
+    from polish_sim.cli.outcome import show_figures
+    from polish_sim.cli.run import draw_run
+    from polish_sim.experiments.registry import claims_shown, setting_rows
+    from polish_sim.experiments.report import cell_model, draw_comparison, remade, write_saved_page
+
+    records = read_records(runs)
+    first = records[0]
+    alone = len(records) == 1
+    name = first.scenario.experiment
+    with claimed(given, f"report-{name}") as folder:
+        if alone:
+            draw_run(first, folder.draft)
+            if remade(first) and not (runs[0] / CELL_PICTURE).exists():
+                save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))
+        else:
+            save_plots(folder.draft, draw_comparison(records))
+        write_saved_page(folder.draft, runs, records)
+        write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
+    columns = {record.name: record.metrics for record in records}
+    claims = claims_shown([record.scenario for record in records])
+    show_figures(
+        claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records)
+    )
+    for text in notes_of(records):
+        console.note(f"note: {text}")
+    console.say_folder(folder.final)

@@ -6,8 +6,13 @@ import sys
 from numba import njit
 
 from polish_sim.cli import progress
-from polish_sim.cli.compiling import FIRST_START, CompileProgress, compiling_shown, now_and_then
-from polish_sim.cli.progress import ProgressObserver
+from polish_sim.cli.progress import (
+    FIRST_START,
+    CompileProgress,
+    ProgressObserver,
+    compiling_shown,
+    now_and_then,
+)
 
 
 def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
@@ -41,7 +46,7 @@ def test_compiling_is_told_once_and_only_when_it_happens():
 
 
 def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone():
-    command = [sys.executable, "-m", "polish_sim.cli.compiling", "hybrid-pi"]
+    command = [sys.executable, "-m", "polish_sim.cli.progress", "hybrid-pi"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.wait() == 0
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:

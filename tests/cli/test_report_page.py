@@ -19,9 +19,8 @@ from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
-from polish_sim.experiments.compared_page import seeds_page
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.experiments.report import write_page, write_saved_page
+from polish_sim.experiments.report import seeds_page, write_page, write_saved_page
 from polish_sim.experiments.run_page import clock
 from polish_sim.log import RunLog
 from polish_sim.motion import forward

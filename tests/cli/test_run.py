@@ -151,7 +151,8 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as cut:
-        cut.setattr("polish_sim.experiments.report.save_plots", interrupted)
+        for module in ("run", "many"):
+            cut.setattr(f"polish_sim.cli.{module}.save_plots", interrupted)
         code, out, err = polish_sim(*ARC, *words, "--out", "cut")
     assert code == 130
     assert "pictures are missing" in err

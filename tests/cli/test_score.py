@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from polish_sim.scoring import journal
-from polish_sim.scoring.force_bench import Rest
-from polish_sim.scoring.journal import Row, Task
+from polish_sim.scoring import score
+from polish_sim.scoring.border import Rest
+from polish_sim.scoring.score import Row, Task
 from tests.cli.conftest import PROGRAM, metrics_of
 
 HERE = ["--on", "here"]
@@ -60,7 +60,7 @@ def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tm
             time.sleep(0.02)
         run.kill()
 
-    measure = journal._measure
+    measure = score._measure
 
     def interrupted(task: Task) -> Row:
         if task.seed == 2:
@@ -68,7 +68,7 @@ def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tm
         return measure(task)
 
     with monkeypatch.context() as patch:
-        patch.setattr(journal, "_measure", interrupted)
+        patch.setattr(score, "_measure", interrupted)
         code, out, err = polish_sim(*words, "--seeds", "60", "--out", "cut")
     assert code == 130, err
     assert "--out cut" in err
@@ -140,7 +140,7 @@ def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
 
         return measured
 
-    monkeypatch.setattr(journal, "_measure", counted(planted))
+    monkeypatch.setattr(score, "_measure", counted(planted))
     monkeypatch.setattr("polish_sim.scoring.border.press", counted(pressed))
     monkeypatch.setattr("polish_sim.scoring.border.build_bench", lambda _: None)
     monkeypatch.setattr("polish_sim.scoring.border.longest_stable", lambda _: 0.03)

@@ -11,9 +11,9 @@ from polish_sim import scoring
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Draw, latency_settings
-from polish_sim.scoring.force_bench import judge_rest
-from polish_sim.scoring.journal import Task, setup_key
-from polish_sim.scoring.margins import share_latency
+from polish_sim.scoring.border import judge_rest
+from polish_sim.scoring.loop_model import share_latency
+from polish_sim.scoring.score import Task, setup_key
 
 PI = scoring.Entry("hybrid-pi", "hybrid-pi")
 

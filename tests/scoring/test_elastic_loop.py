@@ -8,9 +8,15 @@ import pytest
 from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, response_of
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.force_bench import build_bench, press
-from polish_sim.scoring.loop_model import build_plant, elastic_arm, plant_response, setup_of
-from polish_sim.scoring.margins import contour, turns_about_minus_one
+from polish_sim.scoring.border import build_bench, press
+from polish_sim.scoring.loop_model import (
+    build_plant,
+    contour,
+    elastic_arm,
+    plant_response,
+    setup_of,
+    turns_about_minus_one,
+)
 from tests.cell.elastic import NO_HYSTERESIS, REAL, SPRINGS_ONLY
 
 FORCE = override(default_scenario("force"), [REAL])

@@ -10,8 +10,7 @@ from polish_sim.cli.border import show_border
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import MODEL, measure_border
-from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
+from polish_sim.scoring.border import MODEL, Bench, Rest, build_bench, measure_border, press
 from polish_sim.scoring.score import Scorer, user_entry
 from polish_sim.workers import Here, Result
 

@@ -12,10 +12,14 @@ from polish_sim.arrays import Array
 from polish_sim.control import Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, plant_response, setup_of
-from polish_sim.scoring.margins import (
+from polish_sim.scoring.loop_model import (
     SLOWEST,
+    Complex,
+    LoopSetup,
+    build_plant,
     longest_latency,
+    plant_response,
+    setup_of,
     share_latency,
     with_latency,
     with_springs,

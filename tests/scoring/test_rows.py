@@ -14,8 +14,7 @@ from polish_sim.errors import InputError
 from polish_sim.row_file import ROWS, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case
-from polish_sim.scoring.journal import keys_of
-from polish_sim.scoring.score import Scorer
+from polish_sim.scoring.score import Scorer, keys_of
 from polish_sim.workers import open_workers
 
 PI = Entry("hybrid-pi", "hybrid-pi")
@@ -106,7 +105,7 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         return names["package_hash"]()
 
     made_by = (
-        "scoring/journal.py",
+        "scoring/score.py",
         "studies/table.py",
         "models/ur5e_spindle.xml",
         "cli/run.py",

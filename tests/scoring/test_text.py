@@ -21,8 +21,8 @@ from polish_sim.scoring import (
     verdict_table,
     worst_case,
 )
+from polish_sim.scoring.figures import Asked
 from polish_sim.scoring.plot import plot_ablation, plot_score
-from polish_sim.scoring.reach import Asked
 
 A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
 HOLD, PATH = (

@@ -14,7 +14,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import load_scenario
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.journal import Row, Task
+from polish_sim.scoring.score import Row, Task
 from polish_sim.studies.tune import (
     BROKEN,
     HELD_OUT_SEED,

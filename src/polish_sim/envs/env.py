@@ -32,8 +32,7 @@ from polish_sim.experiments.assembly import Workplace, build_part, cell_for, che
 from polish_sim.experiments.registry import default_scenario, experiment
 from polish_sim.experiments.surface import place_work
 from polish_sim.scenario_file import load_scenario, override
-from polish_sim.scoring.figures import measure_score
-from polish_sim.scoring.reach import REACH, Asked
+from polish_sim.scoring.figures import REACH, Asked, measure_score
 from polish_sim.toml_text import read_toml
 
 USUAL = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")

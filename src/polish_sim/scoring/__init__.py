@@ -6,9 +6,18 @@ from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
     from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
-    from polish_sim.scoring.journal import Task, measure_row, measured
-    from polish_sim.scoring.reach import BATTERY_ASKED, REACH, REACH_CASES, JudgedFigure, judge
-    from polish_sim.scoring.score import Score, asked_for, check_entries, list_tasks, run_score, user_entry
+    from polish_sim.scoring.figures import BATTERY_ASKED, REACH, REACH_CASES, JudgedFigure, judge
+    from polish_sim.scoring.score import (
+        Score,
+        Task,
+        asked_for,
+        check_entries,
+        list_tasks,
+        measure_row,
+        measured,
+        run_score,
+        user_entry,
+    )
     from polish_sim.scoring.summary import (
         ablation_ratios,
         ablation_table,

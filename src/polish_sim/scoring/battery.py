@@ -16,7 +16,7 @@ from polish_sim.errors import unknown_name
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.registry import experiment
 from polish_sim.scenario_file import override
-from polish_sim.scoring.margins import share_latency
+from polish_sim.scoring.loop_model import share_latency
 
 # What a case of the scorecard is, and who is scored in it: plain data.
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, MARKS, SERIES, head, new_figure, styled
-from polish_sim.scoring.reach import Asked
+from polish_sim.scoring.figures import Asked
 
 
 class _Panel(NamedTuple):

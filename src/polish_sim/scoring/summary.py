@@ -12,8 +12,7 @@ from polish_sim.experiments import default_scenario
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.figures import DEFINITIONS, Spread, spread
-from polish_sim.scoring.reach import JudgedFigure
+from polish_sim.scoring.figures import DEFINITIONS, JudgedFigure, Spread, spread
 from polish_sim.scoring.score import Score
 from polish_sim.tables import Table
 

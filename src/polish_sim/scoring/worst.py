@@ -24,8 +24,7 @@ from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.journal import Task
-from polish_sim.scoring.score import Scorer
+from polish_sim.scoring.score import Scorer, Task
 from polish_sim.workers import Heard
 
 LISTS: Mapping[str, tuple[object, ...]] = {

@@ -19,8 +19,7 @@ from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.journal import Task
-from polish_sim.scoring.score import Scorer
+from polish_sim.scoring.score import Scorer, Task
 
 SAMPLERS = ("tpe", "cmaes")
 TRAINING = (
