@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-import typer
-
 from polish_sim.cli import console
+from polish_sim.cli.options import argument
 from polish_sim.errors import unknown_name
 
 KINDS = ("parts", "controllers", "experiments", "patterns", "faults", "tools")
@@ -16,17 +15,11 @@ LIMITS = "limits"  #: Not an experiment, but a file of defaults as well
 
 Kind = Annotated[
     str | None,
-    typer.Argument(
-        metavar="KIND", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False
-    ),
+    argument("KIND", f"{', '.join(KINDS)}: one a line, with what it is."),
 ]
 Name = Annotated[
     str,
-    typer.Argument(
-        metavar="EXPERIMENT",
-        help="arc, force, surface, smooth, teach, dual, calibrate-payload, or limits.",
-        show_default=False,
-    ),
+    argument("EXPERIMENT", "arc, force, surface, smooth, teach, dual, calibrate-payload, or limits."),
 ]
 
 

@@ -6,10 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_beside, refuse_without, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
@@ -29,10 +27,7 @@ ROBOT = "robot."  #: What --set may change
 REPLAY = ("--arm", "--payload", "--payload-center", "--set")
 LogFile = Annotated[
     Path,
-    typer.Argument(
-        metavar="REAL", help="CSV of ur_rtde or an RTDE recorder, ROS bag (.mcap, .db3, folder), or npz.",
-        show_default=False,
-    ),
+    argument("REAL", "CSV of ur_rtde or an RTDE recorder, ROS bag (.mcap, .db3, folder), or npz."),
 ]  # fmt: skip
 
 

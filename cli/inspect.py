@@ -8,10 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from polish_sim.cli import console
-from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, takes
+from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, argument, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
@@ -21,11 +19,7 @@ from polish_sim.scenario_file import merge
 
 PathFile = Annotated[
     Path,
-    typer.Argument(
-        metavar="PATH",
-        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), or APT/CLDATA.",
-        show_default=False,
-    ),
+    argument("PATH", "Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), or APT/CLDATA."),
 ]
 
 

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.console import number_or_dash as dash
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
@@ -29,12 +27,8 @@ if TYPE_CHECKING:
 INIT = "init"
 COPY = "job.toml"  #: Of the job's file, in its folder
 LOCK = ".lock"
-What = Annotated[
-    str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)
-]
-PartFile = Annotated[
-    str | None, typer.Argument(metavar="PART", help="For init: the part.", show_default=False)
-]
+What = Annotated[str, argument("JOB.toml|init", "A job's file, or init PART.")]
+PartFile = Annotated[str | None, argument("PART", "For init: the part.")]
 
 
 @takes(

@@ -55,7 +55,7 @@ class Own(NamedTuple):
     low: float = -math.inf  #: Least value [unit]
     high: float = math.inf  #: Largest value [unit]
     unit: Unit = PURE
-    default: Any = None
+    parser: Callable[[str], Any] | None = None  #: Of its value, where the above does not say all
 
     def read(self, text: str) -> Any:
         """Read its value, a number into SI.
@@ -63,6 +63,8 @@ class Own(NamedTuple):
         Raises:
             InputError: It is not a number or out of range.
         """
+        if self.parser:
+            return self.parser(text)
         if self.kind is int:
             return read_count(self.name, text, self.low, self.high)
         if self.kind is float:
@@ -209,6 +211,13 @@ class Key(NamedTuple):
             return read_count(self.option.name, text, low, high)
         return text
 
+    @property
+    def own(self) -> Own:
+        """Its option."""
+        named = self.option
+        kind = list if named.repeat else str
+        return Own(named.name, named.panel, named.metavar, _help(self), kind, parser=self.read)
+
     def table(self, value: Any) -> dict[str, Any]:
         """The key and a value as a table of the scenario."""
         leaf = {self.name: ", ".join(value) if self.option.repeat else value}
@@ -243,9 +252,11 @@ def takes(
     ``defaults``.
     """
     keys = config_keys(defaults or Scenario())
-    chosen = [option if isinstance(option, Own) else OWN.get(option) or keys[option] for option in options]
-    chosen.sort(key=lambda option: PANELS.index(_panel(option)) if _panel(option) in PANELS else -1)
-    names = {_parameter(option): _name(option) for option in chosen}
+    chosen = [
+        option if isinstance(option, Own) else OWN.get(option) or keys[option].own for option in options
+    ]
+    chosen.sort(key=lambda option: PANELS.index(option.panel) if option.panel in PANELS else -1)
+    names = {_parameter(option): option.name for option in chosen}
 
     def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
         hints = inspect.get_annotations(command, eval_str=True)
@@ -268,48 +279,34 @@ def takes(
     return decorated
 
 
-def _name(option: Own | Key) -> str:
-    return option.name if isinstance(option, Own) else option.option.name
+def _parameter(option: Own) -> str:
+    return "o_" + option.name.strip("-").replace("-", "_")
 
 
-def _panel(option: Own | Key) -> str:
-    return option.panel if isinstance(option, Own) else option.option.panel
-
-
-def _parameter(option: Own | Key) -> str:
-    return "o_" + _name(option).strip("-").replace("-", "_")
-
-
-def _declared(option: Own | Key) -> inspect.Parameter:
+def _declared(option: Own) -> inspect.Parameter:
     """An option as a parameter Typer understands."""
-    name = _name(option)
-    switch = False
-    many = False
-    default = None
-    if isinstance(option, Own):
-        switch = option.kind is bool
-        many = option.kind is list
-        default = option.default
-        metavar = option.metavar
-        text = option.text
-    else:
-        many = option.option.repeat
-        metavar = option.option.metavar
-        text = _help(option)
-    kind: Any = bool if switch else list[str] | None if many else str | None
-    parser = None if switch else option.read
+    switch = option.kind is bool
+    kind: Any = bool if switch else list[str] | None if option.kind is list else str | None
     declared = typer.Option(
-        name,
-        metavar=metavar or None,
-        help=text,
-        rich_help_panel=_panel(option),
-        parser=parser,
+        option.name,
+        metavar=option.metavar or None,
+        help=option.text,
+        rich_help_panel=option.panel,
+        parser=None if switch else option.read,
         show_default=False,
     )
+    default = False if switch else None
     return inspect.Parameter(
-        _parameter(option), inspect.Parameter.KEYWORD_ONLY, default=False if switch else default,
+        _parameter(option),
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
         annotation=Annotated[kind, declared],
-    )  # fmt: skip
+    )
+
+
+def argument(name: str, text: str) -> Any:
+    """An argument of a command, for its annotation."""
+    return typer.Argument(metavar=name, help=text, show_default=False)
 
 
 def _help(key: Key) -> str:

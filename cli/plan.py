@@ -10,14 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
-
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
     Given,
+    argument,
     build_scenario,
     refuse_idle_on_path,
     takes,
@@ -41,9 +40,7 @@ PAIR_OPTIONS = ("--master-speed", "--master-turn", "--master-path")  #: Only for
 ALL = "all"  #: The region that is split into setups
 PartFile = Annotated[
     str,
-    typer.Argument(
-        metavar="PART", help="STL, PLY, OBJ or STEP file, or the name of a shipped part.", show_default=False
-    ),
+    argument("PART", "STL, PLY, OBJ or STEP file, or the name of a shipped part."),
 ]
 
 

@@ -6,10 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
 from polish_sim.errors import InputError
@@ -18,11 +16,10 @@ MOTION = "Motion"
 
 PathFile = Annotated[
     Path,
-    typer.Argument(
-        metavar="PATH",
-        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code of G0 and G1 "
+    argument(
+        "PATH",
+        "Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code of G0 and G1 "
         "(.nc, .ngc, .gcode).",
-        show_default=False,
     ),
 ]
 OPTIONS = (

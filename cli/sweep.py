@@ -12,12 +12,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import at_work, duration, say_lost
-from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
+from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
 from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, unknown_name
@@ -36,9 +34,7 @@ OF_RUNS = ("--controller", "--part", "--path", "--fault")
 OF_STUDY = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
 What = Annotated[
     str,
-    typer.Argument(
-        metavar="EXPERIMENT|STUDY.toml", help="arc, force, surface, ..., or a study.", show_default=False
-    ),
+    argument("EXPERIMENT|STUDY.toml", "arc, force, surface, ..., or a study."),
 ]
 
 

@@ -9,12 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import scored
-from polish_sim.cli.options import OWN, Given, Own, takes
+from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, number_text, unknown_name
@@ -30,7 +28,7 @@ TUNED = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
 Controller = Annotated[
     str,
-    typer.Argument(metavar="CONTROLLER", help="A shipped controller or FILE.py:CLASS.", show_default=False),
+    argument("CONTROLLER", "A shipped controller or FILE.py:CLASS."),
 ]
 
 

@@ -16,10 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
-import typer
-
 from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import InputError, count_text
@@ -202,9 +200,7 @@ def page_server(address: Address, content: bytes) -> HTTPServer:
 
 
 @takes("--live-port", "--live-host")
-def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder made by 'run'.")], given: Given
-) -> None:
+def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], given: Given) -> None:
     """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked
     on."""
     # Lazy: --help must not wait for numpy.
@@ -227,9 +223,7 @@ def view(
 # Pictures, page and tables again.
 
 
-Runs = Annotated[
-    list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)
-]
+Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
 
 
 @takes(*OUTPUT_OPTIONS)
