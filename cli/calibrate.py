@@ -33,7 +33,6 @@ from polish_sim.cli.options import (
     Own,
     build_scenario,
     chosen,
-    refuse_beside,
     takes,
 )
 from polish_sim.cli.outcome import Outcome
@@ -83,7 +82,6 @@ def _every_calibration() -> None:
 def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
     poses."""
-    refuse_beside(given, "--data", "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration import read_readings
     from polish_sim.experiments import calibrate_from
@@ -103,7 +101,9 @@ def payload(given: Given) -> int:
     means = Means(
         "payload", "payload", "payload", run, read_readings, fit, _show_estimate, _write, "mean", folders=True
     )
-    return carry_out({**given, "--seed": scenario.seed}, means, (scenario, drift))
+    return carry_out(
+        given if given["--data"] else {**given, "--seed": scenario.seed}, means, (scenario, drift)
+    )
 
 
 @takes(

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 CALIBRATION = "calibration.toml"
 PANEL = "Instrument and measurements"
+BESIDE_DATA = ("--data", "--pair", "--drift", "--check", *OUTPUT_OPTIONS)
+"""Options that count for measurements of real robots, too."""
 LARGEST_NOISE = 10.0  #: [mm]
 TRIAL_OPTIONS = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
 DATA = Own(
@@ -98,7 +100,6 @@ class Means(NamedTuple):
 )
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    refuse_beside(given, "--data", "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
@@ -129,7 +130,6 @@ def tcp(given: Given) -> int:
 def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from axes turned before a laser
     tracker."""
-    refuse_beside(given, "--data", "--noise", "--points", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
@@ -176,9 +176,6 @@ def base(given: Given) -> int:
 )
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    refuse_beside(
-        given, "--data", "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS
-    )
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration.arm import Tolerance
     from polish_sim.dual.calibrate import ArmTrial, calibrate_arm_from, run_arm_calibration
@@ -227,6 +224,7 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
     """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the
     outcome."""
     data = given["--data"]
+    refuse_beside(given, "--data", *(name for name in given if name not in BESIDE_DATA))
     first = given["--seed"] or 0
     refuse_without(given, "--seeds", "--workers", "--on")
     if given["--seeds"] is not None:

@@ -62,7 +62,6 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
 def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
     model."""
-    data, loaded = given["--data"], given["--payload-data"]
     _refuse_idle(given)
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.identification.settings import IdentifySettings
@@ -76,12 +75,10 @@ def identify(given: Given) -> int:
     if given["--seeds"] is not None:
         return many_seeds(settings, given)
     with claimed(given, "identify") as folder:
-        if data is not None:
-            outcome = from_log(_robot(given), data, loaded, _reader(given), folder.draft)
-        elif loaded is not None:
-            outcome = weigh_alone(_robot(given), loaded, _reader(given), folder.draft)
-        else:
+        if given["--data"] is None and given["--payload-data"] is None:
             outcome = simulated(settings, folder.draft, given["--task"])
+        else:
+            outcome = from_logs(given, folder.draft)
     return outcome.finish(folder.final, given["--check"])
 
 
@@ -195,30 +192,42 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     return tuple(c._replace(high=ELASTIC) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
-def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, read: RunReader, draft: Path) -> Outcome:
-    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
+def from_logs(given: Given, draft: Path) -> Outcome:
+    """Identify a robot, and what it carries in a second log, from its own logs, or the payload alone, the
+    model believed as it is; write the folder."""
     from polish_sim.cli.outcome import Outcome
-    from polish_sim.identification.folder import write_folder
+    from polish_sim.identification.folder import write_folder, write_payload
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs
     from polish_sim.identification.settings import IDENTIFY
 
+    robot, read, file, loaded = _robot(given), _reader(given), given["--data"], given["--payload-data"]
+    found, run = None, None
     with console.progress() as observer:
         observer.stage("read the log")
-        run = read(file, robot)
-        observer.stage("fit the model")
-        found = identify_from_log(robot, *run)
+        if file is not None:
+            run = read(file, robot)
+            observer.stage("fit the model")
+            found = identify_from_log(robot, *run)
         if loaded is not None:
+            observer.stage("fit the payload")
             weighed = weigh_from_logs(robot, run, read(loaded, robot))
-            found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
-        observer.stage("draw")
-        write_folder(draft, found, robot.source)
-    show(found)
+            found = found and replace(found, weighed=weighed, figures=found.figures | weighed.figures)
+        if found is not None:
+            observer.stage("draw")
+            write_folder(draft, found, robot.source)
+    if found is not None:
+        show(found)
+        claims = IDENTIFY["data" if robot.model.load is None else "gears"]
+        return Outcome(
+            claims, f"identification from {file.name}", {"this robot": found.figures}, notes=doubts(found)
+        )
+    write_payload(draft, weighed)
+    write_metrics(draft, weighed.figures)
+    show_payload(weighed)
+    note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
     return Outcome(
-        IDENTIFY["data" if robot.model.load is None else "gears"],
-        f"identification from {file.name}",
-        {"this robot": found.figures},
-        notes=doubts(found),
+        IDENTIFY["payload-data"], f"payload from {loaded.name}", {"payload": weighed.figures}, notes=(note,)
     )
 
 
@@ -285,27 +294,6 @@ def _reader(given: Given) -> RunReader:
         return log, smooth_states(log) if period is None else periodic_states(log, period)
 
     return read
-
-
-def weigh_alone(robot: LoggedRobot, file: Path, read: RunReader, draft: Path) -> Outcome:
-    """Find a payload from one log, the robot's model believed as it is, and write the folder."""
-    from polish_sim.cli.outcome import Outcome
-    from polish_sim.identification.folder import write_payload
-    from polish_sim.identification.payload import weigh_from_logs
-    from polish_sim.identification.settings import IDENTIFY
-
-    with console.progress() as observer:
-        observer.stage("read the log")
-        run = read(file, robot)
-        observer.stage("fit the payload")
-        weighed = weigh_from_logs(robot, None, run)
-    write_payload(draft, weighed)
-    write_metrics(draft, weighed.figures)
-    show_payload(weighed)
-    note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
-    return Outcome(
-        IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,)
-    )
 
 
 def show_payload(weighed: Weighed) -> None:

@@ -44,7 +44,7 @@ from polish_sim.experiments.registry import (
     refuse_idle_options,
     run_experiment,
 )
-from polish_sim.row_file import METRICS, package_versions, save_plots, write_json
+from polish_sim.row_file import METRICS, save_plots, write_json
 from polish_sim.scenario_file import merge
 
 if TYPE_CHECKING:
@@ -292,14 +292,12 @@ def simulate(
 
     What was changed by hand in one of the ``sinks`` is in the config as if it had been planned.
     """
-    from polish_sim.analysis.run_record import RunRecord, write_record
+    from polish_sim.analysis.run_record import write_record
 
     result = run_experiment(scenario, plan, observer)
-    figures = {**result.figures, "versions": package_versions()}
-    ran = result.scenario
+    record = result.record
     for sink in sinks:
-        ran = sink.as_run(ran)
-    record = RunRecord(scenario.experiment, ran, figures, result.log, result.path, result.removal)
+        record = replace(record, scenario=sink.as_run(record.scenario))
     write_record(folder, record)
     for name, text in result.files.items():
         put(folder, name, text)

@@ -25,7 +25,7 @@ from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import check_flange, experiment
-from polish_sim.row_file import package_versions, write_json
+from polish_sim.row_file import write_json
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -366,7 +366,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 
 def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
-    from polish_sim.analysis.run_record import RunRecord, write_record
+    from polish_sim.analysis.run_record import write_record
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.report import write_page
     from polish_sim.spatial import apply
@@ -384,8 +384,7 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
         )
     scenario = replace(job.scenario, controller=replace(job.scenario.controller, name=CLIENT))
     result = job.measure(scenario, controller.robot.cell, run)
-    figures = {**result.figures, "versions": package_versions()}
-    record = RunRecord(scenario.experiment, scenario, figures, result.log, result.path, result.removal)
+    record = result.record
     write_record(folder, record)
     draw_run(record, folder)
     write_page(folder, record, controller.robot.cell.model, job.notes)

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text, place_in_mm
+from polish_sim.row_file import package_versions
 from polish_sim.spatial import apply, inverse
 
 if TYPE_CHECKING:
@@ -34,6 +36,12 @@ class RunResult:
     path: ToolPath | None = None  #: The path that was run, work frame
     removal: RemovalMap | None = None  #: What it took off the part, of ``surface`` and of ``dual`` in contact
     files: Mapping[str, str] = field(default_factory=dict)  #: More text files of the run, by name
+
+    @property
+    def record(self) -> RunRecord:
+        """What it leaves on disk, the versions with its figures."""
+        figures = {**self.figures, "versions": package_versions()}
+        return RunRecord(self.scenario.experiment, self.scenario, figures, self.log, self.path, self.removal)
 
 
 def common_figures(

@@ -13,7 +13,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from polish_sim.analysis.run_record import RunRecord, write_record
+from polish_sim.analysis.run_record import write_record
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
@@ -65,12 +65,8 @@ def run_row(study: Study, logs: Path | None, task: Task) -> Row:
         if result.interrupted:
             raise KeyboardInterrupt
         if logs is not None:
-            figures = {**result.figures, "versions": package_versions()}
-            record = RunRecord(
-                scenario.experiment, result.scenario, figures, result.log, result.path, result.removal
-            )
             with whole_folder(logs / key) as folder:
-                write_record(folder, record)
+                write_record(folder, result.record)
         row |= {
             "outcome": STOPPED if result.stop_reason else DONE,
             "reason": result.figures["protective_stop"],
