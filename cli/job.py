@@ -6,7 +6,7 @@ Its page has times, passes, and each region's removal summed over its passes.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -88,7 +88,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         put(folder, f"setup_{number}.script", text)
     save_page(folder, job_page(f"job {file.stem}: {asked.head.part}", figures))
     write_json(folder / "job.json", figures)
-    _show(rows)
+    console.table("job", PASS[:SHOWN], [row[:SHOWN] for row in pass_rows(figures["passes"])], left=2)
     console.say(
         f"robot {figures['cycle_time_s']:.1f} s (planned {figures['planned_cycle_time_s']:.1f}), operator "
         f"{figures['operator_s']:.0f} s, {1e4 * figures['area_per_hour_m2']:.0f} cm^2 an hour"
@@ -156,15 +156,30 @@ def _passes(folder: Path, name: str) -> list[Path]:
     return [*folder.glob(one), *folder.glob(f"part_[0-9]*/{one}")]
 
 
-def _show(rows: list[Row]) -> None:
-    table = []
-    for row in rows:
-        f = row.figures
-        times = (f"{f[name]:.1f}" for name in ("cycle_time_s", "planned_cycle_time_s", "contact_time_s"))
-        spread = dash(f["removal_cv"], ".1f", 100.0)
-        table.append([row.folder, f["tool"], f"{f['grit'] or '-'}", *times, spread])
-    heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "removal std, %"]
-    console.table("job", heads, table, left=2)
+PASS: Sequence[str] = (
+    *("pass", "tool", "grit", "time, s", "planned, s", "contact, s"),
+    *("removal std, %", "abrasive path, m", "abrasive left, %", "stopped"),
+)
+SHOWN = 7  #: Of them on the screen
+
+
+def pass_rows(passes: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """The passes of job.json as rows of `PASS`."""
+    return [
+        [
+            p["folder"],
+            p["tool"],
+            str(p["grit"] or "-"),
+            f"{p['cycle_time_s']:.1f}",
+            f"{p['planned_cycle_time_s']:.1f}",
+            f"{p['contact_time_s']:.1f}",
+            dash(p["removal_cv"], ".1f", 100.0),
+            f"{p['abrasive_path_m']:.0f}",
+            f"{100.0 * p['abrasive_left']:.0f}",
+            p["protective_stop"] or "",
+        ]
+        for p in passes
+    ]
 
 
 def job_page(title: str, figures: Mapping[str, Any]) -> Page:
@@ -180,21 +195,6 @@ def job_page(title: str, figures: Mapping[str, Any]) -> Page:
         ["operator: clamping, turning, changing", f"{f['operator_s']:.1f}"],
         ["whole", f"{f['whole_s']:.1f}"],
     ]
-    passes = [
-        [
-            p["folder"],
-            p["tool"],
-            p["grit"] or "-",
-            f"{p['cycle_time_s']:.1f}",
-            f"{p['planned_cycle_time_s']:.1f}",
-            f"{p['contact_time_s']:.1f}",
-            f"{p['abrasive_path_m']:.0f}",
-            f"{100.0 * p['abrasive_left']:.0f}",
-            dash(p["removal_cv"], ".1f", 100.0),
-            p["protective_stop"] or "",
-        ]
-        for p in f["passes"]
-    ]
     regions = [
         [
             r["region"],
@@ -204,19 +204,11 @@ def job_page(title: str, figures: Mapping[str, Any]) -> Page:
         ]
         for r in f["regions"]
     ]
-    heads = [
-        "pass",
-        "tool",
-        "grit",
-        "time, s",
-        "planned, s",
-        "contact, s",
-        "abrasive path, m",
-        "abrasive left, %",
-        "removal std, %",
-        "stopped",
-    ]
     sums = ["region, all passes", "pressure x way, N/m", "std / mean, %", "a pad's radius inside, %"]
     about = f"{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {count_text(f['parts'], 'part')}"
-    tables = {"Time": [["time", "s"], *totals], "Passes": [heads, *passes], "Removal": [sums, *regions]}
+    tables: dict[str, Sequence[Sequence[str]]] = {
+        "Time": [["time", "s"], *totals],
+        "Passes": [PASS, *pass_rows(f["passes"])],
+        "Removal": [sums, *regions],
+    }
     return tables_page(title, about, tables, [])

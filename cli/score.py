@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +18,12 @@ from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import save_page
-from polish_sim.row_file import Row, package_versions, save_plots, write_json
+from polish_sim.row_file import METRICS, Row, package_versions, save_plots, write_json
 
 if TYPE_CHECKING:
     from polish_sim.page.page import Page
     from polish_sim.scoring import Entry, JudgedFigure, Score, Task
+    from polish_sim.scoring.border import Border
 
     Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
 
@@ -111,7 +114,6 @@ def score(given: Given) -> int:
     work: Callable[..., Any] = partial(run_score, cases, entries, seeds)
     show: Callable[..., int] = partial(write_and_show, given)
     if given["--border"]:
-        from polish_sim.cli.border import show_border
         from polish_sim.scoring.border import border_tasks, measure_border
 
         what, more, tasks = "border", {}, [task for entry in entries for task in border_tasks(entry)]
@@ -147,7 +149,7 @@ def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
         stopped = (rows[task]["protective_stop"] or "").partition(":")[0]
         shown.append([label, unit, f"{figures[name]:.3g}", where, stopped])
     stops = sum(bool(row["protective_stop"]) for row in rows.values())
-    write_json(folder / "metrics.json", {**figures, "runs": len(rows), "stops": stops})
+    write_json(folder / METRICS, {**figures, "runs": len(rows), "stops": stops})
     console.table(
         f"worst of {task.entry.label}, {count_text(len(rows), 'run')}, {stops} stopped",
         ["figure", "unit", "worst", "where", "stopped, as"],
@@ -199,7 +201,7 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None
         "definitions": dict(DEFINITIONS),
     }  # fmt: skip
     put(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
-    put(folder, "metrics.json", json.dumps(facts | {"asked": asked}, indent=2, allow_nan=False) + "\n")
+    write_json(folder / METRICS, facts | {"asked": asked})
     put(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
     save_page(folder, _page(score, verdicts))
     moving = {case.name: case.moving for case in score.cases}
@@ -272,3 +274,57 @@ def _page(score: Score, verdicts: Verdicts) -> Page:
         f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)
     ]
     return tables_page(f"score: {named}", about, tables, notes)
+
+
+# The border of stability.
+
+
+def show_border(border: Border, folder: Path) -> int:
+    """Draw and show the border of stability, in the cell and in the linear model."""
+    from polish_sim.scoring.border import plot_border
+
+    facts = _border_facts(border)
+    write_json(folder / "border.json", facts | {"versions": package_versions()})
+    save_plots(folder, {"border.png": plot_border(border)})
+    for label, found in facts["controllers"].items():
+        console.table(
+            f"stable up to this latency, {label}", ["springs", "in the cell [ms]", "linear model [ms]"],
+            _border_rows(found, border),
+        )  # fmt: skip
+    console.say_folder(folder)
+    return DONE
+
+
+def _border_facts(border: Border) -> dict[str, Any]:
+    """What each run did, and the longest latency that is stable by scale of the springs."""
+    import numpy as np
+
+    controllers = {}
+    for name, rests in border.rests.items():
+        stable = [[rest.stable for rest in row] for row in rests]
+        line = np.interp(np.log(border.scales), np.log(border.line_scales), border.lines[name])
+        controllers[name] = {
+            "stable": stable,
+            "at_rest": [[rest.resting for rest in row] for row in rests],
+            "swing_n": [[rest.swing for rest in row] for row in rests],
+            "latency_stable_s": [_longest(border, column) for column in zip(*stable, strict=True)],
+            "latency_stable_model_s": line,
+        }
+    return {"spring_scales": border.scales, "latencies_s": border.latencies, "controllers": controllers}
+
+
+def _longest(border: Border, stable: Sequence[bool | None]) -> float | None:
+    """The longest latency up to which every run was stable [s]; None if already the shortest was not."""
+    known = takewhile(lambda run: run[1] is not False, zip(border.latencies.tolist(), stable, strict=True))
+    return max((latency for latency, held in known if held), default=None)
+
+
+def _border_rows(found: dict[str, Any], border: Border) -> list[list[str]]:
+    rows = []
+    for scale, cell, model in zip(
+        border.scales, found["latency_stable_s"], found["latency_stable_model_s"], strict=True
+    ):
+        all_of_it = cell is not None and cell == border.latencies[-1]
+        shown = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
+        rows.append([f"{scale:g} x", shown, f"{1e3 * model:.0f}" if math.isfinite(model) else "-"])
+    return rows

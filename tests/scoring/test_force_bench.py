@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.loop_margins import analytic_margins
-from polish_sim.cli.border import show_border
+from polish_sim.cli.score import show_border
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override

@@ -164,7 +164,7 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert all(("nobody" in str(reason)) == (outcome == FAILED)
                for reason, outcome in zip(columns["reason"], columns["outcome"], strict=True))  # fmt: skip
     page = sweep_page(asked, columns)
-    assert page.title == "sweep: sensor.force_noise_n"
+    assert page.title == "sweep: sensor.force_noise_n, controller.name"
     assert dict(page.tables["Ended"])[DONE] == "2"
 
 

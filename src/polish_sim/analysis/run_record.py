@@ -36,8 +36,7 @@ FORMS: Mapping[str, Any] = {
     "joint_jerk_at_peaks": [AT_PEAK],
     "spline_at_peaks": [AT_PEAK],
 }
-"""Forms of the figures that are not one number, where a run has them: so many numbers, lists of any length,
-entries by name."""
+"""What the figures that are not one number look like: text, numbers in tuples of a length, lists, entries."""
 
 
 @dataclass(frozen=True)
