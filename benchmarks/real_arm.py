@@ -43,10 +43,10 @@ from polish_sim.compare.replay import (
     CarriedPayload,
     commands_of,
     compare_joints,
+    plot_steps,
     rigid_torques,
     warm,
 )
-from polish_sim.compare.show import plot_steps
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.exchange.robot_log import read_robot_recording

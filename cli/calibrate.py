@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
     PANEL,
@@ -24,7 +25,7 @@ from polish_sim.cli.calibrate_pair import (
     tcp,
     write_found,
 )
-from polish_sim.cli.help import PanelledCommand
+from polish_sim.cli.catalogue import PanelledCommand
 from polish_sim.cli.many import Figures, Many, seed_rows
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
@@ -35,7 +36,6 @@ from polish_sim.cli.options import (
     chosen,
     takes,
 )
-from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS

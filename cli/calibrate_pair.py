@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
-from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS

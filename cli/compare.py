@@ -113,8 +113,16 @@ def pressing(log: RobotRecording) -> str:
 
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     from polish_sim.cell.scene import build_scene
-    from polish_sim.compare.replay import SCENARIO, CarriedPayload, compare_joints
-    from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_table, plot_joint_torques
+    from polish_sim.compare.replay import (
+        FIGURES,
+        PICTURE,
+        SCENARIO,
+        CarriedPayload,
+        compare_joints,
+        joint_page,
+        joint_table,
+        plot_joint_torques,
+    )
     from polish_sim.scenario_file import override, to_toml
 
     settings = list(given["--set"] or [])
@@ -156,7 +164,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     from polish_sim.analysis.metrics import numbers
     from polish_sim.analysis.run_record import read_record
     from polish_sim.compare.figures import compare_steps, from_contact
-    from polish_sim.compare.show import FIGURES, PICTURE, plot_steps, step_page, step_rows
+    from polish_sim.compare.replay import FIGURES, PICTURE, plot_steps, step_page, step_rows
 
     record = read_record(run)
     if "force_n" in log.values or "wrench" not in log.values:

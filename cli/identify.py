@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from polish_sim.analysis.claim import Claim
-    from polish_sim.cli.outcome import Outcome
+    from polish_sim.cli.boundary import Outcome
     from polish_sim.config import RobotConfig
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
@@ -144,7 +144,7 @@ def _robot(given: Given) -> LoggedRobot:
 
 def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
     """Identify the simulated arm, for a task if one is given, and write its folder."""
-    from polish_sim.cli.outcome import Outcome
+    from polish_sim.cli.boundary import Outcome
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.use_motion import use_states
@@ -195,7 +195,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 def from_logs(given: Given, draft: Path) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, or the payload alone, the
     model believed as it is; write the folder."""
-    from polish_sim.cli.outcome import Outcome
+    from polish_sim.cli.boundary import Outcome
     from polish_sim.identification.folder import write_folder, write_payload
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs

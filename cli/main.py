@@ -20,9 +20,8 @@ from polish_sim import __version__
 from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.calibrate import calibrate
-from polish_sim.cli.catalogue import config, list_names
+from polish_sim.cli.catalogue import PanelledCommand, config, list_names
 from polish_sim.cli.compare import compare
-from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
 from polish_sim.cli.job import job

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from polish_sim.analysis.claim import Claim, figure_of
 from polish_sim.cli import console
+from polish_sim.cli.boundary import Outcome, other_conditions
 from polish_sim.cli.options import Given
-from polish_sim.cli.outcome import Outcome, other_conditions
 from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text

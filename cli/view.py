@@ -232,7 +232,7 @@ def report(runs: Runs, given: Given) -> None:
     refuse_taken(given)
     # Lazy: --help must not wait for matplotlib.
     from polish_sim.analysis.run_record import notes_of, read_records
-    from polish_sim.cli.outcome import show_figures
+    from polish_sim.cli.boundary import show_figures
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.registry import claims_shown, setting_rows
     from polish_sim.experiments.report import cell_model, draw_comparison, remade, write_saved_page
