@@ -27,6 +27,8 @@ from polish_sim.cli import console
 from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.scenario_file import override
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
 NOTHING_RECORDED = "interrupted; nothing was recorded yet."
@@ -251,8 +253,6 @@ def other_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a
     text."""
     from polish_sim.analysis.run_record import changed_settings
-    from polish_sim.experiments.registry import default_scenario
-    from polish_sim.scenario_file import override
 
     arm = scenario.robot.arm
     own = override(default_scenario(scenario.experiment), [f"robot.arm={arm}"])

@@ -43,6 +43,7 @@ from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
 from polish_sim.row_file import save_plots, write_metrics
+from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
@@ -150,7 +151,6 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
     from polish_sim.analysis.payload_plot import plot_drift, plot_residuals
     from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
-    from polish_sim.scenario_file import to_toml
 
     estimate, readings = found.estimate, found.readings
     write_calibration(folder / CALIBRATION, estimate)

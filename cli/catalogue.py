@@ -13,6 +13,9 @@ from typer.core import TyperCommand
 from polish_sim.cli import console
 from polish_sim.cli.options import argument
 from polish_sim.errors import unknown_name
+from polish_sim.experiments.registry import ROWS, default_scenario, experiments, known_faults
+from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+from polish_sim.scenario_file import to_toml
 
 REST = "Options"
 
@@ -73,9 +76,6 @@ def config(experiment: Name) -> None:
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.experiments.registry import ROWS, default_scenario
-    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
-    from polish_sim.scenario_file import to_toml
 
     if experiment == LIMITS:
         from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
@@ -106,7 +106,6 @@ def _known() -> Mapping[str, Mapping[str, str]]:
     """Names of every kind, each with a line that says what it is."""
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.control import CONTROLLERS
-    from polish_sim.experiments.registry import experiments, known_faults
     from polish_sim.job.tools import read_tools
     from polish_sim.models import WORKPIECES
     from polish_sim.planning import PATTERNS

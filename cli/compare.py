@@ -13,7 +13,7 @@ from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
 from polish_sim.page import save_page
 from polish_sim.row_file import write_json
-from polish_sim.scenario_file import numbers_of
+from polish_sim.scenario_file import numbers_of, override, to_toml
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -123,7 +123,6 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         joint_table,
         plot_joint_torques,
     )
-    from polish_sim.scenario_file import override, to_toml
 
     settings = list(given["--set"] or [])
     for text in settings:

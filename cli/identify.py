@@ -6,21 +6,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
+from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
 from polish_sim.cli.console import number_or_dash as dash
+from polish_sim.cli.many import Figures, Many, run_seeds
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
+from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.row_file import write_metrics
+from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from polish_sim.analysis.claim import Claim
-    from polish_sim.cli.boundary import Outcome
-    from polish_sim.config import RobotConfig
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
     from polish_sim.identification.log_file import RobotLog
@@ -85,8 +87,6 @@ def identify(given: Given) -> int:
 def _simulated_robot(settings: list[str]) -> RobotConfig:
     """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change
     nothing."""
-    from polish_sim.config import Scenario
-    from polish_sim.scenario_file import override
 
     for text in settings:
         if not text.startswith(ARM_KEYS):
@@ -144,7 +144,6 @@ def _robot(given: Given) -> LoggedRobot:
 
 def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
     """Identify the simulated arm, for a task if one is given, and write its folder."""
-    from polish_sim.cli.boundary import Outcome
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.use_motion import use_states
@@ -164,7 +163,6 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
 
 def many_seeds(settings: IdentifySettings, given: Given) -> int:
     """Identify as many simulated arms as there are ``--seeds``, and show their figures."""
-    from polish_sim.cli.many import Figures, Many, run_seeds
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.use_motion import use_states
 
@@ -195,7 +193,6 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 def from_logs(given: Given, draft: Path) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, or the payload alone, the
     model believed as it is; write the folder."""
-    from polish_sim.cli.boundary import Outcome
     from polish_sim.identification.folder import write_folder, write_payload
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs

@@ -18,12 +18,12 @@ from polish_sim.cell.stroke import cycle_time
 from polish_sim.cli.live_page import PLOT_S, LivePage, Moment, block
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
+from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import part_body, scene_solids
 from polish_sim.spatial import apply, inverse, transform
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
-    from polish_sim.config import Scenario
 
 SETTLED_S = 0.25  #: A slider counts when it has rested this long [s]
 STAGES = (

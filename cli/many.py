@@ -21,8 +21,10 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome, other_conditions
 from polish_sim.cli.options import Given
 from polish_sim.cli.output_folder import rows_folder
+from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text
+from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.row_file import (
     METRICS,
     ROWS,
@@ -271,9 +273,7 @@ def seed_folder(folder: Path, seed: int) -> Path:
 
 def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
-    from polish_sim.cli.run import plan_to_run
     from polish_sim.experiments.assembly import config_hash
-    from polish_sim.experiments.registry import claims_shown, experiment
 
     def prepare(folder: Path) -> Callable[[int], Figures]:
         with console.progress() as observer:
@@ -289,7 +289,6 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
 
 
 def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Figures:
-    from polish_sim.cli.run import simulate
 
     with whole_folder(seed_folder(folder, seed)) as own:
         return dict(simulate(replace(scenario, seed=seed), way, own).metrics)
@@ -298,7 +297,6 @@ def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int)
 def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], outcome: Outcome) -> Outcome:
     """Draw all seeds together, and say what went wrong in which."""
     from polish_sim.analysis.run_record import read_record
-    from polish_sim.cli.run import PICTURES_MISSING
     from polish_sim.experiments.report import draw_seeds, write_seeds_page
 
     undrawn = ""

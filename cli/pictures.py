@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from polish_sim.cli import console
+from polish_sim.config import Scenario
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from polish_sim.analysis.run_record import RunRecord
-    from polish_sim.config import Scenario
 
     Image = NDArray[np.uint8]
 

@@ -23,7 +23,9 @@ from rich.progress import (
 
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.config import Scenario
+from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.kernel_cache import event, is_warm, kernels_under
+from polish_sim.scenario_file import merge
 from polish_sim.workers import processors
 
 FIRST_START = "compiling kernels: at the first start only, they are kept"
@@ -117,8 +119,6 @@ def _rehearse(controller: str) -> None:
     """Begin a run in free space, for its kernels; ends when the process that began it does."""
     from polish_sim.cell import Silent
     from polish_sim.control import CONTROLLERS
-    from polish_sim.experiments.registry import default_scenario, run_experiment
-    from polish_sim.scenario_file import merge
 
     class Begun(Silent):
         def progress(self, done: float, total: float) -> None:

@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE
+from polish_sim.cli.boundary import DONE, Outcome, other_conditions
 from polish_sim.cli.catalogue import PanelledCommand
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cell.observer import Interrupt
-    from polish_sim.cli.boundary import Outcome
     from polish_sim.planning import PlanResult, ToolPath
 
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
@@ -214,7 +213,6 @@ def run_once(
     """
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import stop_mark
-    from polish_sim.cli.boundary import Outcome, other_conditions
     from polish_sim.experiments.report import write_page
 
     row = experiment(scenario.experiment)

@@ -17,8 +17,10 @@ from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import save_page
 from polish_sim.row_file import METRICS, Row, package_versions, save_plots, write_json
+from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:
     from polish_sim.page.page import Page
@@ -131,7 +133,6 @@ def score(given: Given) -> int:
 
 def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
     """Print the worst runs of a search with the commands that repeat them, and keep their configs."""
-    from polish_sim.scenario_file import to_toml
     from polish_sim.scoring.worst import FIGURES, size_of
 
     shown: list[Sequence[str]] = []
@@ -250,7 +251,6 @@ def _page(score: Score, verdicts: Verdicts) -> Page:
     """The tables for a browser, with the command that plays the worst run of each case and leaves its own
     page."""
     from polish_sim.analysis.run_record import once_more
-    from polish_sim.experiments.registry import default_scenario
     from polish_sim.page.page import tables_page
     from polish_sim.scoring import breaking, overview, summarize, verdict_table, worst_case, worst_line
 

@@ -21,6 +21,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import BUG, DONE, exit_code
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
+from polish_sim.cli.run import checked, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
@@ -200,7 +201,6 @@ def _case(given: Given) -> Task | None:
 
 
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
-    from polish_sim.cli.run import checked, plan_to_run
     from polish_sim.experiments.assembly import build_part, check
     from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
 
@@ -367,7 +367,6 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
     from polish_sim.analysis.run_record import write_record
-    from polish_sim.cli.run import draw_run
     from polish_sim.experiments.report import write_page
     from polish_sim.spatial import apply
 

@@ -12,15 +12,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from polish_sim.analysis.claim import value_text
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import at_work, duration, say_lost
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
 from polish_sim.cli.output_folder import rows_folder
+from polish_sim.cli.run import checked
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
-from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
+from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, refuse_idle_options
 from polish_sim.page import save_page
 from polish_sim.row_file import ROWS, Row
 
@@ -81,7 +83,6 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     Raises:
         PolishSimError: Naming what is wrong with it.
     """
-    from polish_sim.cli.run import checked
     from polish_sim.studies.study import STUDY, Study, read_axis, read_study
 
     file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
@@ -205,8 +206,6 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
 
 
 def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
-    from polish_sim.analysis.claim import value_text
-    from polish_sim.experiments.registry import claims_shown
     from polish_sim.studies.page import sweep_page
     from polish_sim.studies.table import DONE as ENDED
     from polish_sim.studies.table import FAILED, read_rows

@@ -16,8 +16,11 @@ from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import save_page
 from polish_sim.row_file import write_metrics
+from polish_sim.scenario_file import override
+from polish_sim.toml_text import toml_text
 
 if TYPE_CHECKING:
     from polish_sim.scoring.score import Scorer
@@ -168,9 +171,6 @@ def _facts(search: Search) -> dict[str, Any]:
 
 def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
     """The values found as a file for ``run --config``."""
-    from polish_sim.experiments.registry import default_scenario
-    from polish_sim.scenario_file import override
-    from polish_sim.toml_text import toml_text
 
     entry = search.entry(best)
     chosen = override(

@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import show_figures
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import InputError, count_text
+from polish_sim.experiments.registry import claims_shown, setting_rows
 from polish_sim.row_file import save_plots, write_json
 
 if TYPE_CHECKING:
@@ -232,9 +234,7 @@ def report(runs: Runs, given: Given) -> None:
     refuse_taken(given)
     # Lazy: --help must not wait for matplotlib.
     from polish_sim.analysis.run_record import notes_of, read_records
-    from polish_sim.cli.boundary import show_figures
     from polish_sim.cli.run import draw_run
-    from polish_sim.experiments.registry import claims_shown, setting_rows
     from polish_sim.experiments.report import cell_model, draw_comparison, remade, write_saved_page
 
     records = read_records(runs)
