@@ -50,16 +50,25 @@ QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
 
 @contextmanager
-def asked_folder(given: Given, kind: str, asked: Mapping[str, Any]) -> Iterator[Path]:
+def asked_folder(
+    given: Given,
+    kind: str,
+    asked: Mapping[str, Any],
+    begin: Mapping[str, str] | None = None,
+    begun: Mapping[str, Any] | None = None,
+) -> Iterator[Path]:
     """The folder of rows of what is ``asked``, by name: only the same is continued there, unless with
-    ``--overwrite``, where the command has that."""
+    ``--overwrite``, where the command has that.
+
+    It is kept in `ASKED`, unless ``begin`` has the files that say it; ``begun`` is what those there say.
+    """
 
     def refuse(folder: Path) -> None:
-        begun = _begun(folder)
-        if given.get("--overwrite") or begun is None or begun == asked:
+        held = begun or _begun(folder)
+        if given.get("--overwrite") or held is None or held == asked:
             return
         raise InputError(
-            f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder "
+            f"'{folder}' holds another {asked['of']}: {_difference(held, asked)}. Choose another folder "
             "with --out"
             + (
                 ", or add --overwrite to replace it; rows that both have are kept."
@@ -68,9 +77,8 @@ def asked_folder(given: Given, kind: str, asked: Mapping[str, Any]) -> Iterator[
             )
         )
 
-    with rows_folder(
-        given["--out"], kind, kind, {ASKED: json.dumps(asked, indent=1) + "\n"}, refuse
-    ) as folder:
+    begin = begin or {ASKED: json.dumps(asked, indent=1) + "\n"}
+    with rows_folder(given["--out"], kind, kind.partition("-")[0], begin, refuse) as folder:
         yield folder
 
 
@@ -79,10 +87,9 @@ def _begun(folder: Path) -> Mapping[str, Any] | None:
     if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
         return None
     try:
-        begun = json.loads((folder / ASKED).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_json(folder / ASKED)
+    except InputError:
         return {}
-    return begun if isinstance(begun, dict) else {}
 
 
 def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from polish_sim.analysis.claim import value_text
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
-from polish_sim.cli.many import at_work, duration, say_lost
+from polish_sim.cli.many import asked_folder, at_work, duration, say_lost
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
-from polish_sim.cli.output_folder import rows_folder
 from polish_sim.cli.run import checked
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, unknown_name
@@ -60,6 +59,7 @@ def sweep(what: What, given: Given) -> int:
     if find_spec("pyarrow") is None:
         raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.studies.study import STUDY, read_study, to_text
     from polish_sim.studies.table import RunTable, keys_of_runs, run_time
     from polish_sim.workers import check_engine
 
@@ -73,7 +73,9 @@ def sweep(what: What, given: Given) -> int:
         first = time_first(study, missing) if known is None else None
         announce(study, len(missing), len(keys), given, known if first is None else run_time(first))
         return DONE
-    with sweep_folder(out, study) as folder:
+    kind, begin = f"sweep-{study.base.experiment}", {STUDY: to_text(study)}
+    held = sweep_of(read_study(out / STUDY)) if out is not None and (out / STUDY).is_file() else None
+    with asked_folder({"--out": out}, kind, sweep_of(study), begin, held) as folder:
         return run_and_show(study, RunTable(folder), given)
 
 
@@ -125,22 +127,9 @@ def check_values(study: Study) -> None:
             check_settings(study.with_value(axis, value))
 
 
-def sweep_folder(out: Path | None, study: Study) -> AbstractContextManager[Path]:
-    """The folder of a sweep, a new one or that of one of the same experiment; InputError if it holds
-    another."""
-    from polish_sim.studies.study import STUDY, read_study, to_text
-
-    def refuse(folder: Path) -> None:
-        if not (folder / STUDY).exists() and (folder / ROWS).stat().st_size:
-            raise InputError(
-                f"'{folder}' holds something that is not a sweep. Choose another folder with --out."
-            )
-        if (folder / STUDY).exists() and (
-            held := read_study(folder / STUDY).base.experiment
-        ) != study.base.experiment:
-            raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
-
-    return rows_folder(out, f"sweep-{study.base.experiment}", "sweep", {STUDY: to_text(study)}, refuse)
+def sweep_of(study: Study) -> Mapping[str, Any]:
+    """What a sweep's folder is of: whatever is varied, one experiment."""
+    return {"of": f"sweep of '{study.base.experiment}'"}
 
 
 def announce(study: Study, missing: int, total: int, given: Given, run_s: float | None) -> None:
