@@ -53,6 +53,8 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "host_depth_m": (0, "m"),  # of the tool beyond its target along the target's axis, by the encoders
     }
 )
+READ_BY_HOST = ("wrench_measured", "wrench_raw", "command", "host", "encoder")
+"""Beginnings of the columns that a broken sensor fills with what is no number."""
 NEWER = ("host_depth_m",)  #: Columns that older runs' logs go without
 # Added after the run where they are known; older logs and other experiments go without.
 LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
@@ -147,7 +149,7 @@ def write_log(path: Path, log: RunLog) -> None:
 def read_log(path: Path) -> RunLog:
     """Read a log written by ``write_log``; InputError if it is missing, damaged, or lacks a column of the
     contract."""
-    return read_arrays(path, "log", "Was the run finished?", _log_of)
+    return read_arrays(path, "log", "Was the run finished?", _log_of, READ_BY_HOST)
 
 
 def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
@@ -165,8 +167,15 @@ def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
     return RunLog(MappingProxyType(columns))
 
 
-def read_arrays(file: Path, what: str, remedy: str, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
-    """What ``build`` makes of the arrays in an npz, by name.
+def read_arrays(
+    file: Path,
+    what: str,
+    remedy: str,
+    build: Callable[[dict[str, NDArray[Any]]], T],
+    unsure: tuple[str, ...] = (),
+) -> T:
+    """What ``build`` makes of the arrays in an npz, by name; those that begin as one of ``unsure`` may hold
+    NaN.
 
     Raises:
         InputError: The file is missing or damaged, an array is not of finite numbers, or ``build`` raised one
@@ -176,7 +185,7 @@ def read_arrays(file: Path, what: str, remedy: str, build: Callable[[dict[str, N
         with np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         for name, array in arrays.items():
-            if array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+            if array.dtype.kind not in "biuf" or not (name.startswith(unsure) or np.isfinite(array).all()):
                 raise ValueError(f"'{name}' is not of finite numbers")
         return build(arrays)
     except UNREADABLE as error:
