@@ -26,7 +26,7 @@ from polish_sim.cli.calibrate_pair import (
     write_found,
 )
 from polish_sim.cli.catalogue import PanelledCommand
-from polish_sim.cli.many import Figures, Many, seed_rows
+from polish_sim.cli.many import Many, seed_rows
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
@@ -42,7 +42,7 @@ from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
-from polish_sim.row_file import save_plots, write_metrics
+from polish_sim.row_file import Figures, save_plots, write_metrics
 from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) ->
 
 
 def _write_budget(
-    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
+    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Figures
 ) -> None:
 
     sources = {name: share._asdict() for name, share in shares.items()}

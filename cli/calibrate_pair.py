@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.cli.boundary import Outcome
-from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder
+from polish_sim.cli.many import Many, run_seeds, seed_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import save_plots, whole_folder, write_metrics
+from polish_sim.row_file import Figures, save_plots, whole_folder, write_metrics
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,13 +11,13 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
 from polish_sim.cli.console import number_or_dash as dash
-from polish_sim.cli.many import Figures, Many, run_seeds
+from polish_sim.cli.many import Many, run_seeds
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import write_metrics
+from polish_sim.row_file import Figures, write_metrics
 from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:

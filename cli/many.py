@@ -28,7 +28,7 @@ from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.row_file import (
     METRICS,
     ROWS,
-    Row,
+    Figures,
     Rows,
     read_json,
     save_plots,
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from polish_sim.workers import Heard, Workers
 
 T = TypeVar("T")
-Figures = Row
 ASKED = "asked.json"  #: What the rows in the folder are of
 QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
@@ -53,9 +52,9 @@ QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 def asked_folder(
     given: Given,
     kind: str,
-    asked: Mapping[str, Any],
+    asked: Figures,
     begin: Mapping[str, str] | None = None,
-    begun: Mapping[str, Any] | None = None,
+    begun: Figures | None = None,
 ) -> Iterator[Path]:
     """The folder of rows of what is ``asked``, by name: only the same is continued there, unless with
     ``--overwrite``, where the command has that.
@@ -82,7 +81,7 @@ def asked_folder(
         yield folder
 
 
-def _begun(folder: Path) -> Mapping[str, Any] | None:
+def _begun(folder: Path) -> Figures | None:
     """What the rows in a folder are of; None if there are none yet, nothing known if it cannot be read."""
     if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
         return None
@@ -92,7 +91,7 @@ def _begun(folder: Path) -> Mapping[str, Any] | None:
         return {}
 
 
-def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
+def _difference(begun: Figures, asked: Figures) -> str:
     """The first thing in which two works differ, in words."""
     if begun.get("of") != asked["of"]:
         return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
@@ -150,7 +149,7 @@ def at_work(
 def scored(
     given: Given,
     kind: str,
-    asked: Mapping[str, Any],
+    asked: Figures,
     stage: str,
     entries: Sequence[Entry],
     work: Callable[[Scorer, Heard], T],

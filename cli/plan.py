@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED
@@ -26,7 +26,7 @@ from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
 from polish_sim.page import save_page
-from polish_sim.row_file import save_plots, write_json
+from polish_sim.row_file import Figures, save_plots, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -329,7 +329,7 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
     return result
 
 
-def _rows(m: Mapping[str, Any]) -> list[list[str]]:
+def _rows(m: Figures) -> list[list[str]]:
     mm = 1e3
     cm2 = 1e4
     percent = 1e2

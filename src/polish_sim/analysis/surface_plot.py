@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,6 +34,7 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array
 from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.row_file import Figures
 
 NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their number
 
@@ -212,7 +212,7 @@ def _title(record: RunRecord) -> str:
     return f"{name}, {asked}{'' if end == WHOLE else f', {end}'}"
 
 
-def _at_peaks(m: Mapping[str, Any]) -> str:
+def _at_peaks(m: Figures) -> str:
     count = figure_of(m, "curvature_peaks")
     if not count > 0:
         return "no curvature peak on the way" if count == 0 else ""

@@ -27,6 +27,7 @@ from polish_sim.geometry import PartMesh
 from polish_sim.page import PAGE, save_page
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
+from polish_sim.row_file import Figures
 from polish_sim.spatial import apply
 
 if TYPE_CHECKING:
@@ -115,9 +116,7 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[Ru
         save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
-def write_seeds_page(
-    folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]
-) -> None:
+def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Figures]) -> None:
     """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
 
     if all(map(remade, records)):
@@ -266,9 +265,7 @@ def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
     )
 
 
-def _figures(
-    claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Mapping[str, Any]]
-) -> list[list[str]]:
+def _figures(claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Figures]) -> list[list[str]]:
     """The table of figures of some runs, a column each."""
     return [
         ["figure", *names, "paper", "asked"],
@@ -307,7 +304,7 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
-def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> Page:
+def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Figures]) -> Page:
     """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
     curves.
 

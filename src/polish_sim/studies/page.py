@@ -24,6 +24,7 @@ from polish_sim.page.page import Page, tables_page
 from polish_sim.studies.study import Run, Study
 from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 
+Columns = Mapping[str, Sequence[Any]]  #: Values of all runs, by name
 WORST = 10  #: Runs that are shown with the command that repeats them
 MOST_LINES = 1500  #: Of parallel coordinates
 PREFERRED = (
@@ -40,7 +41,7 @@ PREFERRED = (
 MOST_BINS = 40  #: More values of a setting than this are put together by twentieths of its range
 
 
-def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> Page:
+def sweep_page(study: Study, columns: Columns) -> Page:
     """The page of a sweep's rows; ``columns`` by name, of runs of this study and of others in its
     folder."""
     outcomes, axes = list(columns["outcome"]), [axis.key for axis in study.axes if axis.key in columns]
@@ -77,7 +78,7 @@ def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> Page:
     return tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts)
 
 
-def _differing(study: Study, columns: Mapping[str, Sequence[Any]]) -> dict[str, Claim]:
+def _differing(study: Study, columns: Columns) -> dict[str, Claim]:
     """The experiment's figures that are not the same in all runs."""
     claims = {claim.figure: claim for claim in claims_shown([study.base]) if claim.figure in columns}
     values = {name: _numbers(columns[name]) for name in claims}
@@ -92,9 +93,7 @@ def _numbers(values: Sequence[Any]) -> Array:
     return np.array([math.nan if value is None else float(value) for value in values])
 
 
-def worst_runs(
-    study: Study, columns: Mapping[str, Sequence[Any]], goals: Sequence[Claim]
-) -> list[Sequence[str]]:
+def worst_runs(study: Study, columns: Columns, goals: Sequence[Claim]) -> list[Sequence[str]]:
     """Runs that failed or stopped, then those with the largest figure, each with the command that repeats
     it."""
     rank = {FAILED: 3.0, LOST: 3.0, STOPPED: 2.0}
@@ -117,7 +116,7 @@ def worst_runs(
 
 
 def pareto(
-    columns: Mapping[str, Sequence[Any]], axes: Sequence[str], goals: Sequence[Claim]
+    columns: Columns, axes: Sequence[str], goals: Sequence[Claim]
 ) -> list[tuple[tuple[Any, ...], Array, bool]]:
     """Every point's values, the mean of each goal over its seeds, and whether no other is as good in both.
 
@@ -180,9 +179,7 @@ def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple
 
 
 @styled
-def plot_parallel(
-    columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claims: Sequence[Claim]
-) -> Figure:
+def plot_parallel(columns: Columns, axes: Sequence[str], claims: Sequence[Claim]) -> Figure:
     """Every run as a line across settings and figures, coloured by the first figure."""
     columns_shown = [(axis, columns[axis], 1.0) for axis in axes]
     columns_shown += [(f"{c.label} [{c.unit}]", columns[c.figure], c.scale) for c in claims]
@@ -219,7 +216,7 @@ def plot_parallel(
 
 
 @styled
-def plot_responses(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claim: Claim) -> Figure:
+def plot_responses(columns: Columns, axes: Sequence[str], claim: Claim) -> Figure:
     """A figure over each setting: the mean of all other settings and seeds, with a band from 10 to 90%."""
     values = claim.scale * _numbers(columns[claim.figure])
     known = np.isfinite(values)
