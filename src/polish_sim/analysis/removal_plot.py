@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER, measure_removal
 from polish_sim.analysis.path_plot import cross_out, scale_flat
-from polish_sim.analysis.run_record import stop_mark
+from polish_sim.analysis.run_record import Records, stop_mark
 from polish_sim.analysis.style import (
     BLUE,
     GREY,
@@ -76,7 +76,7 @@ def plot_removal(record: RunRecord, path_words: Callable[[Scenario], str]) -> Fi
 
 
 @styled
-def plot_removal_runs(records: Sequence[RunRecord], path_words: Callable[[Scenario], str]) -> Figure:
+def plot_removal_runs(records: Records, path_words: Callable[[Scenario], str]) -> Figure:
     """Draw the removal of several runs from above, each over its own mean, and their distributions over each
     other; ``path_words`` as of ``plot_removal``."""
     columns = min(len(records), 4)

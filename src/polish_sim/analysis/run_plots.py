@@ -19,7 +19,7 @@ from polish_sim.analysis.metrics import (
     numbers,
     steady_feed,
 )
-from polish_sim.analysis.run_record import RunRecord, stop_mark
+from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
 from polish_sim.analysis.style import (
     BLUE,
     GREEN,
@@ -82,7 +82,7 @@ def plot_arc(record: RunRecord) -> Figure:
     return figure
 
 
-def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_arc_runs(records: Records) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
@@ -102,7 +102,7 @@ def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
 
 @styled
 def compare_runs(
-    records: Sequence[RunRecord],
+    records: Records,
     curve: Callable[[RunRecord], tuple[Array, Array]],
     fact: tuple[str, str, float],
     limit: tuple[float, str],
@@ -214,7 +214,7 @@ def plot_force(record: RunRecord) -> Figure:
 
 
 @styled
-def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_force_runs(records: Records) -> Figure:
     """Draw the force of several runs over each other; of many seeds the one that overshoots most in
     orange."""
     figure = new_figure(9.0, 4.8)
@@ -295,7 +295,7 @@ def _facts(record: RunRecord, touched: bool) -> list[str]:
     )
 
 
-def _or_zero(records: Sequence[RunRecord], figure: str) -> Array:
+def _or_zero(records: Records, figure: str) -> Array:
     return np.nan_to_num([figure_of(record.metrics, figure) for record in records])
 
 
@@ -306,7 +306,7 @@ SAME = 1e-3  #: Relative spread up to which a figure counts as the same in all s
 
 
 @styled
-def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
+def plot_seeds(records: Records, claims: Sequence[Claim]) -> Figure:
     """Draw every figure of an experiment that differs between seeds on a line of its own, the worst seed
     named.
 

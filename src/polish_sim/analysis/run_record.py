@@ -51,6 +51,9 @@ class RunRecord:
     removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
 
 
+Records = Sequence[RunRecord]
+
+
 class StopMark(NamedTuple):
     """When and where a run stopped itself."""
 
@@ -171,7 +174,7 @@ def ending(record: RunRecord) -> str:
     return how if math.isnan(done) else f"{how} at {100.0 * done:.1f}%"
 
 
-def notes_of(records: Sequence[RunRecord]) -> list[str]:
+def notes_of(records: Records) -> list[str]:
     """What keeps the figures of some runs from being compared: other settings, a run that is not whole."""
     notes = []
     keys = differences([record.scenario for record in records])

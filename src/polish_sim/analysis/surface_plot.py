@@ -17,7 +17,7 @@ from polish_sim.analysis.metrics import (
     numbers,
 )
 from polish_sim.analysis.run_plots import plot_force
-from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
+from polish_sim.analysis.run_record import WHOLE, Records, RunRecord, ending, stop_mark
 from polish_sim.analysis.style import (
     BLUE,
     GREEN,
@@ -80,7 +80,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
 
 
 @styled
-def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_surface_runs(records: Records) -> Figure:
     """Draw the force of several runs along the path, one below the other, each with its distribution beside
     it."""
     figure = new_figure(10.0, 1.2 + 2.1 * len(records))
@@ -196,7 +196,7 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
             )
 
 
-def _error_limits(records: Sequence[RunRecord]) -> tuple[float, float]:
+def _error_limits(records: Records) -> tuple[float, float]:
     """How far below and above its set force any of the runs is to be shown [N]."""
     offsets = np.concatenate([process_force(record)[1] - _set_force(record) for record in records])
     below = min(-1.6 * FOLLOW_BAND_N, float(offsets.min(initial=0.0)) - 1.0)

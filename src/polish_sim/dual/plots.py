@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_plots import compare_runs
-from polish_sim.analysis.run_record import RunRecord, stop_mark
+from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
 from polish_sim.analysis.style import (
     AXIS_COLORS,
     BLUE,
@@ -76,7 +76,7 @@ def plot_dual(record: RunRecord) -> Figure | None:
     return figure
 
 
-def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_dual_runs(records: Records) -> Figure:
     """Draw the tool's error on the part along the path, one line a run."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:

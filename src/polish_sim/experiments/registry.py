@@ -20,7 +20,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, leave_out, unknown_name
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.analysis.run_record import Records, RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cell.faults import Fault
     from polish_sim.control import Controller
@@ -301,7 +301,7 @@ SETTINGS = (
 )
 
 
-def setting_rows(records: Sequence[RunRecord]) -> list[list[str]]:
+def setting_rows(records: Records) -> list[list[str]]:
     """Rows of label, unit and a value for each run of one experiment: what was asked, and at the end how the
     run ended."""
     from polish_sim.analysis.run_record import ending  # numpy is slow to import

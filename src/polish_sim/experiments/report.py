@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from polish_sim.analysis.claim import Claim, claim_row, shortfalls
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, notes_of, stop_mark
+from polish_sim.analysis.run_record import Records, RunRecord, notes_of, stop_mark
 from polish_sim.analysis.style import ORANGE, add_line, head, new_figure, say_stop, styled
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import TABLE, lay_part, robot_with_tool, works_below
@@ -47,7 +47,7 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     return plots
 
 
-def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
+def draw_comparison(records: Records) -> dict[str, Figure]:
     """Draw the pictures that put several runs side by side, by file name.
 
     Raises:
@@ -70,7 +70,7 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
 WORST_BY = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")
 
 
-def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
+def draw_seeds(records: Records) -> dict[str, Figure]:
     """Draw the pictures of many seeds of one scenario, by file name: their figures, all of them or the worst
     one."""
     from polish_sim.analysis.run_plots import plot_seeds
@@ -106,7 +106,7 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
         save_page(folder, run_page(record, model, notes))
 
 
-def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[RunRecord]) -> None:
+def write_saved_page(folder: Path, sources: Sequence[Path], records: Records) -> None:
     """Write the page of a saved run, or of several of one experiment over each other, if all have something
     to show."""
 
@@ -116,7 +116,7 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[Ru
         save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
-def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Figures]) -> None:
+def write_seeds_page(folder: Path, records: Records, columns: Mapping[str, Figures]) -> None:
     """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
 
     if all(map(remade, records)):
@@ -232,7 +232,7 @@ def cell_model(record: RunRecord) -> Any:
     return spec.compile()
 
 
-def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
+def pages_over(records: Records, pages: Sequence[Page]) -> Page:
     """Several runs of one experiment over each other: the first one's cell, the curves and removal of all."""
     first, names = pages[0], [record.name for record in records]
     time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
@@ -304,7 +304,7 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
-def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Figures]) -> Page:
+def seeds_page(records: Records, columns: Mapping[str, Figures]) -> Page:
     """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
     curves.
 

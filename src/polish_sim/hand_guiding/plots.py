@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from textwrap import wrap
 
 import numpy as np
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
     DASHES,
@@ -73,7 +72,7 @@ def plot_guiding(record: RunRecord) -> Figure:
 
 
 @styled
-def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_guiding_runs(records: Records) -> Figure:
     """Draw the moves several runs of ``teach`` have in common over each other."""
     common = [
         name

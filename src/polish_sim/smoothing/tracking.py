@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
     DASHES,
@@ -180,7 +180,7 @@ def plot_tracking(record: RunRecord) -> Figure | None:
 
 
 @styled
-def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_tracking_runs(records: Records) -> Figure:
     """Draw by how much ``spline`` reduces each joint's largest tracking error in several runs."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
