@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from polish_sim.analysis.claim import Claim, figure_of
+from polish_sim.analysis.claim import Claim, figure_of, figure_table
 from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome, other_conditions
 from polish_sim.cli.options import Given
@@ -25,6 +25,7 @@ from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, experiment
+from polish_sim.page import save_page
 from polish_sim.row_file import (
     METRICS,
     ROWS,
@@ -240,6 +241,7 @@ def run_seeds(
 
     ``finish`` may draw, and add to the outcome; an interrupt keeps the seeds that are done.
     """
+    from polish_sim.page.page import tables_page
 
     first = given["--seed"] or 0
     with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs):
@@ -253,6 +255,8 @@ def run_seeds(
         write_metrics(folder, {**facts, "runs": runs})
         columns = {many.mean: middle, "worst seed": worst}
         title = f"{many.what}, {count_text(len(runs), 'seed')}"
+        figures = {"Figures": figure_table(many.claims, columns)}
+        save_page(folder, tables_page(title, f"{many.mean} and worst of all seeds", figures, []))
         outcome = finish(folder, runs, Outcome(many.claims, title, columns))
         return outcome.finish(folder, given["--check"])
 

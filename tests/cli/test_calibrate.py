@@ -11,6 +11,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.config import Scenario
+from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario
 from tests.cli.conftest import Tool, assert_refused, done, metrics_of, undrawn
 
@@ -115,6 +116,9 @@ def test_many_seeds_give_their_mean_or_rms_and_worst_once(asked, error, power, p
         np.mean(errors**power) ** (1 / power)
     )
     assert power == 2 or Path("many/seed-0001/calibration.toml").is_file()
+    head, *rows = read_page(Path("many/report.html")).tables["Figures"]
+    assert head[2] == "worst seed"
+    assert len(rows) == len(metrics["worst"])
     begun = Path("many/rows.jsonl").read_bytes()
     assert polish_sim(*words).code == 0
     assert Path("many/rows.jsonl").read_bytes() == begun

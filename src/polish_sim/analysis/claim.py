@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from polish_sim.errors import InputError, number_text
@@ -91,6 +91,17 @@ def claim_row(claim: Claim, columns: Sequence[Figures], checked: Figures | None)
         return row
     verdict = "yes" if claim.met_by(figure_of(checked, claim.figure)) else "NO"
     return [*row, verdict if claim.bounded else ""]
+
+
+def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
+    """Rows of label, unit and more with label and unit in one cell."""
+    return [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+
+
+def figure_table(claims: Iterable[Claim], columns: Mapping[str, Figures]) -> list[list[str]]:
+    """Figures by heading as a table of a page, its head first."""
+    rows = named_rows(claim_row(claim, list(columns.values()), None) for claim in claims)
+    return [["figure", *columns, "paper", "asked"], *rows]
 
 
 def shortfalls(claims: Iterable[Claim], figures: Figures) -> list[Claim]:

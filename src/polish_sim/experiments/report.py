@@ -3,7 +3,7 @@ figures, Page)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import ConvexHull, cKDTree
 
-from polish_sim.analysis.claim import Claim, claim_row, shortfalls
+from polish_sim.analysis.claim import Claim, figure_table, named_rows, shortfalls
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import Records, RunRecord, notes_of, stop_mark
 from polish_sim.analysis.style import ORANGE, add_line, head, new_figure, say_stop, styled
@@ -22,7 +22,7 @@ from polish_sim.cell.scene import TABLE, lay_part, robot_with_tool, works_below
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS, TURNS, ReachMap
 from polish_sim.experiments.registry import claims_shown, experiment, load, path_words, setting_rows
-from polish_sim.experiments.run_page import clock, named_rows, run_motion, run_page, run_plots, shown_rows
+from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plots, shown_rows
 from polish_sim.geometry import PartMesh
 from polish_sim.page import PAGE, save_page
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
@@ -237,7 +237,7 @@ def pages_over(records: Records, pages: Sequence[Page]) -> Page:
     first, names = pages[0], [record.name for record in records]
     time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
     motions = [_resampled(page.motion, time) for page in pages]
-    columns = [record.metrics for record in records]
+    columns = {record.name: record.metrics for record in records}
     claims = claims_shown([record.scenario for record in records])
     stops = [f"{name}: {page.stop}" for name, page in zip(names, pages, strict=True) if page.stop]
     others = [
@@ -256,21 +256,13 @@ def pages_over(records: Records, pages: Sequence[Page]) -> Page:
         ],
         tables={
             "Asked": [["", *names], *named_rows(setting_rows(records))],
-            "Figures": _figures(claims, names, columns),
+            "Figures": figure_table(claims, columns),
         },
         notes=notes_of(records),
         command="",
         name=names[0],
         others=others,
     )
-
-
-def _figures(claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Figures]) -> list[list[str]]:
-    """The table of figures of some runs, a column each."""
-    return [
-        ["figure", *names, "paper", "asked"],
-        *named_rows(claim_row(claim, columns, None) for claim in claims),
-    ]
 
 
 def _resampled(motion: Motion, time: Array) -> Motion:
@@ -326,7 +318,7 @@ def seeds_page(records: Records, columns: Mapping[str, Figures]) -> Page:
         return line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same)) if same else line
 
     plots = [plot._replace(lines=[banded(plot, line) for line in plot.lines]) for plot in page.plots]
-    figures = _figures(claims_shown([first.scenario]), columns, list(columns.values()))
+    figures = figure_table(claims_shown([first.scenario]), columns)
     return page._replace(
         title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
         about="the cell and the curves are the first seed's; bands reach from the least to the largest of "

@@ -3,14 +3,14 @@ plan too."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from polish_sim.analysis.claim import claim_row
+from polish_sim.analysis.claim import claim_row, named_rows
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
 from polish_sim.arrays import Array, Indices, Ints, dots, norms
@@ -79,11 +79,6 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
             ]
         ),
     )
-
-
-def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
-    """Rows of label, unit and more with label and unit in one cell."""
-    return [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
 
 
 def clock(log: RunLog) -> Array:
