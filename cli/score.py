@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from polish_sim.page.page import Page
     from polish_sim.scoring import Entry, JudgedFigure, Score, Task
     from polish_sim.scoring.border import Border
+    from polish_sim.scoring.figures import Asked
 
     Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
 
@@ -168,15 +169,15 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
 
     asked = REACH if given["--reach"] else BATTERY_ASKED
     verdicts = [(entry, judge(asked, score.rows_of(entry))) for entry in score.entries]
-    _write(folder, given, score, verdicts)
+    _write(folder, given, score, verdicts, asked)
     _show(given, score, verdicts)
     console.say_folder(folder)
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
     return SHORT if given["--check"] and short else DONE
 
 
-def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None:
-    from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
+def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits: Sequence[Asked]) -> None:
+    from polish_sim.scoring import ablation_ratios, markdown
     from polish_sim.scoring.figures import DEFINITIONS
     from polish_sim.scoring.plot import plot_ablation, plot_score
 
@@ -208,7 +209,7 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None
     moving = {case.name: case.moving for case in score.cases}
     save_plots(folder, {
         "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
-        else plot_score(score.rows, moving, REACH if given["--reach"] else BATTERY_ASKED)
+        else plot_score(score.rows, moving, limits)
     })  # fmt: skip
 
 

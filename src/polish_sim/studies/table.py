@@ -19,7 +19,7 @@ from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Figures, Row, Rows, package_versions, whole_file, whole_folder, write_json
+from polish_sim.row_file import Figures, Row, Rows, package_versions, whole_file, whole_folder, write_metrics
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Heard, Workers, fill_rows, local_copy
@@ -221,7 +221,7 @@ def write_summary(table: RunTable, study: Study, total: int) -> Figures:
     facts = {
         "experiment": study.base.experiment, "runs": len(table.known), "done": ended[DONE],
         "stopped": ended[STOPPED], "failed": ended[FAILED], "lost": ended[LOST],
-        "wanted": total, "vary": {axis.key: axis.text for axis in study.axes}, "versions": package_versions(),
+        "wanted": total, "vary": {axis.key: axis.text for axis in study.axes},
     }  # fmt: skip
-    write_json(table.folder / "metrics.json", facts)
+    write_metrics(table.folder, facts)
     return facts
