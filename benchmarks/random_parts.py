@@ -23,7 +23,7 @@ from benchmarks.random_draw import RandomPart, draw_part
 from polish_sim.errors import PolishSimError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.planning import PlanResult, plan_mesh
-from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.quality.coverage import STRICT, strictly_covered
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import ground_under, pressed_places
@@ -124,7 +124,7 @@ def coverage_of_reachable(result: PlanResult) -> float:
     clear = result.tool.stands_in(result.surface, places).depths == 0.0
     clear &= cKDTree(points[np.unique(mesh.border)]).query(points)[0] >= INSIDE * step
     near = cKDTree(points[clear]).query(points)[0] <= STRICT * step
-    areas = mesh.part_areas(ground.part_facets)
+    areas = ground.part_areas
     return float(areas[near & strictly_covered(points, mesh.normals, runs, step)].sum() / areas[near].sum())
 
 

@@ -181,7 +181,7 @@ def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Obser
         PlanError: No setup reaches anything of the part.
     """
     from polish_sim.experiments.setups import SetupSearch
-    from polish_sim.planning.planner import NO_WAY
+    from polish_sim.planning.moves.stroke import NO_WAY
 
     search = SetupSearch(scenario, observer)
     done: list[PlanResult] = []

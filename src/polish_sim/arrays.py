@@ -59,6 +59,18 @@ def joined(groups: Any) -> Iterator[Any]:
     return (np.concatenate(columns) for columns in zip(*groups, strict=True))
 
 
+def in_groups(counts: Any) -> tuple[Indices, Indices]:
+    """Group of each of ``counts`` (n,) items, group after group, and its place in it, (m,) each."""
+    group = np.repeat(np.arange(len(counts)), counts)
+    return group, np.arange(len(group)) - (np.cumsum(counts) - counts)[group]
+
+
+def summed(labels: Any, rows: Array, count: int) -> Array:
+    """Sums of rows (..., k) of each of ``count`` labels (...), shape (count, k)."""
+    flat, columns = labels.ravel(), rows.reshape(-1, rows.shape[-1]).T
+    return np.column_stack([np.bincount(flat, weights=column, minlength=count) for column in columns])
+
+
 def by_slices(function: Callable[..., Any], *rows: Any) -> Any:
     """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays
     small."""

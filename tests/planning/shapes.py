@@ -13,7 +13,7 @@ from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.kept import keep
 

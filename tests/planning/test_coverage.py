@@ -7,11 +7,10 @@ from scipy.spatial import cKDTree
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.planning import PlanResult, plan_part
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.ground.points import thin
-from polish_sim.planning.ground.triangulation import triangulate
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
+from polish_sim.planning.points import thin
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.coverage import (
     PadSteps,
@@ -25,6 +24,7 @@ from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
+from polish_sim.planning.triangulation import triangulate
 from tests.planning.shapes import UP, path_through, region_of
 
 PAD = PadConfig()
@@ -58,7 +58,7 @@ def test_one_line_across_a_plate_covers_a_stripe():
     x = np.linspace(-0.1, 0.1, 400)
     positions = np.stack([x, 0.0 * x, np.full(400, 0.02)], axis=1)
     normals = np.tile([0.0, 0.0, 1.0], (400, 1))
-    share = strict_share(mesh, int(mesh.owners.max()) + 1, [Curve(positions, normals, False)], 0.04)
+    share = strict_share(mesh, mesh.areas, [Curve(positions, normals, False)], 0.04)
     assert share == pytest.approx(2 * 0.55 * 0.04 / 0.2, abs=6e-4)
     # Not on the other side of the part.
     assert not strictly_covered(mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04).any()

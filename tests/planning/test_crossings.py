@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.moves.uncross import uncross
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.run import SurfaceRun
+from polish_sim.planning.planner import uncross
 from polish_sim.planning.quality.crossings import find_crossings
 from tests.planning.shapes import Floor, level
 

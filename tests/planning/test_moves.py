@@ -12,17 +12,22 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.moves.leads import (
     LEADS,
-    RIM_POINTS,
-    AirSpace,
-    Move,
+    Landing,
     choose_leads,
     normal_lead,
-    rim_depths,
     tangent_lead,
     with_leads,
 )
-from polish_sim.planning.moves.leave_out import lift_over
-from polish_sim.planning.moves.travel import nearest_neighbours, order_blocks, travel
+from polish_sim.planning.moves.stroke import lift_over
+from polish_sim.planning.moves.travel import (
+    RIM_POINTS,
+    AirSpace,
+    move_in,
+    nearest_neighbours,
+    order_blocks,
+    rim_depths,
+    travel,
+)
 from polish_sim.planning.toolpath import PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
@@ -41,7 +46,7 @@ def stroke(x0, x1, y=0.0):
     """A straight stroke over the top of the slab."""
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
-    return Move(positions, np.tile(UP, (60, 1)), PROCESS, np.zeros(60, dtype=np.int64))
+    return move_in(PROCESS, positions, UP, 0)
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
@@ -56,8 +61,8 @@ def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(tmp_path, height, ahead):
     part = slab_with_wall(tmp_path, height)
-    first, second = (with_leads(stroke(a, a + 0.02), normal_lead, CLEARANCE) for a in (-0.06, ahead))
-    way, clear = travel(first[-1], second[0], AirSpace(part, 0.0, CLEARANCE, UP))
+    first, second = (with_leads(stroke(a, a + 0.02), Landing(normal_lead, CLEARANCE)) for a in (-0.06, ahead))
+    way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height * (ahead > 0.0) + CLEARANCE + 1e-9
@@ -68,8 +73,8 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
-    first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
-    way, clear = travel(first[-1], second[0], AirSpace(part, 0.0, CLEARANCE, UP))
+    first, second = (with_leads(move, Landing(normal_lead, CLEARANCE)) for move in (top, below))
+    way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
@@ -94,7 +99,7 @@ def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path):
     part = surface_of(bowl, tmp_path)
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
-    move = Move(-0.03 * normal, normal, PROCESS, np.zeros(40, dtype=np.int64))
+    move = move_in(PROCESS, -0.03 * normal, normal, 0)
     chosen = choose_leads(move, "tangent", AirSpace(part, 0.0, CLEARANCE, UP), STEPOVER)
     assert chosen.start.shape is not tangent_lead
 

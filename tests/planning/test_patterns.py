@@ -11,8 +11,8 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, part_from_arrays, select_region
 from polish_sim.planning import plan_path
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.ground import footprint
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import footprint
 from polish_sim.planning.patterns.nested import without_tails
 from polish_sim.planning.patterns.pitch import match_turns, spread_shares
 from polish_sim.planning.patterns.raster import _short_axis

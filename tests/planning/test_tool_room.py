@@ -15,8 +15,8 @@ from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
 from polish_sim.planning import PlanResult, measure_given_path, plan_part
-from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.moves.leads import AirSpace
+from polish_sim.planning.ground import prepare_ground
+from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
 from tests.cell.cells import drawn_vertices, meshes_of
@@ -242,5 +242,6 @@ def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_pl
     plan = PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0")
     surface = fit_surface(mesh)
     ground = prepare_ground(select_region(surface, mesh, plan.region), plan)
+    air = AirSpace(surface, 0.2, plan.clearance_m, mesh.up, Tool(PadConfig(radius_m=0.2), 20.0))
     with pytest.raises(PlanError, match=r"no stroke .* at \(.*\) mm"):
-        plan_on(ground, plan, None, surface, Tool(PadConfig(radius_m=0.2), 20.0))
+        plan_on(ground, plan, None, air)

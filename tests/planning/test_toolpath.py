@@ -8,9 +8,10 @@ import pytest
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
-from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.moves.leads import LEADS, Move, with_leads, with_way_down
+from polish_sim.planning.ground import prepare_ground
+from polish_sim.planning.moves.leads import LEADS, Landing, with_leads, with_way_down
 from polish_sim.planning.moves.stroke import STEEPEST, angles_between, lean, smooth_axes, soften_creases
+from polish_sim.planning.moves.travel import move_in
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT
 from tests.planning.shapes import UP, region_of, shipped_plan
@@ -21,7 +22,7 @@ CLEARANCE = 0.03
 def straight(count=50):
     x = np.linspace(0.0, 0.05, count)
     positions = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
-    return Move(positions, np.tile(UP, (count, 1)), PROCESS, np.zeros(count, dtype=np.int64))
+    return move_in(PROCESS, positions, UP, 0)
 
 
 def test_a_path_cannot_be_changed_and_has_columns_of_one_length():
@@ -57,14 +58,14 @@ def test_the_tool_comes_and_goes_along_the_normal_at_the_clearance():
 
 @pytest.mark.parametrize("name", LEADS)
 def test_every_lead_in_ends_at_the_first_point_from_above_and_behind(name):
-    moves = with_leads(straight(), LEADS[name], CLEARANCE)
-    lead_in = moves[1].positions
-    assert moves[1].segment == LEAD_IN
+    move = with_leads(straight(), Landing(LEADS[name], CLEARANCE))
+    lead_in = move.positions[move.segment == LEAD_IN]
+    assert len(lead_in) > 1
     assert np.diff(lead_in[:, 2]).max() < 0.0
     assert lead_in[:, 0].max() <= 1e-12
     assert np.linalg.norm(lead_in[-1]) < 2e-3
-    assert moves[0].positions[0, 2] == pytest.approx(CLEARANCE)
-    assert moves[-1].positions[-1, 2] == pytest.approx(CLEARANCE)
+    assert move.positions[0, 2] == pytest.approx(CLEARANCE)
+    assert move.positions[-1, 2] == pytest.approx(CLEARANCE)
     if name == "arc":  # lands along the path
         assert -lead_in[-1, 0] > lead_in[-1, 2] / np.tan(np.radians(4.0))
 

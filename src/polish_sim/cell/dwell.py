@@ -21,7 +21,7 @@ from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _pr
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, kernel
-from polish_sim.planning.ground.points import build_point_grid
+from polish_sim.planning.points import build_point_grid
 from polish_sim.spatial import perpendicular
 
 #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer

@@ -24,72 +24,29 @@ from polish_sim.exchange.strokes import (
 from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
+from polish_sim.tables import number
 
 # The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
 
-#: The rest is prose
-FREE_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
-IGNORED = frozenset(
-    (
-        *FREE_TEXT,
-        *(
-            "MACHIN",
-            "CUTTER",
-            "TOOLNO",
-            "LOADTL",
-            "LOAD",
-            "SELECT",
-            "TOOL",
-            "COOLNT",
-            "SPINDL",
-            "AUTOPS",
-            "CUTCOM",
-        ),
-        *(
-            "INTOL",
-            "OUTTOL",
-            "TOLER",
-            "CLEARP",
-            "CLRSRF",
-            "PPFUN",
-            "SEQNO",
-            "OPNAME",
-            "STOP",
-            "OPSTOP",
-            "REWIND",
-        ),
-        *(
-            "END",
-            "FINI",
-            "NOPOST",
-            "CLPRNT",
-            "DELAY",
-            "DWELL",
-            "OPSKIP",
-            "AIR",
-            "PAINT",
-            "TLDATA",
-            "HEAD",
-            "MODE",
-        ),
-        *("END-OF-PATH", "OUTPUT", "PPLOFF", "PPLON"),
-    )
-)
-"""Words that do not move the tool."""
-REFUSED: dict[str, str] = {
-    **dict.fromkeys(("CIRCLE", "ARC", "MOVARC", "CYLNDR", "CIRCUL", "ARCSLP"), "arcs"),
-    **dict.fromkeys(("CYCLE", "GOHOME", "RETRCT", "GODLTA"), "canned and relative motions"),
-    **dict.fromkeys(("NURBS", "SPLINE", "BSPLIN"), "splines"),
-    **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "PSIS", "GO"), "motions along surfaces"),
-    **dict.fromkeys(("GOFWD", "GOBACK", "GOLFT", "GORGT", "GOUP", "GODOWN"), "motions along surfaces"),
-    **dict.fromkeys(
-        ("ORIGIN", "TRANS", "ROTATE", "ROTABL", "MSYS", "COPY", "MATRIX", "REFSYS"), "moved frames"
-    ),
-    **dict.fromkeys(
-        ("MACRO", "CALL", "LOOPST", "LOOPND", "TERMAC", "POINT", "LINE", "PLANE", "PATERN"), "programs"
-    ),
+FREE_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")  #: The rest is prose
+WORDS: Mapping[str, str] = {
+    word: what
+    for what, words in {
+        "": "MACHIN CUTTER TOOLNO LOADTL LOAD SELECT TOOL COOLNT SPINDL AUTOPS CUTCOM INTOL OUTTOL TOLER "
+        "CLEARP CLRSRF PPFUN SEQNO OPNAME STOP OPSTOP REWIND END FINI NOPOST CLPRNT DELAY DWELL OPSKIP AIR "
+        "PAINT TLDATA HEAD MODE END-OF-PATH OUTPUT PPLOFF PPLON " + " ".join(FREE_TEXT),
+        "arcs": "CIRCLE ARC MOVARC CYLNDR CIRCUL ARCSLP",
+        "canned and relative motions": "CYCLE GOHOME RETRCT GODLTA",
+        "splines": "NURBS SPLINE BSPLIN",
+        "motions along surfaces": "INDIRV INDIRP TLON TLLFT TLRGT PSIS "
+        "GO GOFWD GOBACK GOLFT GORGT GOUP GODOWN",
+        "moved frames": "ORIGIN TRANS ROTATE ROTABL MSYS COPY MATRIX REFSYS",
+        "programs": "MACRO CALL LOOPST LOOPND TERMAC POINT LINE PLANE PATERN",
+    }.items()
+    for word in words.split()
 }
-"""Words that move the tool in ways a list of points does not say."""
+"""Words that are not read: those that move the tool in ways a list of points does not say, and how; the
+others do not move it."""
 KNOWN = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
 
 
@@ -107,7 +64,7 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
     pending = ""
     begin = 0
     remarked = False
-    for number, raw in enumerate(text.splitlines(), start=1):
+    for line, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")
         # Creo writes frames as remarks ("$$->") that continue over lines; they are remarks all the way.
         remarked, swallowed = raw.rstrip().endswith("$") and (remarked or comment.startswith("->")), remarked
@@ -115,14 +72,14 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
             continue
         # Columns 73-80 of a punched card hold a label; CAM systems still print it after the $.
         head, dollar, _ = code.partition("$")
-        begin = begin if pending else number
+        begin = begin if pending else line
         pending += head.strip()
         if dollar and not _is_prose(pending):
             continue
         if pending:
             yield _statement(pending, begin)
         elif comment.strip():
-            yield Statement("", (), number, comment.strip())
+            yield Statement("", (), line, comment.strip())
         pending = ""
     if pending:
         raise InputError(
@@ -189,9 +146,9 @@ def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
         action = _ACTIONS.get(statement.word)
         if action is not None:
             action(machine, statement)
-        elif statement.word.split("=")[-1].strip() in REFUSED:
+        elif WORDS.get(statement.word.split("=")[-1].strip()):
             raise _refusal(machine, statement)
-        elif statement.word.split(maxsplit=1)[0] not in IGNORED:
+        elif WORDS.get(statement.word.split(maxsplit=1)[0]) != "":
             said = f"unknown word '{statement.word[:40]}'. Read are {', '.join(KNOWN)}, points by GOTO."
             unknown(machine.error(statement, said))
     path = machine.path(
@@ -205,7 +162,7 @@ def _refusal(machine: _Machine, statement: Statement) -> InputError:
     """Say why a statement that moves the tool cannot be read."""
     word = statement.word.split("=")[-1].strip()
     why = (
-        f"{word} ({REFUSED.get(word, 'a moved frame')}) is not read. Post-process the path to GOTO points "
+        f"{word} ({WORDS.get(word, 'a moved frame')}) is not read. Post-process the path to GOTO points "
         "in one frame."
     )
     return machine.error(statement, why)
@@ -233,8 +190,8 @@ def _rapid(machine: _Machine, statement: Statement) -> None:
 
 
 def _feed_rate(machine: _Machine, statement: Statement) -> None:
-    words = [word for word in statement.arguments if not _is_number(word)]
-    values = [float(word) for word in statement.arguments if _is_number(word)]
+    words = [word for word in statement.arguments if math.isnan(number(word))]
+    values = [number(word) for word in statement.arguments if word not in words]
     if any(word in PER_TURN for word in words):
         said = f"a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute."
         raise machine.error(statement, said)
@@ -264,7 +221,7 @@ def _tool_axis(machine: _Machine, statement: Statement) -> None:
 
 def _frame(machine: _Machine, statement: Statement) -> None:
     """A frame of the machine's is taken only where it is that of the part."""
-    numbers = [float(word) if _is_number(word) else math.nan for word in statement.arguments]
+    numbers = [number(word) for word in statement.arguments]
     if numbers not in [list(frame[: len(numbers)]) for frame in OWN_FRAME] or len(numbers) not in (3, 9):
         raise _refusal(machine, statement)
 
@@ -291,12 +248,13 @@ def _take_note(machine: _Machine, statement: Statement) -> None:
 
 
 def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
-    text = machine.noted.get(name, "nan")
-    if not _is_number(text):
+    value = number(machine.noted.get(name, ""))
+    if name in machine.noted and math.isnan(value):
         raise InputError(
-            f"'{machine.file}', before line {statement.line}: {name} is noted as '{text}', not a number."
+            f"'{machine.file}', before line {statement.line}: {name} is noted as "
+            f"'{machine.noted[name]}', not a number."
         )
-    return float(text)
+    return value
 
 
 def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> tuple[float, ...]:
@@ -308,17 +266,9 @@ def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> 
         )
         raise machine.error(statement, said)
     for word in statement.arguments:
-        if not _is_number(word) or not math.isfinite(float(word)):
+        if not math.isfinite(number(word)):
             raise machine.error(statement, f"{statement.word}: '{word}' is not a number. Correct the line.")
-    return tuple(float(word) for word in statement.arguments)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return tuple(number(word) for word in statement.arguments)
 
 
 # Paths for CAM systems and postprocessors: APT/CLDATA text (plan -> GOTO points).

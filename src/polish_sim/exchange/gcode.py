@@ -20,47 +20,26 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS
 
 # The words of a G-code file: comments, letters and numbers taken apart (text -> blocks).
 
-REFUSED: dict[str, str] = {
-    **dict.fromkeys(("G2", "G3"), "an arc"),
-    **dict.fromkeys(("G5", "G5.1", "G5.2", "G5.3", "G6.2"), "a spline"),
-    **dict.fromkeys(("G28", "G28.1", "G30", "G30.1", "G53"), "a move in the machine's own coordinates"),
-    **dict.fromkeys(
-        ("G10", "G52", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"), "a moved frame"
-    ),
-    **dict.fromkeys(("G68", "G68.2", "G51", "G92", "G92.1", "G92.2", "G92.3", "G16"), "a moved frame"),
-    **dict.fromkeys(
-        ("G73", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"), "a canned cycle"
-    ),
-    **dict.fromkeys(("G33", "G33.1", "G38.2", "G38.3", "G38.4", "G38.5"), "a synchronised or probing move"),
-    **dict.fromkeys(("G41", "G41.1", "G42", "G42.1"), "cutter compensation"),
-    **dict.fromkeys(("G93", "G95", "G7"), "another way to count feeds or lengths"),
-    **dict.fromkeys(("M97", "M98", "M99"), "a subprogram"),
+WORDS: Mapping[str, str] = {
+    word: what
+    for what, words in {
+        "": "G8 G15 G17 G18 G19 G40 G43 G43.4 G43.5 G49 G50 G54 G61 G61.1 G64 G69 G80 G90.1 G91.1 G94 G96 "
+        "G97 G98 G99 M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M19 M30 M48 M49",
+        "an arc": "G2 G3",
+        "a spline": "G5 G5.1 G5.2 G5.3 G6.2",
+        "a move in the machine's own coordinates": "G28 G28.1 G30 G30.1 G53",
+        "a moved frame": "G10 G16 G51 G52 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G68 G68.2 "
+        "G92 G92.1 G92.2 G92.3",
+        "a canned cycle": "G73 G76 G81 G82 G83 G84 G85 G86 G87 G88 G89",
+        "a synchronised or probing move": "G33 G33.1 G38.2 G38.3 G38.4 G38.5",
+        "cutter compensation": "G41 G41.1 G42 G42.1",
+        "another way to count feeds or lengths": "G93 G95 G7",
+        "a subprogram": "M97 M98 M99",
+    }.items()
+    for word in words.split()
 }
-"""Words that move the tool in ways straight lines between points do not say."""
-IGNORED = frozenset(
-    (
-        *(
-            "G8",
-            "G15",
-            "G17",
-            "G18",
-            "G19",
-            "G40",
-            "G43",
-            "G43.4",
-            "G43.5",
-            "G49",
-            "G50",
-            "G54",
-            "G61",
-            "G61.1",
-            "G64",
-        ),
-        *("G69", "G80", "G90.1", "G91.1", "G94", "G96", "G97", "G98", "G99"),
-        *("M0", "M1", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M19", "M48", "M49"),
-    )
-)
-"""Words that do not move the tool."""
+"""Words that are not read: those that move the tool in ways straight lines between points do not say, and
+how; the others do not move it."""
 SILENT = frozenset("NOSTDH")  #: Letters whose number does not move the tool, whatever it is
 ENDS = frozenset(("M2", "M30"))
 KNOWN = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
@@ -225,14 +204,14 @@ def _set_mode(machine: _Machine, block: GcodeLine, word: Word) -> None:
         machine.unit = UNITS[name]
     elif name in ("G90", "G91"):
         machine.relative = name == "G91"
-    elif name in REFUSED:
+    elif WORDS.get(name):
         raise machine.error(
             block,
             word,
-            f"{name} ({REFUSED[name]}) is not read, and --lenient does not leave out what moves the tool. "
+            f"{name} ({WORDS[name]}) is not read, and --lenient does not leave out what moves the tool. "
             "Post-process the path to G0 and G1 in one frame.",
         )
-    elif name not in IGNORED | ENDS:
+    elif name not in WORDS:
         machine.take_unknown(block, word)
 
 

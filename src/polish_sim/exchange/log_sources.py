@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
@@ -240,7 +240,7 @@ class BagSource:
             raise InputError(
                 f"'{self.file}' is no whole ROS bag ({error}). Was the recording cut?"
             ) from error
-        return _Closing(reader)
+        return closing(reader)
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns."""
@@ -287,16 +287,3 @@ class BagSource:
         parts = [np.asarray(part)[at] if len(part) > max(at) else none
                  for part in (message.position, message.velocity, message.effort)]  # fmt: skip
         return np.concatenate([[time], *parts, *([wrench] if _WRENCH in self.topics else [])])
-
-
-class _Closing:
-    """An open reader that is closed at the end of a block."""
-
-    def __init__(self, reader: Any) -> None:
-        self.reader = reader
-
-    def __enter__(self) -> Any:
-        return self.reader
-
-    def __exit__(self, *_: object) -> None:
-        self.reader.close()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
@@ -23,7 +24,7 @@ from polish_sim.exchange.way_points import (
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
 from polish_sim.row_file import whole_file
-from polish_sim.tables import Columns, Place, csv_text, finite_column
+from polish_sim.tables import Columns, csv_text
 
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh
@@ -41,25 +42,18 @@ MM = 1e-3
 NEAR = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
 
 
-class Table(NamedTuple):
-    """Columns of text with the places their rows came from."""
+class Points(Columns):
+    """Columns of a path's points."""
 
-    file: Path
-    columns: Mapping[str, Sequence[str]]
-    place: Place
-
-    def numbers(self, *names: str) -> Array:
-        """The finite numbers of some columns, shape (n, k)."""
-        return np.stack(
-            [finite_column(self.file, name, self.columns[name], self.place) for name in names], axis=1
-        )
+    def place(self, row: int) -> str:
+        """Where a point stands; in a path.json there are no lines."""
+        return f"line {self.lines[row]}, point {row + 1}" if self.lines else f"point {row + 1}"
 
 
 def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read path.csv or a plain CSV without blank lines and # comments; InputError names a wrong line or
     column."""
-    columns = Columns.parse(file, text, "point")
-    return _path_of(Table(file, columns.texts, lambda row: f"{columns.place(row)}, point {row + 1}"))
+    return _path_of(Points.parse(file, text, "point"))
 
 
 def read_path_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
@@ -76,7 +70,7 @@ def read_path_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
         said = ", ".join(f"{name} has {count}" for name, count in lengths.items())
         raise InputError(f"'{file}': columns of unequal length ({said}). Give a path.json made by 'plan'.")
     columns = {str(name): [str(value) for value in column] for name, column in table.items()}
-    return _path_of(Table(file, columns, lambda row: f"point {row + 1}"))
+    return _path_of(Points(file, columns, ()))
 
 
 def path_columns(path: ToolPath) -> dict[str, list[Any]]:
@@ -92,68 +86,55 @@ def path_columns(path: ToolPath) -> dict[str, list[Any]]:
     return table
 
 
-def _path_of(table: Table) -> WayPoints:
-    readers: dict[tuple[str, ...], Callable[[Table], ToolPath]] = {OWN: _own_path, PLAIN: _plain_path}
-    for names, reader in readers.items():
-        if set(names) <= set(table.columns):
-            return WayPoints(reader(table), table.file, table.place)
-    raise InputError(
-        f"'{table.file}' has the columns {', '.join(table.columns)}. Wanted: {', '.join(PLAIN)} "
-        f"(mm, unit tool axis from the part to the tool), or {', '.join(OWN)}."
+def _path_of(table: Points) -> WayPoints:
+    """The path of a path.csv or path.json, or of a plain table, all of whose points are in contact."""
+    own = set(OWN) <= set(table.texts)
+    if not own and not set(PLAIN) <= set(table.texts):
+        raise InputError(
+            f"'{table.file}' has the columns {', '.join(table.texts)}. Wanted: {', '.join(PLAIN)} "
+            f"(mm, unit tool axis from the part to the tool), or {', '.join(OWN)}."
+        )
+    names, unit, force, feed = (OWN[1:7], 1.0, FORCE, FEED) if own else (PLAIN, MM, PLAIN_FORCE, PLAIN_FEED)
+    positions = table.numbers(names[:3]) * unit
+    if own:
+        refuse_unsorted(table.file, OWN[0], table.numbers(OWN[:1])[:, 0], table.place)
+    axes = unit_axes(table.file, names[3:], table.numbers(names[3:]), table.place)
+    bent = own and CURVATURE in table.texts
+    path = ToolPath(
+        positions,
+        axes,
+        checked_length(table.file, positions, table.place),
+        _pass_numbers(table) if own else np.zeros(len(axes), dtype=np.int64),
+        _segments(table) if own else np.full(len(axes), PROCESS, dtype=np.int8),
+        table.numbers([CURVATURE])[:, 0] if bent else np.zeros(len(axes)),
+        _wish(table, force, 1.0),
+        _wish(table, feed, unit),
     )
+    return WayPoints(path, table.file, table.place)
 
 
-def _own_path(table: Table) -> ToolPath:
-    positions = table.numbers(*OWN[1:4])
-    refuse_unsorted(table.file, OWN[0], table.numbers(OWN[0])[:, 0], table.place)
-    axes = unit_axes(table.file, OWN[4:7], table.numbers(*OWN[4:7]), table.place)
-    names = [name.strip() for name in table.columns["segment"]]
+def _segments(table: Points) -> NDArray[np.int8]:
+    names = [name.strip() for name in table.texts["segment"]]
     for row, name in enumerate(names):
         if name not in SEGMENTS:
             known = ", ".join(SEGMENTS)
             raise InputError(f"'{table.file}', {table.place(row)}: unknown segment '{name}'. Known: {known}.")
-    curvature = table.numbers(CURVATURE)[:, 0] if CURVATURE in table.columns else np.zeros(len(positions))
-    return ToolPath(
-        positions,
-        axes,
-        checked_length(table.file, positions, table.place),
-        _pass_numbers(table),
-        np.array([SEGMENTS.index(name) for name in names], dtype=np.int8),
-        curvature,
-        _wish(table, FORCE, 1.0),
-        _wish(table, FEED, 1.0),
-    )
+    return np.array([SEGMENTS.index(name) for name in names], dtype=np.int8)
 
 
-def _plain_path(table: Table) -> ToolPath:
-    positions = table.numbers(*PLAIN[:3]) * MM
-    axes = unit_axes(table.file, PLAIN[3:], table.numbers(*PLAIN[3:]), table.place)
-    count = len(positions)
-    return ToolPath(
-        positions,
-        axes,
-        checked_length(table.file, positions, table.place),
-        np.zeros(count, dtype=np.int64),
-        np.full(count, PROCESS, dtype=np.int8),
-        np.zeros(count),
-        _wish(table, PLAIN_FORCE, 1.0),
-        _wish(table, PLAIN_FEED, MM),
-    )
-
-
-def _wish(table: Table, name: str, unit: float) -> Array | None:
+def _wish(table: Points, name: str, unit: float) -> Array | None:
     """Force or feed of every point where the file has that column."""
-    if name not in table.columns:
+    if name not in table.texts:
         return None
-    return unit * positive_column(table.file, name, table.numbers(name)[:, 0], table.place)
+    return unit * positive_column(table.file, name, table.numbers([name])[:, 0], table.place)
 
 
-def _pass_numbers(table: Table) -> Indices:
-    values = table.numbers("pass_index")[:, 0]
+def _pass_numbers(table: Points) -> Indices:
+    values = table.numbers(["pass_index"])[:, 0]
     wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**31))
     if len(wrong):
         where = table.place(int(wrong[0]))
-        text = table.columns["pass_index"][wrong[0]]
+        text = table.texts["pass_index"][wrong[0]]
         raise InputError(f"'{table.file}', {where}: pass_index is '{text}', wanted a whole number.")
     return values.astype(np.int64)
 
@@ -220,7 +201,7 @@ def _file_facts(mesh: PartMesh) -> dict[str, str]:
 
 
 def _metadata(result: PlanResult) -> dict[str, Any]:
-    from polish_sim.planning.ground.points import thin
+    from polish_sim.planning.points import thin
 
     mesh = result.mesh
     plan = result.plan

@@ -13,6 +13,7 @@ from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot, minus, plus, scaled
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import into_plane, rotation_to_axis, unit
@@ -222,26 +223,20 @@ def _keep(
 
 @njit
 def _straight(
-    positions: Array, axes: Array, first: int, end: int, chord: float, cosine: float, longest: float
+    positions: Array, axes: Array, first: int, end: int, chord_m: float, cosine: float, longest: float
 ) -> bool:
     """Whether one move from a row to another leaves out only points it passes close by."""
     if end == first + 1:
         return True
-    length = 0.0
-    for k in range(3):
-        length += (positions[end, k] - positions[first, k]) ** 2
+    chord = minus(positions[end], positions[first])
+    length = dot(chord, chord)
     if length > longest * longest:
         return False
     for row in range(first + 1, end):
-        along = gap = one = other = 0.0
-        for k in range(3):
-            along += (positions[row, k] - positions[first, k]) * (positions[end, k] - positions[first, k])
-            one += axes[row, k] * axes[first, k]
-            other += axes[row, k] * axes[end, k]
-        share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
-        for k in range(3):
-            foot = positions[first, k] + share * (positions[end, k] - positions[first, k])
-            gap += (positions[row, k] - foot) ** 2
-        if gap > chord * chord or one < cosine or other < cosine:
+        away = minus(positions[row], positions[first])
+        share = min(max(dot(away, chord) / length, 0.0), 1.0) if length > 0.0 else 0.0
+        beside = minus(positions[row], plus(positions[first], scaled(share, chord)))
+        lean = min(dot(axes[row], axes[first]), dot(axes[row], axes[end]))
+        if dot(beside, beside) > chord_m * chord_m or lean < cosine:
             return False
     return True

@@ -25,9 +25,9 @@ from polish_sim.page.page import (
     page_html,
 )
 from polish_sim.planning import PlanResult, ToolPath
-from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
+from polish_sim.planning.triangulation import triangulate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).

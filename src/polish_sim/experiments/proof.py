@@ -48,7 +48,7 @@ from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Pl
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
-from polish_sim.planning.moves.leave_out import Remaining, lift_over
+from polish_sim.planning.moves.stroke import Remaining, lift_over
 from polish_sim.planning.part_plan import (
     EASED,
     IN_PART,

@@ -13,7 +13,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, dots, next_corners, norms
 from polish_sim.kernel_cache import njit
-from polish_sim.spatial import unit
+from polish_sim.spatial import into_plane, unit
 
 EDGE_MIDDLES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])  #: Barycentric, by edge
 _AGREEMENT = np.cos(np.radians(15.0))
@@ -37,6 +37,13 @@ def edge_control(start: Array, end: Array, start_way: Array, end_way: Array) -> 
     facets is 100 times as far off.
     """
     return 2.0 * edge_middle(start, end, start_way, end_way) - 0.5 * (start + end)
+
+
+def edge_along(start: Array, end: Array, start_normal: Array, end_normal: Array) -> Array:
+    """Control points of curves between points along a surface, by unit normals there (paper 1, eq. 3, 4)."""
+    chord = end - start
+    ways = (unit(into_plane(chord, normal)) for normal in (start_normal, end_normal))
+    return edge_control(start, end, *ways)
 
 
 def edge_points(start: Array, middle: Array, end: Array, share: Array) -> Array:

@@ -77,11 +77,6 @@ def _build(lows, highs, centers, items, low, high, right, first, size):  # type:
         middle = _split(items, begin, end, centers, lows, highs) if depth < DEEPEST else begin
         if middle == begin or middle == end:  # noqa: SIM109  (a tuple takes longer to compile)
             middle = (begin + end) // 2
-            axis = 0
-            for k in range(1, 3):
-                if high[node, k] - low[node, k] > high[node, axis] - low[node, axis]:
-                    axis = k
-            _select(items, centers, axis, begin, end - 1, middle)
         # The left child, on top, is the next node; the right one writes its number to its parent.
         begins[top], ends[top], parents[top], depths[top] = middle, end, node, depth + 1
         begins[top + 1], ends[top + 1], parents[top + 1], depths[top + 1] = begin, middle, -1, depth + 1
@@ -156,35 +151,12 @@ def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-unty
         cost[b] = total * (x * y + y * z + z * x) if total > 0 else 0.0
 
 
-@njit
-def _select(items, centers, axis, begin, end, wanted):  # type: ignore[no-untyped-def]
-    """Quickselect: bring the item of rank ``wanted`` to its place, smaller ones before it."""
-    while end > begin:
-        pivot = centers[items[(begin + end) // 2], axis]
-        i, j = begin, end
-        while i <= j:
-            while centers[items[i], axis] < pivot:
-                i += 1
-            while centers[items[j], axis] > pivot:
-                j -= 1
-            if i <= j:
-                items[i], items[j] = items[j], items[i]
-                i += 1
-                j -= 1
-        if wanted <= j:
-            end = j
-        elif wanted >= i:
-            begin = i
-        else:
-            return
-
-
 @njit(inline="always")
-def box_distance2(low, high, node, x, y, z):  # type: ignore[no-untyped-def]
+def box_distance2(low, high, node, point):  # type: ignore[no-untyped-def]
     """Squared distance of a point to a node's box [m^2]."""
-    dx = max(low[node, 0] - x, 0.0, x - high[node, 0])
-    dy = max(low[node, 1] - y, 0.0, y - high[node, 1])
-    dz = max(low[node, 2] - z, 0.0, z - high[node, 2])
+    dx = max(low[node, 0] - point[0], 0.0, point[0] - high[node, 0])
+    dy = max(low[node, 1] - point[1], 0.0, point[1] - high[node, 1])
+    dz = max(low[node, 2] - point[2], 0.0, point[2] - high[node, 2])
     return dx * dx + dy * dy + dz * dz
 
 
@@ -192,8 +164,8 @@ _CANDIDATES = 32
 
 
 @njit
-def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
-    """Closest point of all patches (m, 6, 3) to (x, y, z) [m]: squared distance [m^2], facet (-1 if none), u,
+def closest_in_tree(control, tree, point, hint, limit):  # type: ignore[no-untyped-def]
+    """Closest point of all patches (m, 6, 3) to a point [m]: squared distance [m^2], facet (-1 if none), u,
     v.
 
     Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches.
@@ -201,13 +173,13 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
     """
     best, facet, best_u, best_v = limit * limit, -1, 0.0, 0.0
     if hint >= 0:
-        distance2, u, v = closest_on_patch(control[hint], x, y, z)
+        distance2, u, v = closest_on_patch(control[hint], point)
         if distance2 < best:
             best, facet, best_u, best_v = distance2, hint, u, v
     upper = np.sqrt(best)
     nodes, bounds = np.empty(64, np.int32), np.empty(64)
     items, lowers, found = np.empty(_CANDIDATES, np.int32), np.empty(_CANDIDATES), 0
-    nodes[0], bounds[0] = 0, box_distance2(tree.low, tree.high, 0, x, y, z)
+    nodes[0], bounds[0] = 0, box_distance2(tree.low, tree.high, 0, point)
     top = 1
     while top > 0:
         top -= 1
@@ -215,12 +187,12 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
             continue
         node = nodes[top]
         if tree.right[node] >= 0:
-            _push_children(tree, node, x, y, z, nodes, bounds, top)
+            _push_children(tree, node, point, nodes, bounds, top)
             top += 2
             continue
         for i in range(tree.first[node], tree.first[node] + tree.size[node]):
             item = tree.items[i]
-            flat = np.sqrt(flat_distance2(control[item], x, y, z))
+            flat = np.sqrt(flat_distance2(control[item], point))
             if item == hint or flat - tree.bulge[item] > upper:
                 continue
             upper = min(upper, flat + tree.bulge[item])
@@ -229,49 +201,48 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
             found += 1
             if found == _CANDIDATES:
                 best, facet, best_u, best_v = _best_of(
-                    control, items, lowers, found, x, y, z, best, facet, best_u, best_v
+                    control, items, lowers, found, point, best, facet, best_u, best_v
                 )
                 upper, found = min(upper, np.sqrt(best)), 0
-    return _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v)
+    return _best_of(control, items, lowers, found, point, best, facet, best_u, best_v)
 
 
 @njit
 def _best_of(  # type: ignore[no-untyped-def]
-    control, items, lowers, found, x, y, z, best, facet, best_u, best_v
+    control, items, lowers, found, point, best, facet, best_u, best_v
 ):
     """Closest of the best so far and some candidates, the last found first: it is usually the closest."""
     for i in range(found - 1, -1, -1):
         if lowers[i] > 0.0 and lowers[i] * lowers[i] > best:
             continue
-        distance2, u, v = closest_on_patch(control[items[i]], x, y, z)
+        distance2, u, v = closest_on_patch(control[items[i]], point)
         if distance2 < best:
             best, facet, best_u, best_v = distance2, items[i], u, v
     return best, facet, best_u, best_v
 
 
 @njit(inline="always")
-def _push_children(tree, node, x, y, z, nodes, bounds, top):  # type: ignore[no-untyped-def]
+def _push_children(tree, node, point, nodes, bounds, top):  # type: ignore[no-untyped-def]
     """Put both children of a node on the stack, the closer one on top."""
     left, right = node + 1, tree.right[node]
-    left_bound = box_distance2(tree.low, tree.high, left, x, y, z)
-    right_bound = box_distance2(tree.low, tree.high, right, x, y, z)
+    left_bound = box_distance2(tree.low, tree.high, left, point)
+    right_bound = box_distance2(tree.low, tree.high, right, point)
     left_first = left_bound < right_bound
     if left_bound == right_bound:
         # Within both boxes: try the one whose middle is nearer.
-        left_first = _to_middle(tree, left, x, y, z) < _to_middle(tree, right, x, y, z)
+        left_first = _to_middle(tree, left, point) < _to_middle(tree, right, point)
     near, far = (1, 0) if left_first else (0, 1)
     nodes[top + near], bounds[top + near] = left, left_bound
     nodes[top + far], bounds[top + far] = right, right_bound
 
 
 @njit(inline="always")
-def _to_middle(tree, node, x, y, z):  # type: ignore[no-untyped-def]
+def _to_middle(tree, node, point):  # type: ignore[no-untyped-def]
     """Squared distance to the middle of a box, in units of half of it along each axis."""
     total = 0.0
     for k in range(3):
-        q = x if k == 0 else (y if k == 1 else z)
         low, high = tree.low[node, k], tree.high[node, k]
-        d = 2.0 * q - low - high
+        d = 2.0 * point[k] - low - high
         total += d * d / max((high - low) ** 2, 1e-300)
     return total
 
@@ -282,9 +253,8 @@ def closest_points(control, tree, points, hints):  # type: ignore[no-untyped-def
     facets = np.empty(len(points), np.int32)
     barycentric = np.empty((len(points), 3))
     for i in range(len(points)):
-        _, facet, u, v = closest_in_tree(
-            control, tree, points[i, 0], points[i, 1], points[i, 2], hints[i], np.inf
-        )
+        place = points[i, 0], points[i, 1], points[i, 2]
+        _, facet, u, v = closest_in_tree(control, tree, place, hints[i], np.inf)
         facets[i] = facet
         barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = u, v, 1.0 - u - v
     return facets, barycentric

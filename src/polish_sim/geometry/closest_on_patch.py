@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Triple, Vector, dot, kernel, minus, plus, scaled
 
 _STEPS = 24
 _STEP_DONE = 1e-13
@@ -12,23 +13,23 @@ _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 
 @njit
-def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
-    """Closest point of one patch (6, 3) to (x, y, z) [m]: squared distance [m^2] and barycentric coordinates
+def closest_on_patch(patch, point):  # type: ignore[no-untyped-def]
+    """Closest point of one patch (6, 3) to a point [m]: squared distance [m^2] and barycentric coordinates
     u, v.
 
     Newton's method on the whole quadratic first; where it ends outside the triangle, the three edges.
     """
-    u, v, settled = _newton(patch, x, y, z)
+    u, v, settled = _newton(patch, point)
     w = 1.0 - u - v
     if settled and u >= 0.0 and v >= 0.0 and w >= 0.0:
-        return _distance2(patch, u, v, x, y, z), u, v
+        return _distance2(patch, u, v, point), u, v
     best, best_u, best_v = np.inf, 0.0, 0.0
     for edge in range(3):
         # The closest point lies on an edge that the stationary point is beyond.
         beyond = w if edge == 0 else (u if edge == 1 else v)
         if settled and beyond > 0.0:
             continue
-        t, distance2 = _closest_on_edge(patch, edge, x, y, z)
+        t, distance2 = _closest_on_edge(patch, edge, point)
         if distance2 < best:
             best = distance2
             best_u, best_v = on_edge(edge, t)
@@ -46,19 +47,30 @@ def on_edge(edge, t):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
+def blossom(patch, u, v, w):  # type: ignore[no-untyped-def]
+    """Points a, b, c: a patch's point is u a + v b + w c, its derivatives are 2 (a - c) and 2 (b - c)."""
+    p0, p1, p2, p3, p4, p5 = patch[0], patch[1], patch[2], patch[3], patch[4], patch[5]
+    return (
+        weighted(u, p0, v, p3, w, p5),
+        weighted(u, p3, v, p1, w, p4),
+        weighted(u, p5, v, p4, w, p2),
+    )
+
+
+@kernel
+def weighted(u: float, a: Vector, v: float, b: Vector, w: float, c: Vector) -> Triple:
+    """u a + v b + w c."""
+    return plus(plus(scaled(u, a), scaled(v, b)), scaled(w, c))  # type: ignore[no-any-return]
+
+
+@njit
+def _newton(patch, point):  # type: ignore[no-untyped-def]
     """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a
     minimum."""
-    guu = guv = gvv = 0.0
-    ru = rv = 0.0
-    for k in range(3):
-        q = x if k == 0 else (y if k == 1 else z)
-        eu, ev = patch[0, k] - patch[2, k], patch[1, k] - patch[2, k]
-        guu += eu * eu
-        guv += eu * ev
-        gvv += ev * ev
-        ru += eu * (q - patch[2, k])
-        rv += ev * (q - patch[2, k])
+    p0, p1, p2, p3, p4, p5 = patch[0], patch[1], patch[2], patch[3], patch[4], patch[5]
+    eu, ev, away = minus(p0, p2), minus(p1, p2), minus(point, p2)
+    guu, guv, gvv = dot(eu, eu), dot(eu, ev), dot(ev, ev)
+    ru, rv = dot(eu, away), dot(ev, away)
     det = guu * gvv - guv * guv
     if det <= 1e-28 * guu * gvv:
         return 0.0, 0.0, False
@@ -66,34 +78,29 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
     u = min(max((gvv * ru - guv * rv) / det, -0.2), 1.2)
     v = min(max((guu * rv - guv * ru) / det, -0.2), 1.2)
     settled = False
+    bend_u, bend_v = plus(minus(p0, scaled(2.0, p5)), p2), plus(minus(p1, scaled(2.0, p4)), p2)
+    bend_uv = plus(minus(minus(p3, p5), p4), p2)
     for _ in range(_STEPS):
         w = 1.0 - u - v
-        fu = fv = huu = huv = hvv = quu = quv = qvv = 0.0
-        for k in range(3):
-            q = x if k == 0 else (y if k == 1 else z)
-            p0, p1, p2 = patch[0, k], patch[1, k], patch[2, k]
-            p3, p4, p5 = patch[3, k], patch[4, k], patch[5, k]
-            a, b, c = u * p0 + v * p3 + w * p5, u * p3 + v * p1 + w * p4, u * p5 + v * p4 + w * p2
-            r = u * a + v * b + w * c - q
-            du, dv = 2.0 * (a - c), 2.0 * (b - c)
-            fu += r * du
-            fv += r * dv
-            huu += du * du
-            huv += du * dv
-            hvv += dv * dv
-            quu += r * 2.0 * (p0 - 2.0 * p5 + p2)
-            quv += r * 2.0 * (p3 - p5 - p4 + p2)
-            qvv += r * 2.0 * (p1 - 2.0 * p4 + p2)
-        a, b, c = huu + quu, huv + quv, hvv + qvv
-        det = a * c - b * b
-        convex = a > 0.0 and det > 1e-6 * huu * hvv
+        a, b, c = blossom(patch, u, v, w)
+        r = minus(weighted(u, a, v, b, w, c), point)
+        du, dv = scaled(2.0, minus(a, c)), scaled(2.0, minus(b, c))
+        fu, fv = dot(r, du), dot(r, dv)
+        huu, huv, hvv = dot(du, du), dot(du, dv), dot(dv, dv)
+        twice = scaled(2.0, r)
+        quu = dot(twice, bend_u)
+        quv = dot(twice, bend_uv)
+        qvv = dot(twice, bend_v)
+        suu, suv, svv = huu + quu, huv + quv, hvv + qvv
+        det = suu * svv - suv * suv
+        convex = suu > 0.0 and det > 1e-6 * huu * hvv
         if not convex:
             # The Gauss-Newton step goes downhill.
-            a, b, c = huu, huv, hvv
-            det = a * c - b * b
+            suu, suv, svv = huu, huv, hvv
+            det = suu * svv - suv * suv
             if det <= 1e-28 * huu * hvv:
                 return u, v, False
-        su, sv = (c * fu - b * fv) / det, (a * fv - b * fu) / det
+        su, sv = (svv * fu - suv * fv) / det, (suu * fv - suv * fu) / det
         size = max(abs(su), abs(sv))
         if size > 0.5:
             su, sv = 0.5 * su / size, 0.5 * sv / size
@@ -108,31 +115,29 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _distance2(patch, u, v, x, y, z):  # type: ignore[no-untyped-def]
+def _distance2(patch, u, v, point):  # type: ignore[no-untyped-def]
     w = 1.0 - u - v
     total = 0.0
     for k in range(3):
-        q = x if k == 0 else (y if k == 1 else z)
         r = (
             u * u * patch[0, k]
             + v * v * patch[1, k]
             + w * w * patch[2, k]
             + 2.0 * (u * v * patch[3, k] + v * w * patch[4, k] + w * u * patch[5, k])
-            - q
+            - point[k]
         )
         total += r * r
     return total
 
 
 @njit
-def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
+def _closest_on_edge(patch, edge, point):  # type: ignore[no-untyped-def]
     """Closest point of an edge: its parameter from corner ``edge`` on, and the squared distance."""
     last = (edge + 1) % 3
     # |c0 + c1 t + c2 t^2|^2 as a polynomial of degree four in t.
     q0 = q1 = q2 = q3 = q4 = 0.0
     for k in range(3):
-        q = x if k == 0 else (y if k == 1 else z)
-        c0 = patch[edge, k] - q
+        c0 = patch[edge, k] - point[k]
         c1 = 2.0 * (patch[3 + edge, k] - patch[edge, k])
         c2 = patch[edge, k] - 2.0 * patch[3 + edge, k] + patch[last, k]
         q0 += c0 * c0
@@ -170,21 +175,17 @@ def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
     total = 0.0
     s = 1.0 - t
     for k in range(3):
-        q = x if k == 0 else (y if k == 1 else z)
-        r = s * s * patch[edge, k] + 2.0 * s * t * patch[3 + edge, k] + t * t * patch[last, k] - q
+        r = s * s * patch[edge, k] + 2.0 * s * t * patch[3 + edge, k] + t * t * patch[last, k] - point[k]
         total += r * r
     return t, total
 
 
 @njit
-def flat_distance2(patch, x, y, z):  # type: ignore[no-untyped-def]
+def flat_distance2(patch, point):  # type: ignore[no-untyped-def]
     """Squared distance to the flat triangle of a patch's corners [m^2]."""
-    ax, ay, az = patch[0, 0] - patch[2, 0], patch[0, 1] - patch[2, 1], patch[0, 2] - patch[2, 2]
-    bx, by, bz = patch[1, 0] - patch[2, 0], patch[1, 1] - patch[2, 1], patch[1, 2] - patch[2, 2]
-    px, py, pz = x - patch[2, 0], y - patch[2, 1], z - patch[2, 2]
-    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
-    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
-    pp = px * px + py * py + pz * pz
+    a, b, p = minus(patch[0], patch[2]), minus(patch[1], patch[2]), minus(point, patch[2])
+    aa, ab, bb = dot(a, a), dot(a, b), dot(b, b)
+    pa, pb, pp = dot(p, a), dot(p, b), dot(p, p)
     det = aa * bb - ab * ab
     u, v = bb * pa - ab * pb, aa * pb - ab * pa
     if u >= 0.0 and v >= 0.0 and u + v <= det and det > 0.0:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, joined, next_corners, norms
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
@@ -33,7 +33,13 @@ class CutFacets(NamedTuple):
 
     parents: Ints  #: Parent facet, shape (k,)
     barycentric: Array  #: Corners in the parent, shape (k, 3, 3)
-    faces: Ints  #: Vertex numbers; cut points are numbered after the vertices, shape (k, 3)
+    faces: Indices  #: Vertex numbers; cut points are numbered after the vertices, shape (k, 3)
+
+
+def whole_facets(surface: Surface, facets: Ints) -> CutFacets:
+    """Facets (k,) as they are."""
+    corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
+    return CutFacets(facets, corners, surface.faces[facets].astype(np.int64))
 
 
 def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
@@ -72,9 +78,8 @@ def _cut_apart(
     if len(crossed) == 0:
         return Clipped(surface if len(kept) == len(surface.faces) else surface.restrict(kept), kept)
     cut_at, cut_vertex, count = _edge_cuts(surface, values, sides[0])
-    untouched = CutFacets(kept, np.broadcast_to(np.eye(3), (len(kept), 3, 3)), surface.faces[kept])
     pieces = (_cut_facets(surface, crossed, side, cut_at, cut_vertex) for side in sides)
-    cut = CutFacets(*(np.concatenate(arrays) for arrays in zip(untouched, *pieces, strict=True)))
+    cut = CutFacets(*joined([whole_facets(surface, kept), *pieces]))
     return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
 
 
@@ -126,7 +131,7 @@ def _cut_facets(
             parents.append(int(facet))
             corners.append([points[i] for i in triangle])
             faces.append([numbers[i] for i in triangle])
-    return CutFacets(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
+    return CutFacets(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int64))
 
 
 def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
@@ -191,7 +196,7 @@ class Edges(NamedTuple):
     of_facet: Indices  #: Number of the edge from corner k to corner k + 1, shape (m, 3)
 
 
-def find_edges(faces: Ints) -> Edges:
+def find_edges(faces: Ints | Indices) -> Edges:
     """List the edges of triangles, faces (m, 3)."""
     start, end = faces.astype(np.int64), next_corners(faces).astype(np.int64)
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -215,56 +220,44 @@ def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
         marked[longest[touched]] = True
 
 
-def halve_edges(cut: CutFacets, places: Array, edges: Edges, marked: Bools) -> tuple[CutFacets, Indices]:
-    """Halve the marked edges (e,) and split the triangles beside them.
+#: What a triangle is split into by how many edges are halved, those first: corners 0, 1, 2, and 3, 4, 5
+#: the middles of edges 0-1, 1-2, 2-0
+_HALVED = (
+    ((0, 1, 2),),
+    ((0, 3, 2), (3, 1, 2)),
+    ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
+    ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+)
+_OTHER_DIAGONAL = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
+ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not decide how patches are split
 
-    ``places`` (n, 3) [m] are the vertices' positions, which decide between diagonals. Returns the triangles,
-    and where the middle of each halved edge is found: rows of (facet, edge) of the triangles given, shape (k,
-    2). New vertices are numbered in that order after the n old ones.
+
+def halve_edges(
+    surface: Surface, cut: CutFacets, places: Array, split: Indices, facet: Indices, edge: Indices
+) -> tuple[CutFacets, Array]:
+    """Split triangles without gaps at the middles of some of their edges: triangles and vertices [m].
+
+    ``split`` (m, 3) are the numbers of the new vertices, which follow those of ``places`` (n, 3) [m], -1
+    where an edge stays whole; they are the middles of edges ``edge`` of triangles ``facet`` (k,), in order.
     """
-    number = np.full(len(marked), -1, dtype=np.int64)
-    number[marked] = len(places) + np.arange(int(marked.sum()))
-    halves = marked[edges.of_facet]
-    ids = np.concatenate([cut.faces, number[edges.of_facet]], axis=1)
-    middles = 0.5 * (cut.barycentric + next_corners(cut.barycentric))
-    nodes = np.concatenate([cut.barycentric, middles], axis=1)
-    rows, corners = [np.flatnonzero(~halves.any(axis=1))], [np.array([[0, 1, 2]])]
-    for turn in range(3):
-        pattern = np.roll(halves, -turn, axis=1)
-        one = np.flatnonzero(pattern[:, 0] & ~pattern[:, 1] & ~pattern[:, 2])
-        two = np.flatnonzero(pattern[:, 0] & pattern[:, 1] & ~pattern[:, 2])
-        first = _first_diagonal(places, cut, two, turn)
-        rows += [one, two[first], two[~first]]
-        corners += [_turned(fan, turn) for fan in (_HALVED_ONE, _HALVED_TWO, _HALVED_TWO_OTHERWISE)]
-    rows.append(np.flatnonzero(halves.all(axis=1)))
-    corners.append(_HALVED_THREE)
-    facets = np.concatenate([np.repeat(r, len(c)) for r, c in zip(rows, corners, strict=True)])
-    local = np.concatenate([np.tile(c, (len(r), 1)) for r, c in zip(rows, corners, strict=True)])
-    parts = CutFacets(
-        cut.parents[facets],
-        nodes[facets[:, None], local],
-        ids[facets[:, None], local].astype(cut.faces.dtype),
-    )
-    _, first_at = np.unique(edges.of_facet.ravel(), return_index=True)
-    at = first_at[marked]
-    return parts, np.stack([at // 3, at % 3], axis=1)
-
-
-# Corners 0, 1, 2; the middles of edges 0-1, 1-2, 2-0 are 3, 4, 5.
-_HALVED_ONE = np.array([[0, 3, 2], [3, 1, 2]])
-_HALVED_TWO = np.array([[3, 1, 4], [0, 3, 4], [0, 4, 2]])
-_HALVED_TWO_OTHERWISE = np.array([[3, 1, 4], [0, 3, 2], [3, 4, 2]])
-_HALVED_THREE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
-
-
-def _turned(fan: Indices, turn: int) -> Indices:
-    """The same triangles with corner ``turn`` in place of corner 0."""
-    return np.where(fan < 3, (fan + turn) % 3, 3 + (fan + turn) % 3)
-
-
-def _first_diagonal(places: Array, cut: CutFacets, facets: Indices, turn: int) -> Bools:
-    """Whether the diagonal from corner 0 to the middle of edge 1 is the shorter one."""
-    corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
-    one = norms(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]))
-    other = norms(corner[:, 2] - 0.5 * (corner[:, 0] + corner[:, 1]))
-    return one <= _EQUAL * other
+    weights = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
+    places = np.concatenate([places, surface.evaluate(cut.parents[facet], weights).positions])
+    nodes = np.concatenate([cut.barycentric, 0.5 * (cut.barycentric + next_corners(cut.barycentric))], axis=1)
+    ids = np.concatenate([cut.faces, split], axis=1)
+    count = (split >= 0).sum(axis=1)
+    parts = []
+    for number, pieces in enumerate(_HALVED):
+        rows = np.flatnonzero(count == number)
+        # Turn each triangle so that its halved edges stand first.
+        halved = split[rows] >= 0
+        turn = np.argmax(halved & ~np.roll(halved, 1, axis=1), axis=1)[:, None] + np.arange(3)
+        order = np.concatenate([turn % 3, 3 + turn % 3], axis=1)
+        first, others, row = np.ones((len(rows), 1), dtype=bool), pieces, rows[:, None]
+        if number == 2:  # what is left beside the corner between both edges is cut along its shorter diagonal
+            others, corners = _OTHER_DIAGONAL, ids[row, order]
+            one = norms(places[corners[:, 0]] - places[corners[:, 4]])
+            first = (one <= ALIKE * norms(places[corners[:, 2]] - places[corners[:, 3]]))[:, None]
+        for piece, other in zip(pieces, others, strict=True):
+            at = np.take_along_axis(order, np.where(first, piece, other), 1)
+            parts.append((cut.parents[rows], nodes[row, at], ids[row, at]))
+    return CutFacets(*joined(parts)), places

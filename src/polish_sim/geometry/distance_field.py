@@ -15,11 +15,11 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import ConfigError
 from polish_sim.geometry.closest import BoxTree, closest_in_tree
-from polish_sim.geometry.closest_on_patch import on_edge
+from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross
+from polish_sim.kernels import cross, dot, minus, plus
 
 _ON_EDGE = 1e-9
 _MOST_NODES = 400_000_000
@@ -59,20 +59,21 @@ def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
     hint = -1
     for i in range(len(points)):
         # Neighbours in the list are mostly neighbours in space: the last facet saves time.
-        distances[i], facets[i] = signed_distance(skin, points[i, 0], points[i, 1], points[i, 2], hint, limit)
+        place = points[i, 0], points[i, 1], points[i, 2]
+        distances[i], facets[i] = signed_distance(skin, place, hint, limit)
         if facets[i] >= 0:
             hint = facets[i]
     return distances, facets
 
 
 @njit
-def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
+def signed_distance(skin, point, hint, limit):  # type: ignore[no-untyped-def]
     """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
-    distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, x, y, z, np.int32(hint), limit)
+    distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, point, np.int32(hint), limit)
     if facet < 0:
         return limit, facet
-    px, py, pz, nx, ny, nz = _point_and_side(skin, facet, u, v)
-    side = (x - px) * nx + (y - py) * ny + (z - pz) * nz
+    foot, outwards = _point_and_side(skin, facet, u, v)
+    side = dot(minus(point, foot), outwards)
     distance = np.sqrt(distance2)
     return (-distance if side < 0.0 else distance), facet
 
@@ -81,44 +82,32 @@ def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
 def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
     """The closest point and a vector towards outside; a zero vector at borders."""
     w = 1.0 - u - v
-    px, py, pz, nx, ny, nz = _point_and_normal(skin.control[facet], u, v)
+    foot, outwards = _point_and_normal(skin.control[facet], u, v)
     on_first, on_second, on_third = w < _ON_EDGE, u < _ON_EDGE, v < _ON_EDGE  # edges 0-1, 1-2, 2-0
     count = int(on_first) + int(on_second) + int(on_third)
     if count == 1:
         edge = 0 if on_first else (1 if on_second else 2)
         other = skin.neighbours[facet, edge]
         if other < 0:
-            return px, py, pz, 0.0, 0.0, 0.0
+            return foot, (0.0, 0.0, 0.0)
         along = v if edge == 0 else (w if edge == 1 else u)
         other_u, other_v = on_edge(skin.neighbour_edges[facet, edge], 1.0 - along)
-        _, _, _, mx, my, mz = _point_and_normal(skin.control[other], other_u, other_v)
-        nx, ny, nz = nx + mx, ny + my, nz + mz
+        outwards = plus(outwards, _point_and_normal(skin.control[other], other_u, other_v)[1])
     elif count >= 2:
         corner = 0 if u > 0.5 else (1 if v > 0.5 else 2)
         normal = skin.vertex_normals[skin.faces[facet, corner]]
-        nx, ny, nz = normal[0], normal[1], normal[2]
-    return px, py, pz, nx, ny, nz
+        outwards = normal[0], normal[1], normal[2]
+    return foot, outwards
 
 
 @njit
 def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     """Point of a patch and its unit normal."""
     w = 1.0 - u - v
-    px, ax, bx = _component(patch, 0, u, v, w)
-    py, ay, by = _component(patch, 1, u, v, w)
-    pz, az, bz = _component(patch, 2, u, v, w)
-    nx, ny, nz = cross((ax, ay, az), (bx, by, bz))
-    size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
-    return px, py, pz, nx / size, ny / size, nz / size
-
-
-@njit(inline="always")
-def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
-    """One component of a patch's point and of half its derivatives along u and v."""
-    to_u = u * patch[0, k] + v * patch[3, k] + w * patch[5, k]
-    to_v = u * patch[3, k] + v * patch[1, k] + w * patch[4, k]
-    to_w = u * patch[5, k] + v * patch[4, k] + w * patch[2, k]
-    return u * to_u + v * to_v + w * to_w, to_u - to_w, to_v - to_w
+    a, b, c = blossom(patch, u, v, w)
+    normal = cross(minus(a, c), minus(b, c))
+    size = max(np.sqrt(dot(normal, normal)), 1e-300)
+    return weighted(u, a, v, b, w, c), (normal[0] / size, normal[1] / size, normal[2] / size)
 
 
 def build_distance_field(
@@ -212,7 +201,7 @@ def _sign_empty_bricks(skin: SkinArrays, table: Ints, origin: Array, side: float
     for group in range(1, count + 1):
         place = np.unravel_index(int(np.argmax(groups == group)), table.shape)
         x, y, z = origin + side * (np.array(place) + 0.5)
-        if signed_distance(skin, x, y, z, -1, np.inf)[0] < 0.0:
+        if signed_distance(skin, (x, y, z), -1, np.inf)[0] < 0.0:
             table[groups == group] = INSIDE
 
 
@@ -230,7 +219,7 @@ def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-unty
             i, j, k = 3 * (block // 9), 3 * (block // 3 % 3), 3 * (block % 3)
             x, y, z = corners[b, 0] + spacing * i, corners[b, 1] + spacing * j, corners[b, 2] + spacing * k
             limit = band + 1.7321 * spacing if block > 0 else np.inf
-            middle, facet = signed_distance(skin, x + spacing, y + spacing, z + spacing, hint, limit)
+            middle, facet = signed_distance(skin, (x + spacing, y + spacing, z + spacing), hint, limit)
             near = facet >= 0
             if near:
                 hint = facet
@@ -243,9 +232,8 @@ def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-unty
                 di, dj, dk = node // 9, node // 3 % 3, node % 3
                 distance = -band if middle < 0.0 else band
                 if near:
-                    exact, facet = signed_distance(
-                        skin, x + spacing * di, y + spacing * dj, z + spacing * dk, hint, band
-                    )
+                    place = x + spacing * di, y + spacing * dj, z + spacing * dk
+                    exact, facet = signed_distance(skin, place, hint, band)
                     if facet >= 0:
                         distance, hint = exact, facet
                 out[b, i + di, j + dj, k + dk] = distance

@@ -6,7 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, longest_side, next_corners, norms
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    Ints,
+    by_slices,
+    dots,
+    longest_side,
+    next_corners,
+    norms,
+    summed,
+)
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 from polish_sim.spatial import unit
 
@@ -55,7 +66,7 @@ def smooth_corners(
     face meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
     count, index = corner_fans(adjacency, smooth)
-    normals = _sum_over(index, by_slices(lambda f: _max_weights(vertices[f]), faces), count)
+    normals = summed(index, by_slices(lambda f: _max_weights(vertices[f]), faces), count)
     normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
     length = norms(normals)
     own, _ = facet_normals(vertices, faces)
@@ -81,11 +92,6 @@ def _max_weights(corners: Array) -> Array:
     size = dots(ahead, ahead) * dots(behind, behind)
     cross = np.cross(ahead[:, 0], behind[:, 0])
     return cross[:, None, :] / np.maximum(size, 1e-300)[:, :, None]
-
-
-def _sum_over(index: Ints, values: Array, count: int) -> Array:
-    flat, columns = index.ravel(), values.reshape(-1, values.shape[-1])
-    return np.column_stack([np.bincount(flat, weights=column, minlength=count) for column in columns.T])
 
 
 def _keep_flat_faces(
@@ -158,7 +164,7 @@ def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints
 
 def _face_means(labels: Ints, areas: Array, normals: Array, count: int) -> tuple[Array, Array]:
     total: Array = np.bincount(labels, weights=areas, minlength=count).astype(np.float64)
-    mean = _sum_over(labels, areas[:, None] * normals, count)
+    mean = summed(labels, areas[:, None] * normals, count)
     return total, unit(mean)
 
 

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms, running_sums, summed
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot
 from polish_sim.spatial import perpendicular, unit
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
@@ -90,9 +91,7 @@ def _lend_to_lonely(
     slopes = slope_x[:, None] * frames[lender, 0] + slope_y[:, None] * frames[lender, 1]
     continued = unit(jets.normals[lender] - slopes)
     normals, shape = jets.normals.copy(), np.where(lonely[:, None], 0.0, jets.shape)
-    normals[here] = 0.0
-    np.add.at(normals, here, continued)
-    normals[here] = unit(normals[here])
+    normals[here] = unit(summed(here, continued, len(normals)))[here]
     np.add.at(shape, here, jets.shape[lender] / np.bincount(here, minlength=len(size))[here][:, None])
     return VertexJets(normals, shape)
 
@@ -182,15 +181,9 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
         sums[:] = 0.0
         for link in range(first[at], first[at + 1]):
             other = there[link]
-            x = y = z = a = b = c = 0.0
-            for k in range(3):
-                right, back, normal = frames[at, 0, k], frames[at, 1, k], normals[at, k]
-                x += steps[link, k] * right
-                y += steps[link, k] * back
-                z += steps[link, k] * normal
-                a += normals[other, k] * right
-                b += normals[other, k] * back
-                c += normals[other, k] * normal
+            step, ahead = steps[link], normals[other]
+            x, y, z = dot(step, frames[at, 0]), dot(step, frames[at, 1]), dot(step, normals[at])
+            a, b, c = dot(ahead, frames[at, 0]), dot(ahead, frames[at, 1]), dot(ahead, normals[at])
             far2 = x * x + y * y + z * z
             if not (c >= 0.2 and far2 > 1e-150):  # edges without length, in broken meshes
                 continue

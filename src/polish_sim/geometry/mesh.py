@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polish_sim.arrays import Array, Ints, longest_side
+from polish_sim.arrays import Array, Ints, longest_side, summed
 from polish_sim.errors import MeshError, unknown_name
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.mesh_file import read_mesh_file
@@ -21,13 +21,16 @@ from polish_sim.geometry.polygon import FileTriangles
 from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, flip_slivers, split_t_junctions
 from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
-from polish_sim.geometry.repair.shells import (
+from polish_sim.geometry.repair.skin import (
+    NOISELESS,
+    ScanNoise,
+    Skin,
     describe_crossing_facets,
     describe_shells,
+    merge_vertices,
     turn_outward,
     wind_alike,
 )
-from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise, Skin, merge_vertices
 from polish_sim.geometry.topology import find_adjacency
 
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
@@ -259,7 +262,7 @@ def _joined_on_grid(vertices: Array, faces: Ints, most_facets: int) -> LighterMe
     cubes = np.floor(vertices / (0.5 * math.sqrt(2.0 * area / most_facets))).astype(np.int64)
     cube = np.unique(cubes, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cube)
-    middles = np.stack([np.bincount(cube, weights=column) / count for column in vertices.T], axis=1)
+    middles = summed(cube, vertices, len(count)) / count[:, None]
     joined = cube[faces]
     whole = (joined != np.roll(joined, 1, axis=1)).all(axis=1)
     return LighterMesh(middles, joined[whole].astype(np.int32))

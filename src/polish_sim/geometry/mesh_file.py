@@ -15,9 +15,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import MeshError, count_text, near_file, regular
-from polish_sim.geometry.obj_file import is_obj, parse_obj, printable, text_numbers
-from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
+from polish_sim.geometry.polygon_files import is_obj, is_ply, parse_obj, parse_ply, printable, text_numbers
 from polish_sim.geometry.step_file import ENDINGS, is_step, parse_step
 
 LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]

@@ -117,10 +117,8 @@ def _shape(points, a, b, c, normal):  # type: ignore[no-untyped-def]
     corner."""
     longest = 1e-300
     for p, q in ((a, b), (b, c), (c, a)):
-        side = 0.0
-        for k in range(3):
-            side += (points[p, k] - points[q, k]) ** 2
-        longest = max(longest, side)
+        side = minus(points[p], points[q])
+        longest = max(longest, dot(side, side))
     return _area(points, a, b, c, normal) / longest
 
 

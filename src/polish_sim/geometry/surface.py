@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, in_groups, norms, summed
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
@@ -115,8 +115,7 @@ class Surface:
     def vertex_normal_sums(self) -> Array:
         """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n,
         3)."""
-        total = np.zeros_like(self.vertices)
-        np.add.at(total, self.faces.ravel(), by_slices(_corner_normals, self.control).reshape(-1, 3))
+        total = summed(self.faces, by_slices(_corner_normals, self.control), len(self.vertices))
         facet, edge = np.nonzero(self.neighbours < 0)
         total[self.faces[facet, edge]] = 0.0
         total[self.faces[facet, (edge + 1) % 3]] = 0.0
@@ -251,9 +250,10 @@ def boundary_loops(surface: Surface) -> tuple[Array, ...]:
     from where that looks largest.
     """
     traced = trace_border(surface)
-    loops = [_sample(surface, loop) for loop in traced]
+    points = (along_edges(surface, loop, CHORD_ERROR)[0] for loop in traced)
+    loops = [np.concatenate([line, line[:1]]) for line in points]
     piece = connected_facets(surface)
-    of_piece = [int(piece[loop[0][0]]) for loop in traced]
+    of_piece = [int(piece[loop[0, 0]]) for loop in traced]
     areas = np.array([enclosed(loop) for loop in loops])
     # Holes of one size keep their order, however rounding has it.
     sizes = np.round(areas / areas.max(initial=1e-300), 6)
@@ -282,8 +282,8 @@ def enclosed(loop: Array) -> float:
     return 0.5 * float(np.linalg.norm(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0)))
 
 
-def trace_border(surface: Surface) -> list[list[tuple[int, int]]]:
-    """Border edges (facet, edge) in the order one walks along them."""
+def trace_border(surface: Surface) -> list[Indices]:
+    """Border edges, rows of (facet, edge) in the order one walks along them, loop by loop, each (k, 2)."""
     left = {(int(f), int(e)) for f, e in zip(*np.nonzero(surface.neighbours < 0), strict=True)}
     loops = []
     while left:
@@ -293,7 +293,7 @@ def trace_border(surface: Surface) -> list[list[tuple[int, int]]]:
             left.remove(here)
             loop.append(here)
             here = _next_border_edge(surface, here)
-        loops.append(loop)
+        loops.append(np.array(loop, dtype=np.int64))
     return loops
 
 
@@ -320,15 +320,18 @@ def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[i
     return facet, edge
 
 
-def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Array:
-    """Points along the loop, more where its edges are curved."""
-    pieces = []
-    for facet, edge in loop:
-        start, end = surface.control[facet, edge], surface.control[facet, (edge + 1) % 3]
-        control = surface.control[facet, 3 + edge]
-        sagitta = 0.5 * np.linalg.norm(control - 0.5 * (start + end))
-        parts = int(np.clip(np.ceil(np.sqrt(sagitta / CHORD_ERROR)), 1, 64))
-        t = (np.arange(parts) / parts)[:, None]
-        pieces.append(edge_points(start, control, end, t))
-    points = np.concatenate(pieces)
-    return np.concatenate([points, points[:1]])
+def along_edges(
+    surface: Surface, edges: Indices, chord_error: float, longest: float = np.inf
+) -> tuple[Array, Array]:
+    """Divide edges (k, 2), rows of (facet, edge), into pieces no longer than ``longest`` [m], no further from
+    the curve than ``chord_error``: where they begin and end [m], (n, 3) each."""
+    facet, edge = edges.T
+    start, end = surface.control[facet, edge], surface.control[facet, (edge + 1) % 3]
+    control = surface.control[facet, 3 + edge]
+    sagitta = 0.5 * norms(control - 0.5 * (start + end))
+    parts = np.maximum(np.ceil(norms(end - start) / longest), np.ceil(np.sqrt(sagitta / chord_error)))
+    parts = np.maximum(parts, 1.0).astype(np.int64)
+    at, step = in_groups(parts)
+    places = (((step + k) / parts[at])[:, None] for k in (0, 1))
+    first, last = (edge_points(start[at], control[at], end[at], place) for place in places)
+    return first, last

@@ -9,7 +9,7 @@ import numpy as np
 from polish_sim.arrays import Array, joined, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
-from polish_sim.exchange.reader import read_way_points
+from polish_sim.exchange.formats import read_way_points
 from polish_sim.experiments.placement import default_placements
 from polish_sim.identification.log_file import RobotLog, log_columns, spline_states
 from polish_sim.identification.regressor import States

@@ -16,7 +16,7 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
 from polish_sim.geometry.surface import SurfacePoints
 from polish_sim.planning.feasibility import lean_notes
-from polish_sim.planning.ground.ground import SHARPEST, Ground, bridge_holes, with_skirt
+from polish_sim.planning.ground import SHARPEST, Ground, bridge_holes, with_skirt
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.part_plan import (
     UNSEEN,

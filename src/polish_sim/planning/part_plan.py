@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -30,10 +30,10 @@ from polish_sim.planning.feasibility import (
     widest_piece,
     width_between_borders,
 )
-from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import AirSpace
-from polish_sim.planning.moves.leave_out import Remaining, lift_over
-from polish_sim.planning.planner import Planned, plan_on
+from polish_sim.planning.ground import Ground, prepare_ground
+from polish_sim.planning.moves.stroke import Planned, Remaining, lift_over
+from polish_sim.planning.moves.travel import AirSpace
+from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
@@ -95,11 +95,9 @@ class PlanResult:
     notes: tuple[str, ...]  #: What was assumed, and what the user should know about the pad on this part
     ready: PreparedRegion  #: What it was planned on and is measured with
     area: AreaAccount  #: Where every cm^2 of the region asked for is
-    cuts: tuple[CutOut, ...] = ()  #: What was cut out of the path
-    in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
-    """Tool points at which the tool is in the part [m], shape (k, 3)."""
-    tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
-    """What it was planned for, or measured with."""
+    cuts: tuple[CutOut, ...]  #: What was cut out of the path
+    in_part: Array  #: Tool points at which the tool is in the part [m], shape (k, 3)
+    tool: Tool  #: What it was planned for, or measured with
     mends: tuple[Mend, ...] = ()  #: What was changed after the path had been played in the cell
     proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
 
@@ -198,8 +196,7 @@ def plan_mesh(
             ready.ground,
             ready.plan,
             lambda share: observer.progress(share, 1.0),
-            surface,
-            ready.tool,
+            ready.air,
             leaning,
         )
     except PlanError as error:
@@ -269,7 +266,7 @@ class PreparedRegion:
         """What the lifted tool keeps clear of."""
         tool, part = self.tool, self.surface
         obstacle = joined_surfaces(part, tool.fixture)
-        return AirSpace(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
+        return AirSpace(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.ground.region.up, tool, part)
 
     def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
         """Measure a path with ``cuts`` in it."""

@@ -3,62 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.config import PlanConfig
-from polish_sim.errors import PlanError, place_in_mm
-from polish_sim.geometry import Region, Surface
-from polish_sim.geometry.fixture import joined_surfaces
-from polish_sim.planning.curves.turns import Report
+from polish_sim.errors import PlanError
+from polish_sim.geometry import ClosestPoints, Region
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.feasibility import check_plan_words
-from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import (
-    LEADS,
-    AirSpace,
-    Move,
-    choose_leads,
-    concatenate,
-    every,
-    with_leads,
-)
-from polish_sim.planning.moves.stroke import ContactRun, give_axes
-from polish_sim.planning.moves.travel import order_blocks, travel
-from polish_sim.planning.moves.uncross import uncross
+from polish_sim.planning.ground import Ground, prepare_ground
+from polish_sim.planning.moves.stroke import Planned, assemble
+from polish_sim.planning.moves.travel import AirSpace, order_blocks
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
-from polish_sim.planning.quality.access import too_near
+from polish_sim.planning.quality.access import Leaning
 from polish_sim.planning.quality.areas import CutOut
-from polish_sim.planning.quality.leaning import Leaning
-from polish_sim.planning.quality.tool_room import Tool, ground_under, pressed_places
-from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
+from polish_sim.planning.quality.coverage import strictly_covered
+from polish_sim.planning.quality.crossings import find_crossings
+from polish_sim.planning.quality.located import Strands
+from polish_sim.planning.toolpath import ToolPath, interpolate
+from polish_sim.planning.turns import Report
+from polish_sim.spatial import unit
 
-#: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
-CUT_APART = 0.1
-NO_WAY = "the tool cannot come there without running into the part"
 TOO_NARROW = "too narrow for a turn half a step-over inside its border"
 CUT_HERE = "cut where the path would cross itself"
-SHORTENED = "no room for the lead at the end of a stroke"
-
-
-class Planned(NamedTuple):
-    """A path and notes about it."""
-
-    path: ToolPath
-    axis_deviation_max_rad: float  #: Largest angle by which smoothing turned a tool axis [rad]
-    notes: tuple[str, ...]  #: What was done differently from what was asked, and where
-    cuts: tuple[CutOut, ...] = ()  #: What is not followed
-
-
-class Placed(NamedTuple):
-    """A stroke with its leads and the way to it."""
-
-    stroke: ContactRun
-    moves: list[Move]  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
-    straight: int  #: How many of its leads are not as asked: straight along the tool axis
-    shortened: Array  #: What was cut off its ends [m], shape (k, 3)
 
 
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
@@ -79,8 +51,7 @@ def plan_on(
     ground: Ground,
     plan: PlanConfig,
     on_progress: Report | None = None,
-    part: Surface | None = None,
-    tool: Tool | None = None,
+    air: AirSpace | None = None,
     leaning: Leaning | None = None,
 ) -> Planned:
     """As `plan_path` on ground prepared before, with notes, and clear of the whole part.
@@ -89,8 +60,7 @@ def plan_on(
         ground: The region, prepared.
         plan: What is asked for.
         on_progress: Called with the share of the region covered so far.
-        part: The whole part the tool must not run into in the air; the region if not given.
-        tool: The tool that must not; only the tool point if not given.
+        air: What the tool must not run into in the air; the tool point not into the region if not given.
         leaning: How the tool leans away from what stands beside it.
 
     Raises:
@@ -112,10 +82,8 @@ def plan_on(
     done = uncross([run for runs in found for run in runs], plan.stepover_m)
     cuts.append(CutOut(CUT_HERE, done.cuts))
     runs = _in_order(done.runs, PATTERNS[plan.pattern].one_way, plan.start)
-    alone = ground.region.surface if part is None else part
-    obstacle = joined_surfaces(alone, tool.fixture if tool else None)
-    radius = 0.0 if tool is None else tool.pad.radius_m
-    air = AirSpace(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
+    region = ground.region
+    air = air or AirSpace(region.surface, 0.0, plan.clearance_m, region.up)
     return assemble(runs, plan, air, cuts, leaning)
 
 
@@ -147,95 +115,128 @@ def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...
     ]
 
 
-def assemble(
-    runs: Sequence[SurfaceRun],
-    plan: PlanConfig,
-    air: AirSpace,
-    cuts: Sequence[CutOut],
-    leaning: Leaning | None,
-) -> Planned:
-    """Give runs their tool axes and leads and put them in a row; what the tool cannot reach is left out.
+# The net under the patterns: where strands still cross, one of them is cut and the tool lifts. The other
+# strand covers the place, so nothing stays unpolished. A piece beyond a cut that only goes where others
+# cover everything is dropped instead of lifting for it.
 
-    Raises:
-        PlanError: The tool can reach none of them.
-    """
-    moves: list[Move] = []
-    curvature: list[Array] = []
-    all_cuts = list(cuts)
-    passes, deviation, straight = 0, 0.0, 0
-    for run in runs:
-        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
-            placed = _place(whole, moves[-1] if moves else None, plan, air)
-            if placed is None:
-                all_cuts.append(CutOut(NO_WAY, whole.process.positions))
-                continue
-            stroke = placed.stroke
-            all_cuts.append(CutOut(SHORTENED, placed.shortened))
-            passes = int(stroke.process.pass_index.max()) + 1
-            deviation = max(deviation, stroke.axis_deviation_rad)
-            straight += placed.straight
-            before = sum(len(move.positions) for move in placed.moves[:-3])
-            after = sum(len(move.positions) for move in placed.moves[-2:])
-            curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
-            moves += placed.moves
-    if not moves:
-        raise PlanError(
-            "the tool can reach no stroke of the path without running into the part, the first is at "
-            f"{place_in_mm(runs[0].positions[0])}. Choose a region that is open to the outside (--region), "
-            "or a lower approach (--set plan.clearance_m=...)."
-        )
-    positions, axes, segment, pass_index = concatenate(moves)
-    path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
-    # The tool may come down again where it went up.
-    path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
-    note = f"{straight} leads go straight along the tool axis: a {plan.lead_in} one would run into the part"
-    return Planned(path, deviation, (note,) if straight else (), tuple(all_cuts))
+#: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
+CUT = 0.15
+ROUNDS = 6
+AT_PLACE = 0.1  #: Strands that pass a crossing within this many step-overs are looked at
+FINE = 0.02  #: Spacing at which they are looked for, in step-overs
+DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if others cover what they do
+BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
 
-def _clear_of_part(
-    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: AirSpace, cuts: list[CutOut]
-) -> Sequence[ContactRun]:
-    """The stretches of a stroke on which no body of the tool is in the part; appends the others to
-    ``cuts``."""
-    if air.tool is None:
-        return [whole]
-    move, points = whole.process, run.points
-    rows = every(move.positions, CUT_APART * air.pad_radius)
-    under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
-    places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
-    found = air.tool.stands_in(air.alone or air.part, places)
-    hit = np.flatnonzero(found.depths > 0.0)
-    if not len(hit):
-        return [whole]
-    for number in np.unique(found.bodies[hit]):
-        cuts.append(
-            CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]])
-        )
-    clear = np.ones(len(move.positions), dtype=bool)
-    for first, last in zip(
-        rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
-    ):
-        clear[first : last + 1] = False
-    s = arc_length(move.positions)
-    return [
-        whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
-    ]
+class Uncrossed(NamedTuple):
+    """Runs that cross neither themselves nor each other."""
+
+    runs: list[SurfaceRun]  #: What is left, in the order given, pieces of one run one after the other
+    cuts: Array  #: Where a strand was cut [m], shape (k, 3)
 
 
-def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: AirSpace) -> Placed | None:
-    """Leads for a stroke, shortened if need be, and the way to it; None if it cannot be reached."""
-    chosen = choose_leads(whole.process, plan.lead_in, air, plan.stepover_m)
-    if chosen is None:
-        return None
-    start, end = chosen
-    stroke = whole.rows(start.row, end.row)
-    line = whole.process.positions
-    parts = with_leads(stroke.process, start.shape, start.clearance, end.shape, end.clearance)
-    if previous is not None:
-        between, clear = travel(previous, parts[0], air)
-        if not clear:
-            return None
-        parts = [between, *parts]
-    shortened = np.concatenate([line[: start.row], line[end.row + 1 :]])
-    straight = sum(landing.shape is not LEADS[plan.lead_in] for landing in chosen)
-    return Placed(stroke, parts, straight, shortened)
+class Cut(NamedTuple):
+    """A stretch to take out of a run."""
+
+    run: int
+    first: float  #: Arc lengths [m]
+    last: float
+
+
+def uncross(runs: Sequence[SurfaceRun], stepover: float) -> Uncrossed:
+    """Cut a short stretch out of one of two strands wherever finished runs cross, and return where."""
+    left, places = list(runs), np.empty((0, 3))
+    for number in range(ROUNDS):
+        found = find_crossings([run.curve for run in left])
+        if len(found) == 0:
+            break
+        half = CUT * stepover * 2.0**number
+        left = _without(left, _choose_cuts(left, found, stepover, half), stepover)
+        places = np.concatenate([places, found])
+    return Uncrossed(left, places)
+
+
+def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, half: float) -> list[Cut]:
+    """Which strand is cut at each place: one cut there already, else the one that ends sooner."""
+    strands = Strands([run.curve for run in runs])
+    samples = strands.sample(FINE * stepover)
+    tree = cKDTree(samples.points)
+    cuts: list[Cut] = []
+    for place in places:
+        rows = np.sort(np.array(tree.query_ball_point(place, AT_PLACE * stepover), dtype=np.int64))
+        gap = np.flatnonzero((np.diff(rows) > 2) | (np.diff(samples.run[rows]) != 0)) + 1
+        passes = [part for part in np.split(rows, gap) if len(part)]
+        passes.sort(key=lambda part: norms(samples.points[part] - place).min())
+        options = []
+        for part in passes[:2]:
+            run, s = int(samples.run[part[0]]), samples.s[part]
+            nearest = s[norms(samples.points[part] - place).argmin()]
+            # Where a strand passes twice without going away in between the whole loop is taken out.
+            low, high = (nearest, nearest) if len(passes) > 1 else (s[0], s[-1])
+            options.append(Cut(run, float(low) - half, float(high) + half))
+        if options:
+            cuts.append(min(options, key=lambda cut: _cost(cut, cuts, strands.lengths)))
+    return cuts
+
+
+def _cost(cut: Cut, others: Sequence[Cut], lengths: Array) -> float:
+    """How far the cut is from the run's nearer end [m]; nothing where the run is cut already."""
+    if any(cut.run == other.run and cut.first < other.last and cut.last > other.first for other in others):
+        return -1.0
+    return min(cut.first, float(lengths[cut.run]) - cut.last)
+
+
+def _without(runs: Sequence[SurfaceRun], cuts: Sequence[Cut], stepover: float) -> list[SurfaceRun]:
+    """Take stretches out of runs, and drop short pieces that cover nothing others do not."""
+    pieces: list[SurfaceRun] = []
+    suspects: list[int] = []
+    for number, whole in enumerate(runs):
+        own = sorted((cut.first, cut.last) for cut in cuts if cut.run == number)
+        for run in _split(whole, own) if own else [whole]:
+            if own and run.curve.length < DEAD_END * stepover:
+                suspects.append(len(pieces))
+            pieces.append(run)
+    suspects.sort(key=lambda k: pieces[k].curve.length)
+    gone: set[int] = set()
+    for k in suspects:
+        others = [piece.curve for j, piece in enumerate(pieces) if j != k and j not in gone]
+        if others and _covered(pieces[k], others, stepover):
+            gone.add(k)
+    return [piece for k, piece in enumerate(pieces) if k not in gone]
+
+
+def _split(run: SurfaceRun, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
+    """What is left of a run between stretches taken out (from, to), sorted [m]."""
+    s = run.curve.knots
+    kept, begin = [], 0.0
+    for first, last in cuts:
+        kept.append((begin, first))
+        begin = max(begin, last)
+    kept.append((begin, float(s[-1])))
+    shortest = 1e-3 * float(s[-1])
+    return [_stretch(run, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
+
+
+def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
+    """A run from one arc length to another [m], its ends on the surface."""
+    s, ends = run.curve.knots, np.array([low, high])
+    margin = min(1e-3 * (high - low), 1e-5)
+    inner = np.flatnonzero((s > low + margin) & (s < high - margin))
+    own: tuple[NDArray[Any], ...] = run.points
+    tips: tuple[NDArray[Any], ...] = run.surface.closest(interpolate(ends, s, run.positions))
+    columns = [np.concatenate([tip[:1], a[inner], tip[1:]]) for a, tip in zip(own, tips, strict=True)]
+    index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
+    passes = run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
+    return SurfaceRun(run.surface, ClosestPoints(*columns), passes)
+
+
+def _covered(piece: SurfaceRun, others: Sequence[Curve], stepover: float) -> bool:
+    """Whether others cover everything a piece does."""
+    samples = Strands([piece.curve]).sample(0.25 * stepover)
+    first = unit(np.gradient(samples.points, axis=0))
+    second = np.cross(samples.normals, first)
+    angle = np.arange(8) * (0.25 * np.pi)
+    around = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
+    beside = (samples.points + BESIDE * stepover * around).reshape(-1, 3)
+    found = piece.surface.closest(np.concatenate([samples.points, beside]))
+    return bool(strictly_covered(found.positions, found.normals, others, stepover).all())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from polish_sim.errors import InputError, PlanError, place_in_mm, read_bytes
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE, check_up
-from polish_sim.geometry.ply_file import read_vertex_column
+from polish_sim.geometry.polygon_files import read_vertex_column
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
 from polish_sim.geometry.surface import Surface, connected_facets
 from polish_sim.scenario_file import numbers_of
@@ -414,3 +415,22 @@ def _nothing_in(choice: str, surface: Surface) -> PlanError:
     return PlanError(
         f"the region '{choice}' contains nothing of the part, which lies between {low} and {high}."
     )
+
+
+class Choice(NamedTuple):
+    """How a region is chosen."""
+
+    pick: Callable[[Whole, str], list[Clipped]]  #: Patches of the part, from the argument
+    #: Reads the argument, to refuse a wrong one before the part is loaded
+    read: Callable[[str], object] = str
+
+
+PLAIN: Mapping[str, Choice] = {"auto": Choice(pick_auto), "top": Choice(pick_top), "all": Choice(pick_all)}
+WITH_ARGUMENT: Mapping[str, Choice] = {
+    "all": Choice(pick_patches, parse_patches),
+    "point": Choice(pick_point, parse_point),
+    "box": Choice(pick_box, parse_box),
+    "polygon": Choice(pick_polygon, parse_corners),
+    "faces": Choice(pick_faces, read_facet_numbers),
+    "under": Choice(pick_under, parse_under),
+}

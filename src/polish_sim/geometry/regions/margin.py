@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, Ints, dots, longest_side, next_corners, norms
 from polish_sim.errors import PlanError
-from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
+from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import (
     Clipped,
     CutFacets,
@@ -21,9 +21,10 @@ from polish_sim.geometry.cut import (
     halve_edges,
     spread_to_longest,
     then,
+    whole_facets,
 )
 from polish_sim.geometry.regions.patches import connected
-from polish_sim.geometry.surface import Surface, enclosed, trace_border
+from polish_sim.geometry.surface import Surface, along_edges, enclosed, trace_border
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
@@ -89,21 +90,13 @@ class BorderDistance(NamedTuple):
         return feet[np.arange(len(points)), best]
 
 
-def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indices]) -> BorderDistance:
-    """Border edges (facets, edges) of an open surface, ready for distances of about ``reach`` [m]."""
-    facets, edges = border
-    a, b = surface.control[facets, edges], surface.control[facets, (edges + 1) % 3]
-    c = surface.control[facets, 3 + edges]
-    chord = norms(b - a)
-    sagitta = 0.5 * norms(c - 0.5 * (a + b))
-    spacing = max(reach / _SAMPLES_PER_REACH, float(chord.sum()) / _MOST_SAMPLES)
-    parts = np.maximum(np.ceil(chord / spacing), np.ceil(np.sqrt(sagitta / _CHORD_ERROR)))
-    parts = np.maximum(parts, 1.0).astype(np.int64)
-    edge = np.repeat(np.arange(len(parts)), parts)
-    step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
-    starts, ends = (
-        edge_points(a[edge], c[edge], b[edge], ((step + k) / parts[edge])[:, None]) for k in (0, 1)
-    )
+def _border_distance(surface: Surface, reach: float, border: Indices) -> BorderDistance:
+    """Border edges (k, 2), rows of (facet, edge), of an open surface, ready for distances of about ``reach``
+    [m]."""
+    facet, edge = border.T
+    chords = norms(surface.control[facet, (edge + 1) % 3] - surface.control[facet, edge])
+    spacing = max(reach / _SAMPLES_PER_REACH, float(chords.sum()) / _MOST_SAMPLES)
+    starts, ends = along_edges(surface, border, _CHORD_ERROR, spacing)
     tree, length = cKDTree(0.5 * (starts + ends)), float(norms(ends - starts).sum())
     return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
@@ -155,7 +148,7 @@ def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[
         kept = [patch]
         outer, holes = _outer_and_holes(patch.surface)
         for border, away in ((outer, margin), (holes, hole_margin)):
-            if not len(border[0]) or away <= 0.0:
+            if not len(border) or away <= 0.0:
                 continue
             distance = _border_distance(patch.surface, away, border)
             cut = [keep_roomy(piece, distance, away) for piece in kept]
@@ -180,30 +173,23 @@ def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped]
     return connected(inner) if len(inner.parents) else [], margin + float(values[:, :3].max())
 
 
-def _outer_and_holes(surface: Surface) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
-    """Border edges (facets, edges) of a connected patch: of its outer loop, and of the others, which are
-    holes."""
-    loops = [np.array(loop) for loop in trace_border(surface)]
+def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:
+    """Border edges (k, 2) of a connected patch, rows of (facet, edge): of its outer loop, and of the others,
+    which are holes."""
+    loops, none = trace_border(surface), np.empty((0, 2), dtype=np.int64)
     if not loops:
-        none = np.empty(0, dtype=np.int64)
-        return (none, none), (none, none)
-    sizes = [
-        enclosed(surface.control[[*loop[:, 0], loop[0, 0]], [*loop[:, 1], loop[0, 1]]]) for loop in loops
-    ]
+        return none, none
+    corners = (surface.control[tuple(loop.T)] for loop in loops)
+    sizes = [enclosed(np.concatenate([line, line[:1]])) for line in corners]
     outer = loops.pop(int(np.argmax(sizes)))
-    holes = np.concatenate([np.empty((0, 2), dtype=np.int64), *loops])
-    return (outer[:, 0], outer[:, 1]), (holes[:, 0], holes[:, 1])
+    return outer, np.concatenate([none, *loops])
 
 
 def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     """The same surface with small facets where the new border runs."""
     longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
     count = len(surface.faces)
-    cut = CutFacets(
-        np.arange(count, dtype=np.int32),
-        np.broadcast_to(np.eye(3), (count, 3, 3)),
-        surface.faces.astype(np.int32),
-    )
+    cut = whole_facets(surface, np.arange(count, dtype=np.int32))
     # Straight distances show well enough where small facets are needed.
     places = surface.vertices
     values = distance.straight(surface.vertices)
@@ -221,13 +207,11 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         marked = np.zeros(len(lengths), dtype=bool)
         marked[edges.of_facet[near]] = True
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
-        finer, found = halve_edges(cut, places, edges, marked)
-        facet, edge = found[:, 0], found[:, 1]
-        barycentric = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
-        middles = surface.evaluate(cut.parents[facet], barycentric).positions
-        cut = finer
-        places = np.concatenate([places, middles])
-        values = np.concatenate([values, distance.straight(middles)])
+        number = np.full(len(marked), -1)
+        number[marked] = len(places) + np.arange(marked.sum())
+        found = np.unique(edges.of_facet.ravel(), return_index=True)[1][marked]
+        cut, places = halve_edges(surface, cut, places, number[edges.of_facet], *np.divmod(found, 3))
+        values = np.concatenate([values, distance.straight(places[len(values) :])])
     if len(cut.parents) == count:
         return Clipped(surface, cut.parents)
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)

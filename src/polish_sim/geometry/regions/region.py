@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,25 +15,7 @@ from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.features import facet_normals, smooth_edges
 from polish_sim.geometry.mesh import PartMesh, check_unit
 from polish_sim.geometry.orientation import UP_CONE, check_up
-from polish_sim.geometry.regions.choice import (
-    CHOICES,
-    Whole,
-    parse_box,
-    parse_corners,
-    parse_patches,
-    parse_point,
-    parse_under,
-    pick_all,
-    pick_auto,
-    pick_box,
-    pick_faces,
-    pick_patches,
-    pick_point,
-    pick_polygon,
-    pick_top,
-    pick_under,
-    read_facet_numbers,
-)
+from polish_sim.geometry.regions.choice import CHOICES, PLAIN, WITH_ARGUMENT, Whole, pick_all
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
@@ -42,24 +24,6 @@ from polish_sim.models import part_path
 if TYPE_CHECKING:
     from polish_sim.config import PartConfig, PlanConfig
 
-
-class Choice(NamedTuple):
-    """How a region is chosen."""
-
-    pick: Callable[[Whole, str], list[Clipped]]  #: Patches of the part, from the argument
-    #: Reads the argument, to refuse a wrong one before the part is loaded
-    read: Callable[[str], object] = str
-
-
-PLAIN: Mapping[str, Choice] = {"auto": Choice(pick_auto), "top": Choice(pick_top), "all": Choice(pick_all)}
-WITH_ARGUMENT: Mapping[str, Choice] = {
-    "all": Choice(pick_patches, parse_patches),
-    "point": Choice(pick_point, parse_point),
-    "box": Choice(pick_box, parse_box),
-    "polygon": Choice(pick_polygon, parse_corners),
-    "faces": Choice(pick_faces, read_facet_numbers),
-    "under": Choice(pick_under, parse_under),
-}
 
 SLIVER_SHARE = 1e-3  #: Patches smaller than this share of the largest one are left out
 

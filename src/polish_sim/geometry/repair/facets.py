@@ -103,8 +103,8 @@ def flip_slivers(skin: Skin) -> Skin:
         flips += len(done) // 2
         if not done:
             break
-    notes = (*skin.notes, f"flipped the long edge of {flips} facets without height") if flips else skin.notes
-    return Skin(vertices, faces, skin.source, notes)
+    note = f"flipped the long edge of {flips} facets without height"
+    return skin.noted(note, faces=faces) if flips else skin
 
 
 def _facet_heights(vertices: Array, faces: Ints) -> Array:
@@ -135,7 +135,7 @@ def flip_needles(skin: Skin) -> Skin:
         return skin
     where = place(skin.vertices[faces[flipped[0]]])
     note = f"flipped the long edge of {len(flipped)} needles, the first at {where}"
-    return Skin(skin.vertices, faces, skin.source, (*skin.notes, note))
+    return skin.noted(note, faces=faces)
 
 
 def _flip_round(vertices: Array, faces: Ints) -> list[int]:
@@ -228,11 +228,8 @@ def split_t_junctions(skin: Skin) -> Skin:
     if topology.find_edge_faults(faces).open >= len(border):
         return skin
     where = place(skin.vertices[[start[edge[0]], end[edge[0]]]])
-    notes = (
-        *skin.notes,
-        f"split {split} facets at T-junctions (vertices on their edges), the first at {where}",
-    )
-    return Skin(skin.vertices, faces, source, notes)
+    note = f"split {split} facets at T-junctions (vertices on their edges), the first at {where}"
+    return skin.noted(note, faces=faces, source=source)
 
 
 def _vertices_on_edges(skin: Skin, first: Indices, last: Indices) -> tuple[Indices, Indices, Array]:

@@ -57,7 +57,7 @@ def close_holes(skin: Skin) -> Skin:
         notes.append(
             f"open surface: {edges} border edges in {count_text(len(large), 'line')}: {_describe(large)}"
         )
-    return Skin(skin.vertices, faces, source, tuple(notes))
+    return skin._replace(faces=faces, source=source, notes=tuple(notes))
 
 
 def find_holes(skin: Skin) -> list[Hole]:
@@ -200,7 +200,7 @@ def _part_vertices(skin: Skin) -> Skin:
         f"{len(crowded)} edges of more than two facets: pieces that touch there were separated, the "
         f"first at {where}"
     )
-    return Skin(vertices, labels.reshape(-1, 3), skin.source, (*skin.notes, note))
+    return skin.noted(note, vertices=vertices, faces=labels.reshape(-1, 3))
 
 
 def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bool) -> Indices:

@@ -70,7 +70,7 @@ def smooth_noise(skin: Skin) -> Skin:
         f"{1e3 * shift.max():.2g} mm; {1e3 * left.offset:.2g} mm and {np.degrees(left.slope):.2g} deg of the "
         "normals are left of it, within which strokes are smoothed"
     )
-    return Skin(vertices, skin.faces, skin.source, (*skin.notes, note), left)
+    return skin.noted(note, vertices=vertices, noise=left)
 
 
 def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:

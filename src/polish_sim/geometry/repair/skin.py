@@ -1,17 +1,27 @@
-"""A triangle skin under repair, and the merging of a triangle soup to one (triangles -> vertices and
-faces)."""
+"""A triangle skin under repair: merged from a soup, its pieces wound alike, turned outward, described; facets
+that cross (triangles -> Skin, notes)."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
-from polish_sim.errors import place_in_mm
-from polish_sim.geometry.topology import find_edge_faults, label_pieces
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, longest_side, norms
+from polish_sim.errors import MeshError, count_text, place_in_mm
+from polish_sim.geometry.topology import (
+    extremes,
+    facet_links,
+    find_adjacency,
+    find_edge_faults,
+    label_pieces,
+    paired_half_edges,
+    sorted_half_edges,
+)
 
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
@@ -43,7 +53,11 @@ class Skin(NamedTuple):
 
     def keep(self, kept: Bools | Ints, note: str) -> Skin:
         """The skin with these facets only, and a note about it."""
-        return Skin(self.vertices, self.faces[kept], self.source[kept], (*self.notes, note))
+        return self.noted(note, faces=self.faces[kept], source=self.source[kept])
+
+    def noted(self, note: str, **changed: Any) -> Skin:
+        """The skin with something ``changed``, and a note about it."""
+        return self._replace(**changed, notes=(*self.notes, note))
 
 
 def place(points: Array) -> str:
@@ -99,3 +113,224 @@ def _weld(vertices: Array, faces: Ints, tolerance: float) -> Ints:
     labels = label_pieces(pairs, len(first))[1][index]
     representative = np.unique(labels, return_index=True)[1].astype(np.int32)
     return representative[labels][faces]
+
+
+MOST_FACETS = 400_000  #: Larger parts are not searched for crossing facets, for the time it takes
+_MOST_PAIRS = 100_000
+_SHOWN = 6
+_MOST_NESTED = 2000  # with more closed pieces than this none is taken for a hollow
+_CHUNK = 200_000
+
+
+class Shells(NamedTuple):
+    """Connected pieces of a skin."""
+
+    labels: Ints  #: Piece of each facet, shape (m,)
+    closed: Bools  #: Pieces without border, shape (k,)
+    #: Volume a closed piece encloses, negative where it looks inward; 0 for open ones [m^3], shape (k,)
+    volumes: Array
+    low: Array  #: Lower corners of their bounding boxes [m], shape (k, 3)
+    high: Array  #: Upper corners, shape (k, 3)
+
+
+def wind_alike(skin: Skin, path: Path) -> Skin:
+    """Flip facets until neighbours agree about which side is outside; the majority of a piece stays as it is.
+
+    Raises:
+        MeshError: The surface has only one side (a Moebius strip), so no winding is right.
+    """
+    start, _, order, key = sorted_half_edges(skin.faces)
+    a, b = paired_half_edges(order, key)
+    agrees = start[a] != start[b]
+    if agrees.all():
+        return skin
+    # A piece with two sides falls apart into two mirrored ones if every facet stands in the graph twice, as
+    # it is and flipped.
+    count = len(skin.faces)
+    flipped = np.where(agrees, 0, count)
+    here, there = a // 3, b // 3
+    links = np.concatenate(
+        [np.column_stack([here, there + flipped]), np.column_stack([here + count, there + count - flipped])]
+    )
+    _, labels = label_pieces(links, 2 * count)
+    kept, mirrored = labels[:count], labels[count:]
+    if (kept == mirrored).any():
+        raise MeshError(f"{path}: the surface is one-sided (like a Moebius strip). Repair the part.")
+    sizes = np.bincount(kept, minlength=int(labels.max()) + 1)
+    flip = (sizes[kept] < sizes[mirrored]) | ((sizes[kept] == sizes[mirrored]) & (kept > mirrored))
+    wound = skin.faces.copy()
+    wound[flip] = wound[flip][:, ::-1]
+    note = f"turned {int(flip.sum())} facets that were wound the other way"
+    return skin.noted(note, faces=wound)
+
+
+def turn_outward(skin: Skin) -> Skin:
+    """Let closed pieces look outward, and those within others (hollows) inward; open pieces stay."""
+    shells = find_shells(skin)
+    depth = _depths(skin, shells)
+    wrong = shells.closed & ((shells.volumes < 0.0) != (depth % 2 == 1))
+    if not wrong.any():
+        return skin
+    faces = np.where(wrong[shells.labels][:, None], skin.faces[:, ::-1], skin.faces)
+    what = (
+        "the whole part inside out: its"
+        if len(wrong) == 1
+        else f"{wrong.sum()} of {len(wrong)} bodies: their"
+    )
+    return skin.noted(f"turned {what} normals pointed inward", faces=np.ascontiguousarray(faces))
+
+
+def find_shells(skin: Skin) -> Shells:
+    """Label connected pieces and measure them."""
+    adjacency = find_adjacency(skin.faces)
+    count, labels = label_pieces(facet_links(adjacency), len(skin.faces))
+    closed = np.ones(count, dtype=bool)
+    closed[labels[(adjacency.facets < 0).any(axis=1)]] = False
+    corners = skin.vertices[skin.faces]
+    low, high = extremes(labels, corners.min(axis=1), corners.max(axis=1), count)
+    centred = corners - 0.5 * (low + high)[labels][:, None, :]
+    sixfold = np.einsum("mj,mj->m", centred[:, 0], np.cross(centred[:, 1], centred[:, 2]))
+    volumes = np.where(closed, np.bincount(labels, weights=sixfold, minlength=count) / 6.0, 0.0)
+    return Shells(labels, closed, volumes, low, high)
+
+
+def describe_shells(skin: Skin) -> tuple[str, ...]:
+    """Notes on a part of several bodies: how many, how large, how many hollows."""
+    shells = find_shells(skin)
+    if len(shells.closed) == 1:
+        return ()
+    hollow = shells.volumes < 0.0
+    count = int(hollow.sum())
+    notes = [f"hollow inside: {count_text(count, 'closed shell')} within others"] if count else []
+    sizes = 1e3 * (shells.high - shells.low)[~hollow]
+    if len(sizes) > 1:
+        sizes = sizes[np.argsort(-sizes.max(axis=1), kind="stable")]
+        shown = "; ".join(" x ".join(f"{length:.4g}" for length in size) for size in sizes[:_SHOWN])
+        more = f"; and {len(sizes) - _SHOWN} more" if len(sizes) > _SHOWN else ""
+        notes.append(
+            f"{len(sizes)} bodies in one file ({int(shells.closed[~hollow].sum())} of them closed), "
+            f"of {shown}{more} mm: all are kept; the path lies on the one its region belongs to"
+        )
+    return tuple(notes)
+
+
+def _depths(skin: Skin, shells: Shells) -> Ints:
+    """In how many other closed pieces each closed piece lies, shape (k,)."""
+    depth = np.zeros(len(shells.closed), dtype=np.int32)
+    closed = np.flatnonzero(shells.closed)
+    if not 2 <= len(closed) <= _MOST_NESTED:
+        return depth
+    order = np.argsort(shells.labels, kind="stable")
+    first = np.searchsorted(shells.labels[order], np.arange(len(depth) + 1))
+    for inner in closed:
+        around = (shells.low[closed] <= shells.low[inner]).all(axis=1)
+        around &= (shells.high[closed] >= shells.high[inner]).all(axis=1)
+        point = skin.vertices[skin.faces[order[first[inner]]]].mean(axis=0)
+        for outer in closed[around]:
+            if outer != inner:
+                members = order[first[outer] : first[outer + 1]]
+                depth[inner] += abs(_winding_number(skin.vertices[skin.faces[members]] - point)) > 0.5
+    return depth
+
+
+def _winding_number(corners: Array) -> float:
+    """How often facets (m, 3, 3) enclose the origin (van Oosterom and Strackee's solid angles)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = norms(corners).T
+    triple = dots(a, np.cross(b, c))
+    below = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
+    return float(np.arctan2(triple, below).sum() / (2.0 * np.pi))
+
+
+def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
+    """A note on facets that pass through each other: how many, and where the first is.
+
+    They are reported, not mended: a path on a region away from them is not concerned.
+    """
+    if len(skin.faces) > MOST_FACETS:
+        return (f"not searched for facets that pass through each other: more than {MOST_FACETS:,} facets",)
+    pairs = find_crossing_facets(skin.vertices, skin.faces)
+    if len(pairs) == 0:
+        return ()
+    where = place(skin.vertices[skin.faces[pairs[:, 0].min()]])
+    count = f"{len(pairs)}" if len(pairs) < _MOST_PAIRS else f"at least {len(pairs)}"
+    return (
+        f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as "
+        "it is",
+    )
+
+
+def find_crossing_facets(vertices: Array, faces: Ints) -> Indices:
+    """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k,
+    2)."""
+    corners = vertices[faces]
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    found = 0
+    for a, b in _overlapping_boxes(corners.min(axis=1), corners.max(axis=1)):
+        apart = (faces[a][:, :, None] != faces[b][:, None, :]).all(axis=(1, 2))
+        a, b = a[apart], b[apart]
+        crossing = _pierced(corners[a], corners[b]) | _pierced(corners[b], corners[a])
+        pairs.append(np.sort(np.column_stack([a[crossing], b[crossing]]), axis=1))
+        found += len(pairs[-1])
+        if found >= _MOST_PAIRS:
+            break
+    return np.concatenate(pairs)[:_MOST_PAIRS]
+
+
+def _overlapping_boxes(low: Array, high: Array) -> Iterator[tuple[Indices, Indices]]:
+    """Numbers of different boxes that overlap, corners (m, 3) [m]: a binary tree of boxes met with itself."""
+    order = _by_size_and_place(low, high)
+    lows, highs = [low[order]], [high[order]]
+    while len(lows[-1]) > 1:
+        pairs = np.arange(0, len(lows[-1]), 2)
+        lows.append(np.minimum.reduceat(lows[-1], pairs))
+        highs.append(np.maximum.reduceat(highs[-1], pairs))
+    root = np.zeros(1, dtype=np.int64)
+    pending = [(len(lows) - 1, root, root)]
+    while pending:
+        level, a, b = pending.pop()
+        if level == 0:
+            yield order[a[a != b]], order[b[a != b]]
+            continue
+        level -= 1
+        a = np.concatenate([2 * a, 2 * a, 2 * a + 1, 2 * a + 1])
+        b = np.concatenate([2 * b, 2 * b + 1, 2 * b, 2 * b + 1])
+        there = (a <= b) & (b < len(lows[level]))
+        a, b = a[there], b[there]
+        meet = ((lows[level][a] <= highs[level][b]) & (lows[level][b] <= highs[level][a])).all(axis=1)
+        a, b = a[meet], b[meet]
+        pending += [(level, a[i : i + _CHUNK], b[i : i + _CHUNK]) for i in range(0, len(a), _CHUNK)]
+
+
+def _by_size_and_place(low: Array, high: Array) -> Indices:
+    """Order in which neighbours in the list are of one size and close in space (Morton's order)."""
+    extent = max(float(np.ptp(np.stack([low, high]), axis=(0, 1)).max()), 1e-300)
+    size = np.maximum((high - low).max(axis=1), 1e-9 * extent)
+    code = np.floor(np.log2(extent / size)).astype(np.int64) << 30
+    cells = ((0.5 * (low + high) - low.min(axis=0)) * (1023.0 / extent)).astype(np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _pierced(a: Array, b: Array) -> Bools:
+    """Whether an edge of triangle b passes through the inside of a, (k, 3, 3); touching within rounding does
+    not."""
+    size = np.abs(a[:, 1:] - a[:, :1]).max(axis=(1, 2), initial=0.0)
+    slack = (1e-9 * size * size * size)[:, None]
+    heights = np.stack([_volume(a[:, 0], a[:, 1], a[:, 2], b[:, i]) for i in range(3)], axis=1)
+    below, above = heights < -slack, heights > slack
+    pierced = np.zeros(len(a), dtype=bool)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        k = np.flatnonzero((below[:, i] & above[:, j]) | (above[:, i] & below[:, j]))
+        start, end = b[k, i], b[k, j]
+        sides = np.stack([_volume(a[k, n], a[k, (n + 1) % 3], start, end) for n in range(3)])
+        least = 1e-9 * np.abs(sides).sum(axis=0)
+        pierced[k] |= (sides > least).all(axis=0) | (sides < -least).all(axis=0)
+    return pierced
+
+
+def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Six times the signed volume of tetrahedra, corners (k, 3)."""
+    return dots(b - a, np.cross(c - a, d - a))

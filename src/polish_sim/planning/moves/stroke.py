@@ -1,19 +1,31 @@
-"""A run with its tool axes: what the tool does in contact from one lift to the next (SurfaceRun ->
-ContactRun)."""
+"""Strokes: runs with tool axes and leads, put in a row; places left out of a path (runs -> ToolPath)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, dots, joined, norms
 from polish_sim.config import PlanConfig
-from polish_sim.planning.moves.leads import Move
+from polish_sim.errors import PlanError, place_in_mm
+from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
+from polish_sim.planning.moves.travel import AirSpace, Move, every, move_in, move_of, path_of, travel
 from polish_sim.planning.patterns.run import SurfaceRun
-from polish_sim.planning.quality.leaning import Leaning
-from polish_sim.planning.toolpath import PROCESS, arc_length, interpolate
+from polish_sim.planning.quality.access import Leaning, too_near
+from polish_sim.planning.quality.areas import CutOut
+from polish_sim.planning.quality.tool_room import ground_under, pressed_places
+from polish_sim.planning.toolpath import (
+    LEAD_OUT,
+    PROCESS,
+    RETRACT,
+    ToolPath,
+    arc_length,
+    interpolate,
+    stretches,
+)
 from polish_sim.spatial import into_plane, unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
@@ -122,7 +134,167 @@ def give_axes(
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
     passes = run.pass_index - int(run.pass_index.min()) + first_pass
     return ContactRun(
-        Move(run.positions, axes, PROCESS, passes),
+        move_in(PROCESS, run.positions, axes, passes),
         run.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
         float(angles_between(leaned, axes).max()) if axes is not leaned else 0.0,
     )
+
+
+class Placed(NamedTuple):
+    """A stroke with its leads and the way to it."""
+
+    move: Move  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
+    source: Indices  #: Row of the stroke each point has its force, feed and curvature from, shape (n,)
+    straight: int  #: How many of its leads are not as asked: straight along the tool axis
+
+
+def place(stroke: Move, previous: Move | None, plan: PlanConfig, air: AirSpace) -> Placed | None:
+    """Give a stroke leads, shortened if need be, and a way to it; None if it cannot be reached."""
+    chosen = choose_leads(stroke, plan.lead_in, air, plan.stepover_m)
+    if chosen is None:
+        return None
+    first, last = chosen.start.row, chosen.end.row
+    move = with_leads(stroke.rows(np.s_[first : last + 1]), *chosen)
+    if previous is not None:
+        between, clear = travel(previous, move, air)
+        if not clear:
+            return None
+        move = Move(*joined([between, move]))
+    before = (move.segment == PROCESS).argmax()
+    source = np.clip(np.arange(len(move.segment)) - before + first, first, last)
+    return Placed(move, source, sum(end.shape is not LEADS[plan.lead_in] for end in chosen))
+
+
+NO_WAY = "the tool cannot come there without running into the part"
+SHORTENED = "no room for the lead at the end of a stroke"
+#: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
+CUT_APART = 0.1
+
+
+class Planned(NamedTuple):
+    """A path and notes about it."""
+
+    path: ToolPath
+    axis_deviation_max_rad: float  #: Largest angle by which smoothing turned a tool axis [rad]
+    notes: tuple[str, ...]  #: What was done differently from what was asked, and where
+    cuts: tuple[CutOut, ...] = ()  #: What is not followed
+
+
+def assemble(
+    runs: Sequence[SurfaceRun],
+    plan: PlanConfig,
+    air: AirSpace,
+    cuts: Sequence[CutOut],
+    leaning: Leaning | None,
+) -> Planned:
+    """Give runs their tool axes and leads and put them in a row; what the tool cannot reach is left out.
+
+    Raises:
+        PlanError: The tool can reach none of them.
+    """
+    moves: list[Move] = []
+    curvature: list[Array] = []
+    all_cuts = list(cuts)
+    passes, deviation, straight = 0, 0.0, 0
+    for run in runs:
+        for stroke in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
+            found = place(stroke.process, moves[-1] if moves else None, plan, air)
+            line = stroke.process.positions
+            if found is None:
+                all_cuts.append(CutOut(NO_WAY, line))
+                continue
+            all_cuts.append(CutOut(SHORTENED, np.delete(line, found.source, axis=0)))
+            passes = int(found.move.pass_index.max()) + 1
+            deviation = max(deviation, stroke.axis_deviation_rad)
+            straight += found.straight
+            curvature.append(stroke.curvature[found.source])
+            moves.append(found.move)
+    if not moves:
+        raise PlanError(
+            "the tool can reach no stroke of the path without running into the part, the first is at "
+            f"{place_in_mm(runs[0].positions[0])}. Choose a region that is open to the outside (--region), "
+            "or a lower approach (--set plan.clearance_m=...)."
+        )
+    path = path_of(Move(*joined(moves)), np.concatenate(curvature))
+    # The tool may come down again where it went up.
+    path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
+    note = f"{straight} leads go straight along the tool axis: a {plan.lead_in} one would run into the part"
+    return Planned(path, deviation, (note,) if straight else (), tuple(all_cuts))
+
+
+def _clear_of_part(
+    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: AirSpace, cuts: list[CutOut]
+) -> Sequence[ContactRun]:
+    """The stretches of a stroke on which no body of the tool is in the part; appends the others to
+    ``cuts``."""
+    if air.tool is None:
+        return [whole]
+    move, points = whole.process, run.points
+    rows = every(move.positions, CUT_APART * air.pad_radius)
+    under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
+    places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
+    found = air.tool.stands_in(air.alone or air.part, places)
+    hit = np.flatnonzero(found.depths > 0.0)
+    if not len(hit):
+        return [whole]
+    for number in np.unique(found.bodies[hit]):
+        cuts.append(
+            CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]])
+        )
+    clear = np.ones(len(move.positions), dtype=bool)
+    for first, last in zip(
+        rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
+    ):
+        clear[first : last + 1] = False
+    s = arc_length(move.positions)
+    return [
+        whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
+    ]
+
+
+class Remaining(NamedTuple):
+    """What is left of a path."""
+
+    path: ToolPath
+    source: Indices  #: Row of the whole path each row has its force, feed and curvature from, shape (n,)
+    lost: Bools  #: Rows of the whole path that were in contact and no longer are, shape (m,)
+
+
+def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> Remaining | None:
+    """Lift the tool over rows of a path (m,) in contact; stretches shorter than a step-over go with them.
+
+    Strokes before the first that changes stay as they are. Every other stretch that stays gets leads clear of
+    the part and a way to it through the air, as in planning; one that has none goes too. None if nothing
+    stays.
+    """
+    moves: list[Move] = []
+    sources: list[Indices] = []
+    begin, same = 0, True
+    for first, last in stretches(path.process):
+        end = last
+        while end + 1 < len(path.s) and path.segment[end + 1] in (LEAD_OUT, RETRACT):
+            end += 1
+        same = same and not gone[first : last + 1].any()
+        if same:
+            sources.append(np.arange(begin, end + 1))
+            moves.append(move_of(path).rows(np.s_[begin : end + 1]))
+        for kept in stretches(~gone[first : last + 1]) if not same else ():
+            low, high = first + kept[0], first + kept[1]
+            rows = move_of(path).rows(np.s_[low : high + 1])
+            stroke = move_in(PROCESS, rows.positions, rows.axes, rows.pass_index)
+            if arc_length(stroke.positions)[-1] <= plan.stepover_m:
+                continue
+            found = place(stroke, moves[-1] if moves else None, plan, air)
+            if found is not None:
+                sources.append(low + found.source)
+                moves.append(found.move)
+        begin = end + 1
+    if not moves:
+        return None
+    whole, origin = Move(*joined(moves)), np.concatenate(sources)
+    columns = path.curvature, path.force, path.feed
+    left = path_of(whole, *(None if column is None else column[origin] for column in columns))
+    moving = np.diff(left.s, prepend=-1.0) > 0.0
+    lost = path.process.copy()
+    lost[origin[whole.segment == PROCESS]] = False
+    return Remaining(left.rows(moving), origin[moving], lost)

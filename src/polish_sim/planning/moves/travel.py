@@ -1,20 +1,170 @@
-"""The lifted tool's way from one run to the next, clear of the part."""
+"""The lifted tool: what it keeps clear of, its way from stroke to stroke, and the order of strokes in which
+these ways are short."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.moves.leads import AirSpace, Ball, Move, ball_around, evenly, height_to_keep, way_out
-from polish_sim.planning.toolpath import APPROACH
+from polish_sim.kernels import dot, minus
+from polish_sim.planning.quality.tool_room import CHECKED_APART, Places, Tool
+from polish_sim.planning.toolpath import APPROACH, ToolPath, arc_length
 from polish_sim.spatial import perpendicular, unit
+
+DIRECTIONS = 40  #: Directions tried in the half space the tool looks away to, besides up and the tool axis
+KEPT = 0.7  #: Share of the clearance the travelling tool keeps from the part
+KEPT_LOW = 0.9  #: Where it was lifted less than that: share of the height it had then
+SHORTEST_STEP_M = 5e-4
+MOST_STEPS = 400
+APART_M = 3e-4  #: In the air the tool point keeps this far from the part, but at most half its height [m]
+SPACING_M = 1e-3  #: Of points in the air [m]
+
+
+class Move(NamedTuple):
+    """A piece of the tool path, column by column."""
+
+    positions: Array  #: Tool points [m], shape (n, 3)
+    axes: Array  #: Unit tool axes, shape (n, 3)
+    segment: NDArray[np.int8]  #: Codes of the segments, shape (n,)
+    pass_index: Indices  #: Shape (n,)
+
+    def rows(self, kept: slice) -> Move:
+        """Some of its points."""
+        columns: tuple[NDArray[Any], ...] = self
+        return Move(*(column[kept] for column in columns))
+
+
+def move_in(segment: int, positions: Array, axes: Array, passes: int | Indices) -> Move:
+    """A piece in one segment; one axis (3,), or one number of a pass, holds for all its points."""
+    count = len(positions)
+    codes = np.full(count, segment, np.int8)
+    return Move(positions, np.broadcast_to(axes, (count, 3)), codes, np.full(count, passes))
+
+
+def move_of(path: ToolPath) -> Move:
+    """A whole path as a piece."""
+    return Move(path.positions_work, path.axes_work, path.segment, path.pass_index)
+
+
+def path_of(move: Move, *columns: Any) -> ToolPath:
+    """The path of a piece, with its curvature and, if they are its own, forces and feeds."""
+    s = arc_length(move.positions)
+    return ToolPath(move.positions, move.axes, s, move.pass_index, move.segment, *columns)
+
+
+class AirSpace(NamedTuple):
+    """What the lifted tool must keep clear of."""
+
+    part: Surface  #: The whole part, in its fixture if it has one
+    pad_radius: float  #: [m]; 0 looks at the tool point only
+    clearance: float  #: Height of a lifted tool above the part along its axis [m]
+    up: Array  #: Unit vector away from the table, shape (3,)
+    tool: Tool | None = None  #: What follows the pad; None looks at the pad only
+    alone: Surface | None = None  #: The part without a fixture, if it has one: the tool knows that by itself
+
+    @property
+    def radius(self) -> float:
+        """Radius of the ball about the part's middle outside which the tool travels freely [m]: the part, and
+        half as much again as the clearance."""
+        return self.part.radius + 1.5 * self.clearance
+
+    def has_room(self, line: Array, axes: Array, presses: Places | None = None) -> bool:
+        """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at
+        all."""
+        if self.tool is None:
+            return True
+        rows = every(line, CHECKED_APART * self.tool.pad.radius_m)
+        low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
+        places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
+        return not self.tool.stands_in(self.alone or self.part, places).depths.any()
+
+    def height_to_keep(self, tops: Array) -> float:
+        """Distance from the part a tool keeps that travels from or to places (n, 3) [m]."""
+        return float(min(KEPT * self.clearance, KEPT_LOW * signed_distances(self.part, tops).min()))
+
+    def way_out(self, point: Array, axis: Array, kept: float) -> Array | None:
+        """Find a straight way from a lifted tool at ``point`` (3,) [m] to outside the ball around the part.
+
+        Returns a unit direction (3,): up if that is free, else the tool's axis, else the one nearest to it;
+        None without any. The tool keeps ``kept`` [m] from the part.
+        """
+        if kept <= 0.0:
+            return None
+        ways = (self.up, axis, *_around(axis))
+        return next((way for way in ways if self._is_free(point, way, kept)), None)
+
+    def _is_free(self, here: Array, direction: Array, kept: float) -> bool:
+        """Walk along a ray in steps no longer than the distance to the part allows."""
+        for _ in range(MOST_STEPS):
+            if np.linalg.norm(here - self.part.middle) > self.radius:
+                return True
+            height = signed_distances(self.part, here[None])[0]
+            if height < kept:
+                return False
+            here = here + direction * max(height - kept, SHORTEST_STEP_M)
+        return False
+
+
+def _around(axis: Array) -> Array:
+    """Unit directions spread over the half space about an axis, the nearest to it first, shape (n, 3)."""
+    k = np.arange(DIRECTIONS) + 0.5
+    along, angle = 1.0 - k / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
+    first = perpendicular(axis)
+    second = np.cross(axis, first)
+    beside = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    return unit(along[:, None] * axis + np.sqrt(1.0 - along**2)[:, None] * beside)
+
+
+RIM_POINTS = 24
+
+
+def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
+    """How deep the middle or the rim of the pad's face stands in the part [m], 0 where it is clear, shape
+    (n,).
+
+    Tool points and unit axes are (n, 3) each; a ``radius`` of 0 looks at the tool point only.
+    """
+    points = positions[:, None]
+    if radius > 0.0:
+        first = _beside(surface, axes)
+        second = np.cross(axes, first)
+        angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
+        rim = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+        points = np.concatenate([points, points + radius * rim], axis=1)
+    depth = -signed_distances(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
+    return np.maximum(depth, 0.0).max(axis=1)
+
+
+def _beside(surface: Surface, axes: Array) -> Array:
+    """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
+    ways = surface.vertices[:3] - surface.middle
+    square = np.cross(axes[:, None], ways)
+    size = norms(square)
+    # The first that is long enough: rounding does not choose among equals.
+    chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
+    rows = np.arange(len(axes))
+    return square[rows, chosen] / size[rows, chosen][:, None]
+
+
+def every(line: Array, spacing: float) -> Indices:
+    """Rows of a polyline (n, 3) no further apart than its points or a spacing [m], both ends among them."""
+    s = arc_length(line)
+    marks = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / spacing)), 1) + 1)
+    return np.unique(np.append(np.searchsorted(s, marks).clip(0, len(s) - 1), [0, len(s) - 1]))
+
+
+def evenly(first: float, last: float, length: float) -> Array:
+    """Values from first to last, about `SPACING_M` apart over a length."""
+    return np.linspace(first, last, max(int(np.ceil(length / SPACING_M)), 2) + 1)
+
 
 LEVELS = 5  #: Heights tried between the lifted tool's own and one above everything, the lowest first
 ROUND = 24  #: Corners of a way round the part
@@ -25,56 +175,50 @@ def travel(first: Move, second: Move, air: AirSpace) -> tuple[Move, bool]:
 
     Returns the points between, as approach to the second run, and whether they keep clear of the part.
     """
-    up, clearance, part = air.up, air.clearance, air.part
-    start, end = first.positions[-1], second.positions[0]
-    kept = height_to_keep(part, np.stack([start, end]), clearance)
+    lifted, landing = first.rows(np.s_[-1:]), second.rows(np.s_[:1])
+    kept = air.height_to_keep(np.concatenate([lifted.positions, landing.positions]))
     clear, line, axes = False, np.empty((0, 3)), np.empty((0, 3))
-    for corners in _ways((start, end), (first.axes[-1], second.axes[0]), up, clearance, part, kept):
+    for corners in _ways(lifted, landing, air, kept):
         line = _along(corners)
-        axes = turned(first.axes[-1], second.axes[0], np.linspace(0.0, 1.0, len(line)))
-        clear = kept > 0.0 and bool(signed_distances(part, line).min() >= kept) and air.has_room(line, axes)
+        axes = turned(lifted.axes[0], landing.axes[0], np.linspace(0.0, 1.0, len(line)))
+        clear = (
+            kept > 0.0 and bool(signed_distances(air.part, line).min() >= kept) and air.has_room(line, axes)
+        )
         if clear:
             break
     # Both ends belong to the moves before and after.
-    line, axes = line[1:-1], axes[1:-1]
-    return Move(line, axes, APPROACH, np.full(len(line), second.pass_index[0])), clear
+    return move_in(APPROACH, line[1:-1], axes[1:-1], second.pass_index[0]), clear
 
 
-def _ways(
-    ends: tuple[Array, Array],
-    axes: tuple[Array, Array],
-    up: Array,
-    clearance: float,
-    part: Surface,
-    kept: float,
-) -> Iterator[Sequence[Array]]:
+def _ways(lifted: Move, landing: Move, air: AirSpace, kept: float) -> Iterator[Sequence[Array]]:
     """Corners of the ways to try: at rising heights, then round the part, last above everything,
     unchecked."""
-    start, end = ends
-    top = float((part.vertices @ up).max()) + clearance
-    low = max(float(start @ up), float(end @ up))
+    ends = np.concatenate([lifted.positions, landing.positions])
+    axes = lifted.axes[0], landing.axes[0]
+    top = float((air.part.vertices @ air.up).max()) + air.clearance
+    low = max(float(end @ air.up) for end in ends)
     for level in np.linspace(low, max(top, low), LEVELS):
-        yield _over(start, end, up, float(level))
-    ball = ball_around(part, clearance)
-    yield _round(ends, axes, ball)
-    out = [way_out(part, ball, end, axis, up, kept) for end, axis in zip(ends, axes, strict=True)]
+        yield _over(ends, air.up, level)
+    yield _round(ends, axes, air)
+    out = [air.way_out(end, axis, kept) for end, axis in zip(ends, axes, strict=True)]
     if out[0] is not None and out[1] is not None:
-        yield _round(ends, (out[0], out[1]), ball)
-    yield _over(start, end, up, max(top, low))
+        yield _round(ends, (out[0], out[1]), air)
+    yield _over(ends, air.up, max(top, low))
 
 
-def _over(start: Array, end: Array, up: Array, level: float) -> list[Array]:
-    return [start, *(point + up * max(level - float(point @ up), 0.0) for point in (start, end)), end]
+def _over(ends: Array, up: Array, level: float) -> list[Array]:
+    return [ends[0], *(end + up * max(level - float(end @ up), 0.0) for end in ends), ends[1]]
 
 
-def _round(ends: tuple[Array, Array], directions: tuple[Array, Array], ball: Ball) -> list[Array]:
-    """Straight out to a ball around the part, over it, and in again."""
-    outside = [_leave(end - ball.middle, way, ball.radius) for end, way in zip(ends, directions, strict=True)]
+def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[Array]:
+    """Straight out to the ball around the part, over it, and in again."""
+    middle = air.part.middle
+    outside = [_leave(end - middle, way, air.radius) for end, way in zip(ends, directions, strict=True)]
     first, second = (unit(point) for point in outside)
-    reach = max(ball.radius, *(float(np.linalg.norm(point)) for point in outside))
+    reach = max(air.radius, *(float(np.linalg.norm(point)) for point in outside))
     # A chord between corners must not cut into the ball.
     arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * turned(first, second, np.linspace(0.0, 1.0, ROUND))
-    return [ends[0], ball.middle + outside[0], *(ball.middle + arc), ball.middle + outside[1], ends[1]]
+    return [ends[0], middle + outside[0], *(middle + arc), middle + outside[1], ends[1]]
 
 
 def _leave(point: Array, axis: Array, radius: float) -> Array:
@@ -104,8 +248,6 @@ def turned(first: Array, second: Array, share: Array) -> Array:
     angle = share * np.arctan2(size, first @ second)
     return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * unit(side)
 
-
-# In which order, and which way round, the runs of a path are walked so that the air moves are short.
 
 WINDOW = 60  #: Neighbours in the order that change places: time stays proportional to their number
 MOST_SWEEPS = 40
@@ -158,8 +300,8 @@ def _way(ends: Array, order: Indices, flips: Indices, first: int, last: int) -> 
     """Length of the ways between the blocks from the first place to the last [m]."""
     total = 0.0
     for k in range(first, last):
-        a, b = ends[order[k], 1 - flips[k]], ends[order[k + 1], flips[k + 1]]
-        total += np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+        way = minus(ends[order[k], 1 - flips[k]], ends[order[k + 1], flips[k + 1]])
+        total += np.sqrt(dot(way, way))
     return total
 
 

@@ -4,16 +4,15 @@ runs)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from polish_sim.arrays import Array, dots, norms
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.offset_curve import adapted_spacing
-from polish_sim.planning.patterns.nested import CANDIDATES, chains, nested_turns, places_near
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.offset_curve import adapted_spacing
+from polish_sim.planning.patterns.nested import CANDIDATES, chains, lines_across, nested_turns
 from polish_sim.planning.patterns.run import (
     FINE,
     FURTHEST_M,
@@ -65,9 +64,13 @@ def _mean(ring: Array, window: int) -> Array:
 def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanConfig) -> list[float]:
     """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest
     point."""
-    lines = _lines_outwards(loops, stepover, outward)
-    if plan.start and not outward:
-        lines = np.concatenate([lines, _lines_from(loops, np.array(plan.start), stepover)], axis=1)
+    sign = 1.0 if outward else -1.0
+    start = np.reshape(() if outward else plan.start, (-1, 3))
+
+    def slant(inner: Curve, outer: Curve) -> float:
+        return sign * _step_length(inner, outer, stepover)
+
+    lines = lines_across(loops, CANDIDATES, start, stepover, slant)
     cost = sum(_sharpness(loop, s, stepover) for loop, s in zip(loops, lines, strict=True))
     for outer, inner, s in zip(loops[:-1], loops[1:], lines[1:], strict=True):
         cost = cost + np.maximum(outer.nearest(inner.at(s)[0]).distances / stepover - 1.1, 0.0)
@@ -77,26 +80,6 @@ def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanCo
         cost = cost + CORNER * norms(places - np.array(plan.start)) / stepover
     best = int(np.argmin(np.round(cost, 6)))
     return [float(line[best]) for line in lines]
-
-
-def _lines_outwards(loops: Sequence[Curve], stepover: float, outward: bool) -> Array:
-    """Lines from places all round the innermost loop, each step leading on so that it slants; arc lengths (k,
-    n)."""
-    sign = 1.0 if outward else -1.0
-    lines = [np.linspace(0.0, loops[-1].length, CANDIDATES, endpoint=False)]
-    for inner, outer in zip(loops[:0:-1], loops[-2::-1], strict=True):
-        foot = outer.nearest(inner.at(lines[-1])[0])
-        lines.append(outer.wrap(foot.s + sign * _step_length(inner, outer, stepover)))
-    return np.array(lines[::-1])
-
-
-def _lines_from(loops: Sequence[Curve], start: Array, stepover: float) -> Array:
-    """Lines inwards from places of the outermost loop near a start (3,), likewise; they may run into
-    corners."""
-    lines = [places_near(loops[0], start[None], stepover)]
-    for outer, inner in pairwise(loops):
-        lines.append(inner.nearest(outer.at(lines[-1] + _step_length(inner, outer, stepover))[0]).s)
-    return np.array(lines)
 
 
 def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:

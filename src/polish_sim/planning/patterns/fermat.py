@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Layout, Pocket, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, nested_turns

@@ -13,10 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, dots, norms
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns ->
 # Tree).
@@ -70,25 +72,17 @@ def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indic
 
 def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -> Tree:
     """The tree of longest contacts with the turn ``root`` as its root."""
-    beside: list[list[tuple[float, int]]] = [[] for _ in curves]
-    for contact in contacts:
-        beside[contact.first].append((contact.length, contact.second))
-        beside[contact.second].append((contact.length, contact.first))
-    parent_of = {root: -1}
-    offers = [(length, root, other) for length, other in beside[root]]
-    while offers:
-        _, parent, child = best = max(offers)
-        offers.remove(best)
-        if child in parent_of:
-            continue
-        parent_of[child] = parent
-        offers += [(length, child, other) for length, other in beside[child] if other not in parent_of]
-    children: list[list[int]] = [[] for _ in curves]
     lengths = np.array([curve.length for curve in curves])
-    for child, parent in list(parent_of.items())[:0:-1]:
-        children[parent].insert(0, child)
-        lengths[parent] += lengths[child]
-    return Tree(tuple(map(tuple, children)), tuple(parent_of), lengths)
+    if not contacts:
+        return Tree(((),) * len(curves), (root,), lengths)
+    first, second, together = (np.array(column) for column in zip(*contacts, strict=True))
+    graph = coo_array((-together, (first, second)), shape=(len(curves), len(curves)))
+    reached, parents = breadth_first_order(minimum_spanning_tree(graph), root, directed=False)
+    children: list[list[int]] = [[] for _ in curves]
+    for child in reached[:0:-1].tolist():
+        children[parents[child]].insert(0, child)
+        lengths[parents[child]] += lengths[child]
+    return Tree(tuple(map(tuple, children)), tuple(reached.tolist()), lengths)
 
 
 #: Largest length of a seam along a turn: in step-overs, and as a share of the turn
@@ -235,15 +229,12 @@ def _clear_width(layout: Layout, turn: int, other: int, s: float) -> float:
 def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lines:
     """The lines led on to the next turn, and what they cost then."""
     here, there = layout.curves[row[-1]], layout.curves[child]
-    points = here.at(lines.s[:, -1])[0]
+    s = lines.s[:, -1]
+    points = here.at(s)[0]
     foot = there.nearest(points)
-    narrow = (
-        lines.narrow
-        + _misfit(layout, row[-1], child, lines.s[:, -1], NARROW)
-        + _use(layout, child, foot.s, NARROW)
-    )
-    wide = (
-        lines.wide + _misfit(layout, row[-1], child, lines.s[:, -1], BAND) + _use(layout, child, foot.s, BAND)
+    narrow, wide = (
+        price + _misfit(layout, row[-1], child, s, steps) + _use(layout, child, foot.s, steps)
+        for price, steps in ((lines.narrow, NARROW), (lines.wide, BAND))
     )
     if len(row) > 1:
         # The next turn must lie on the other side than the last.

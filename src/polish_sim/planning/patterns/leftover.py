@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.geometry.topology import label_within
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.turns import Turn, distance_to
-from polish_sim.planning.ground.triangulation import Triangulation, each_once, half_edges
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.run import Run, dense, join, with_round_corners
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import Turn, distance_to
 from polish_sim.spatial import unit
 
 WORTH_A_LINK = 0.1  #: Smallest uncovered area a run is led into, in squared step-overs
@@ -47,7 +47,7 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     traces = [dense(run.positions, TRACE * stepover) for run in runs]
     everything = np.concatenate(traces) if traces else np.empty((0, 3))
     distance = _distance(mesh.vertices, everything, stepover)
-    rest = _triangles_of(mesh, distance > STRICT * stepover)
+    rest = _edges_within(mesh, distance > STRICT * stepover)
     tried = np.zeros(len(mesh.vertices), dtype=bool)
     at_border = np.zeros(len(mesh.vertices), dtype=bool)
     at_border[mesh.border] = True
@@ -91,7 +91,7 @@ def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
     distance = np.zeros(len(mesh.vertices))
     distance[turn.inside] = distance_to(mesh, turn.inside, [turn.curve], DEEPEST * stepover)
     uncovered = distance > STRICT * stepover
-    rest = _triangles_of(mesh, uncovered)
+    rest = _edges_within(mesh, uncovered)
     place, area = _largest_place(mesh, rest, uncovered)
     if area < WORTH_A_LINK * stepover**2:
         return np.empty((0, 3))
@@ -113,16 +113,16 @@ def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: f
     distance[near] = np.minimum(distance[near], _distance(mesh.vertices[near], trace, stepover))
 
 
-def _triangles_of(mesh: Triangulation, places: Bools) -> Indices:
-    """Triangles with a side inside a set of vertices, shape (k, 3)."""
-    return mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2]
+def _edges_within(mesh: Triangulation, places: Bools) -> Indices:
+    """Edges inside a set of vertices, shape (k, 2)."""
+    return mesh.edges[places[mesh.edges].all(axis=1)]
 
 
 def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tuple[Bools, float]:
-    """The connected piece of largest area among the triangles of the rest, and that area [m^2]."""
+    """The connected piece of largest area along the edges of the rest, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
-    _, labels = label_within(half_edges(rest), open_places)
+    _, labels = label_within(rest, open_places)
     areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
     largest = _largest(areas)
     return labels == largest, float(areas[largest])
@@ -139,8 +139,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
-    sides = half_edges(rest)
-    edges = each_once(number[sides[place[sides].all(axis=1)]], len(rows))
+    edges = number[rest[place[rest].all(axis=1)]]
     depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
     length = norms(points[edges[:, 0]] - points[edges[:, 1]])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,12 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
 from polish_sim.geometry.surface import enclosed
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of
-from polish_sim.planning.curves.turns import (
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.offset_curve import LevelLine, level_lines, nearest_of
+from polish_sim.planning.patterns.run import PatternRequest
+from polish_sim.planning.quality.coverage import STRICT
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import (
     RingTurns,
     Turn,
     border_curves,
@@ -20,9 +24,6 @@ from polish_sim.planning.curves.turns import (
     grow_turns,
     ring_turns,
 )
-from polish_sim.planning.ground.triangulation import Triangulation
-from polish_sim.planning.patterns.run import PatternRequest
-from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.spatial import unit
 
 WORTH_A_LOOP = 0.15  #: Smallest uncovered area that gets a loop, in squared step-overs
@@ -125,11 +126,30 @@ CANDIDATES = 96  #: Lines across the turns that are tried
 NEAR_START = 4
 
 
-def places_near(turn: Curve, start: Array, stepover: float) -> Array:
-    """Arc lengths of places of a turn near a start (1, 3) [m]."""
-    return turn.wrap(
-        turn.nearest(start).s + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
-    )
+def lines_across(
+    turns: Sequence[Curve],
+    count: int,
+    start: Array,
+    stepover: float,
+    slant: Callable[[Curve, Curve], float] = lambda inner, outer: 0.0,
+) -> Array:
+    """Lines across nested turns, outermost first, nearest point to nearest point; arc lengths (k, n) [m].
+
+    They begin at ``count`` places all round the innermost turn, from where they never run into corners, and
+    at places of the outermost one near ``start`` (1, 3) [m], if there is one. ``slant`` is how much further
+    along the ``outer`` turn they pass each time [m].
+    """
+    lines = [np.linspace(0.0, turns[-1].length, count, endpoint=False)]
+    for inner, outer in pairwise(reversed(turns)):
+        lines.append(outer.wrap(outer.nearest(inner.at(lines[-1])[0]).s + slant(inner, outer)))
+    lines.reverse()
+    if not len(start):
+        return np.array(lines)
+    near = stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
+    more = [turns[0].wrap(turns[0].nearest(start).s + near)]
+    for outer, inner in pairwise(turns):
+        more.append(inner.nearest(outer.at(more[-1] - slant(inner, outer))[0]).s)
+    return np.concatenate([lines, more], axis=1)
 
 
 def without_tails(curve: Curve, width: float) -> Curve:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.planning.curves.curve import Curve, Nearest
+from polish_sim.planning.curve import Curve, Nearest
 
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
 

@@ -14,14 +14,14 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, longest_side, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of, offset_curve
-from polish_sim.planning.curves.turns import Report, border_curves, distance_to
-from polish_sim.planning.ground.ground import footprint
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import footprint
+from polish_sim.planning.offset_curve import LevelLine, level_lines, nearest_of, offset_curve
 from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
 from polish_sim.planning.toolpath import arc_length, stretches
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import Report, border_curves, distance_to
 from polish_sim.spatial import unit
 
 # Lines side by side across a region, a step-over apart on the surface (Region -> rows of open curves).

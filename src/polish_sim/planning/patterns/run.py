@@ -15,11 +15,11 @@ from scipy.ndimage import uniform_filter1d
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.offset_curve import stations
-from polish_sim.planning.curves.turns import Report
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.offset_curve import stations
 from polish_sim.planning.toolpath import arc_length, interpolate
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.planning.turns import Report
 
 ROUNDING = 0.5  #: A corner is rounded over this much on either side, as a share of the step-over
 SHARPENING = 2.0  #: How often what rounding takes off a corner is put on before; so turns cut off less of it
@@ -119,9 +119,8 @@ def _moving_average(points: Array, window: int) -> Array:
     """Mean over a window; the ends stay, because the line is continued by its point reflection."""
     size = window | 1
     pad = min(size, len(points) - 1)
-    head = 2.0 * points[0] - points[pad:0:-1]
-    tail = 2.0 * points[-1] - points[-2 : -pad - 2 : -1]
-    averaged = uniform_filter1d(np.concatenate([head, points, tail]), size, axis=0, mode="nearest")
+    longer = np.pad(points, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
+    averaged = uniform_filter1d(longer, size, axis=0, mode="nearest")
     return averaged[pad : pad + len(points)]
 
 

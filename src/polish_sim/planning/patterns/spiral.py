@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, dots, norms
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.curves.turns import border_curves
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.double_spiral import double_spirals
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
-from polish_sim.planning.patterns.nested import CANDIDATES, chains, grown_turns, places_near
+from polish_sim.planning.patterns.nested import CANDIDATES, chains, grown_turns, lines_across
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.turns import border_curves
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns ->
 # seams).
@@ -61,9 +61,8 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     """
     total = sum(curve.length for curve in curves)
     longest = np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover)
-    lines = _outwards(curves, stepover)
-    if len(outer):
-        lines = np.concatenate([lines, _inwards(curves, outer, stepover)], axis=1)
+    count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
+    lines = lines_across(curves, count, outer, stepover)
     places = [curve.at(s)[0] for curve, s in zip(curves, lines, strict=True)]
     price = (GOAL_PRICE * _away(places[-1], goals) + START_PRICE * _away(places[-1], inner)) / stepover
     for before, after in pairwise(places):
@@ -82,24 +81,6 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     price += START_PRICE * _away(begins, outer) / stepover
     best = int(np.argmax(price <= price.min() + SAME))
     return Seams(lines[:, best], float(bands[best]))
-
-
-def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
-    """Lines from places all round the innermost turn, nearest point to nearest point; arc lengths (k, n)
-    [m]."""
-    count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
-    lines = [np.linspace(0.0, curves[-1].length, count, endpoint=False)]
-    for inner, outer in pairwise(reversed(curves)):
-        lines.append(outer.nearest(inner.at(lines[-1])[0]).s)
-    return np.array(lines[::-1])
-
-
-def _inwards(curves: Sequence[Curve], start: Array, stepover: float) -> Array:
-    """Lines from places of the outermost turn near a start (1, 3), likewise; they may run into corners."""
-    lines = [places_near(curves[0], start, stepover)]
-    for outer, inner in pairwise(curves):
-        lines.append(inner.nearest(outer.at(lines[-1])[0]).s)
-    return np.array(lines)
 
 
 def _away(points: Array, goals: Array) -> Array:

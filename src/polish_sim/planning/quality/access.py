@@ -1,4 +1,5 @@
-"""The part of a region that the tool reaches without a collision with the part (Region, Tool -> Access)."""
+"""The part of a region that the tool reaches without a collision with the part, upright or leaned away from
+what stands beside it (Region, Tool -> Access)."""
 
 from __future__ import annotations
 
@@ -8,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, dots, norms, summed
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
-from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.ground.points import thin
-from polish_sim.planning.quality.leaning import Leaning, find_leaning, pressed_from
+from polish_sim.planning.ground import Ground
+from polish_sim.planning.points import thin
+from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import (
     FIXTURE,
     Places,
@@ -23,8 +24,11 @@ from polish_sim.planning.quality.tool_room import (
     UnderPad,
     ground_under,
     hollow_radius,
+    most_hollow,
     pressed_places,
 )
+from polish_sim.planning.triangulation import Triangulation
+from polish_sim.spatial import perpendicular, unit
 
 BEYOND = 0.5  #: Largest room that is measured [pad radii]
 SCOUTED_APART = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
@@ -36,6 +40,29 @@ nearer to a wall than the pad."""
 HOLLOW = "too hollow for the pad"
 TRIM, TILT = "trim", "tilt"
 AVOID = (TRIM, TILT)
+
+
+@dataclass(frozen=True, eq=False)
+class Leaning:
+    """How the tool leans on a region."""
+
+    mesh: Triangulation
+    leans: Array  #: At its vertices, along the surface, shape (v, 3)
+
+    @property
+    def note(self) -> str:
+        """How far it leans."""
+        slope = norms(self.leans).max()
+        return f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it"
+
+    def lean(self, points: Array, axes: Array) -> Array:
+        """Unit axes (n, 3) at points (n, 3) [m], leaned."""
+        away, index = self.mesh.tree.query(points, k=AROUND)
+        same_side = dots(self.mesh.normals[index], axes[:, None]) > 0.0
+        weights = same_side * (1.0 - away / away[:, -1:]) ** 2
+        mean = (weights[:, :, None] * self.leans[index]).sum(axis=1)
+        mean /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
+        return unit(axes + mean - axes * (mean * axes).sum(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +141,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     reasons = (*(too_near(*pair) for pair in tool.pairs), HOLLOW)
     why = np.where(reach.hollow, len(tool.pairs), reach.rooms.argmin(axis=1))
     why[reach.touched >= 0.5] = -1
-    missed = ground.mesh.part_areas(ground.part_facets).sum() - reach.area(ground)
+    missed = ground.part_areas.sum() - reach.area(ground)
     return Access(cut or region, reach.touched, reasons, why, missed, leaning, gained)
 
 
@@ -138,7 +165,7 @@ class _Reach(NamedTuple):
 
     def area(self, ground: Ground) -> float:
         """What it touches [m^2]."""
-        return float((ground.mesh.part_areas(ground.part_facets) * self.touched).sum())
+        return float((ground.part_areas * self.touched).sum())
 
 
 def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
@@ -148,7 +175,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     some = thin(mesh.vertices[near], FINE * radius)
     places, under = room.places(mesh.vertices[near][some.kept])
     rooms[near] = room.of_bodies(places)[some.stands_for]
-    under = UnderPad(*(column[some.stands_for] for column in under))
+    under = _of(under, some.stands_for)
     hollow = np.zeros(len(near), dtype=bool)
     hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
     least = rooms.min(axis=1)
@@ -158,9 +185,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     rows = np.flatnonzero((leaned & (least >= 0.0))[near])
     if len(rows):
         at = np.flatnonzero(near)[rows]
-        touched[
-            pressed_from(mesh, at, leans[at], UnderPad(*(column[rows] for column in under)), room.tool)
-        ] = 1.0
+        touched[pressed_from(mesh, at, leans[at], _of(under, rows), room.tool)] = 1.0
     return _Reach(rooms, hollow, np.where(hollow & (least < 0.0), 0.0, touched), room.leaning)
 
 
@@ -168,7 +193,7 @@ def _leant(ground: Ground, room: ToolRoom, near: Bools, upright: _Reach) -> _Rea
     """What the tool reaches if it may lean; the same as upright where that is no more."""
     rows = np.flatnonzero(near)
     _, under = room.places(ground.mesh.vertices[rows])
-    leaning = find_leaning(room, ground.mesh, rows, under, upright.rooms[rows], room.tool)
+    leaning = find_leaning(room, ground.mesh, rows, under, upright.rooms[rows])
     if leaning is None:
         return upright
     leaned = norms(leaning.leans) > 0.0
@@ -212,3 +237,99 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
     # A vertex stands for what is half the way to the next ones.
     wide = np.sqrt(np.maximum(ground.mesh.vertex_areas, 1e-300))
     return np.clip(0.5 + (radius - away) / wide, 0.0, 1.0)
+
+
+# A lean is a vector along the surface, the tangent of the angle long, the way the tool's upper end goes. It
+# is found where spindle, sensor or wrist have no room and the pad has, and fades from there, so that the axis
+# turns gradually. A leaned pad presses with the side it leans to: its rim goes as deep as on the most hollow
+# ground, no deeper.
+
+SLOPES = 6  #: Leans up to the largest that are tried; the least with room is taken
+LEANED_APART = 0.25  #: Spacing of the places at which they are tried [pad radii]
+FADES = 2.0  #: Length over which a lean fades [pad radii], no less than `SHORTEST_M`
+SHORTEST_M = 0.03
+STEP = 0.1  #: Distance at which more room is looked for [pad radii]
+AROUND = 16  #: Nearest vertices a lean is averaged over, weighted by distance
+
+
+def find_leaning(
+    room: ToolRoom, mesh: Triangulation, rows: Indices, under: UnderPad, rooms: Array
+) -> Leaning | None:
+    """Lean the tool where it lacks room and its pad does not; None if in vain.
+
+    Looked at are vertices ``rows`` (k,) over ``under``; ``rooms`` (k, pairs) [m] are those along the normals.
+    """
+    tool = room.tool
+    pads = np.array([body == "pad" for body, _ in tool.pairs])
+    short = np.flatnonzero((rooms.min(axis=1) < 0.0) & (rooms[:, pads].min(axis=1) >= 0.0))
+    if not len(short):
+        return None
+    short = short[thin(mesh.vertices[rows[short]], LEANED_APART * tool.pad.radius_m).kept]
+    steepest = np.tan(np.arcsin(most_hollow(tool.pad) / tool.pad.radius_m))
+    rows, under = rows[short], _of(under, short)
+    away = _away(room, pressed_places(mesh.vertices[rows], under.normals, under, tool.pad, tool.force))
+    needed = np.zeros(len(rows))
+    for slope in np.linspace(0.0, steepest, SLOPES + 1)[1:]:
+        waiting = np.flatnonzero(needed == 0.0)
+        ground = _of(under, waiting)
+        axes = unit(ground.normals + slope * away[waiting])
+        tried = pressed_places(mesh.vertices[rows[waiting]], axes, ground, tool.pad, tool.force)
+        needed[waiting[room.of_bodies(tried).min(axis=1) >= 0.0]] = slope
+    found = needed > 0.0
+    if not found.any():
+        return None
+    return Leaning(mesh, _faded(mesh, rows[found], needed[found], away[found], tool, steepest))
+
+
+def _of(under: UnderPad, rows: Indices) -> UnderPad:
+    return UnderPad(*(column[rows] for column in under))
+
+
+def _away(room: ToolRoom, places: Places) -> Array:
+    """The way along the surface in which what is short of room gets more of it, unit vectors, shape (k,
+    3)."""
+    ways = perpendicular(places.axes)
+    step = STEP * room.tool.pad.radius_m
+    slope = np.zeros_like(places.axes)
+    for way in (ways, np.cross(places.axes, ways)):
+        ahead, behind = (
+            room.of_bodies(places._replace(middles=places.middles + sign * step * way)).min(axis=1)
+            for sign in (1.0, -1.0)
+        )
+        slope += (ahead - behind)[:, None] * way
+    return unit(slope)
+
+
+def _faded(
+    mesh: Triangulation, rows: Indices, slopes: Array, away: Array, tool: Tool, steepest: float
+) -> Array:
+    """Leans of all vertices: those needed, and around them ever less, (v, 3)."""
+    reach = max(FADES * tool.pad.radius_m, SHORTEST_M)
+    near = cKDTree(mesh.vertices[rows])
+    pairs = near.sparse_distance_matrix(mesh.tree, reach, output_type="coo_matrix")
+    weights = slopes[pairs.row] - steepest * pairs.data / reach
+    kept = weights > 0.0
+    row, column, weights = pairs.row[kept], pairs.col[kept], weights[kept]
+    longest = np.zeros(len(mesh.vertices))
+    np.maximum.at(longest, column, weights)
+    total = np.bincount(column, weights, len(mesh.vertices))
+    mean = summed(column, weights[:, None] * away[row], len(total)) / np.maximum(total, 1e-300)[:, None]
+    mean -= mesh.normals * (mean * mesh.normals).sum(axis=1, keepdims=True)
+    return longest[:, None] * mean
+
+
+def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderPad, tool: Tool) -> Indices:
+    """Vertices the leaned pad presses on from vertices ``rows`` (k,), leans (k, 3): the side it leans to."""
+    kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
+    rows, leans, under = rows[kept], leans[kept], _of(under, kept)
+    tilts = np.stack(
+        [dots(leans, way) for way in (under.principal, np.cross(under.normals, under.principal))]
+    )
+    depths = pad_depths(under.curvatures, tool.pad, tool.force, tilts.T)
+    found = [np.empty(0, dtype=np.int64)]
+    for row, lean, depth, near in zip(
+        rows, leans, depths, mesh.tree.query_ball_point(mesh.vertices[rows], tool.pad.radius_m), strict=True
+    ):
+        near = np.array(near)
+        found.append(near[depth + (mesh.vertices[near] - mesh.vertices[row]) @ lean > 0.0])
+    return np.unique(np.concatenate(found))

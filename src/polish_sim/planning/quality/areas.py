@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
-from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.ground import Ground
 
 NARROW = "component narrower than half the pad"
 MARGIN = "edge margin"
@@ -57,7 +57,7 @@ class AskedRegion:
     @property
     def areas(self) -> Array:
         """What each vertex of the ground stands for, in all the region's area [m^2], shape (v,)."""
-        flat = self.ground.mesh.part_areas(self.ground.part_facets)
+        flat = self.ground.part_areas
         return flat * (self.area_m2 / flat.sum())
 
 
@@ -132,7 +132,7 @@ def account_for(
 def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
     """The row of some vertices (v,)."""
     mesh = asked.ground.mesh
-    shown = (out[mesh.triangles].sum(axis=1) >= 2) & (mesh.owners < asked.ground.part_facets)
+    shown = (out[mesh.triangles].sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
     where = mesh.vertices[out]
     middle = norms(where - where.mean(axis=0)).argmin()
     return LeftOutRow(float(areas[out].sum()), mesh.vertices[mesh.triangles[shown]], where[middle])

@@ -4,20 +4,21 @@ shares)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, dots, norms, running_sums
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
-from polish_sim.planning.curves.curve import Curve, foot_on_chord
-from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.ground.points import build_point_grid, cells_between, thin
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import Ground
+from polish_sim.planning.offset_curve import nearest_of
+from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
+from polish_sim.planning.triangulation import Triangulation
 from polish_sim.spatial import unit
 
 STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
@@ -31,38 +32,24 @@ SAMPLES = 100_000
 def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Bools:
     """Which points (k, 3) [m] are within 0.55 step-overs of a path's runs in contact, on its side of the
     part."""
-    path = Strands(runs).sample(CHORD * stepover)
-    limit = STRICT * stepover
-    reach = np.hypot(limit, 0.5 * CHORD * stepover)
-    found, index = cKDTree(path.points).query(points, distance_upper_bound=reach)
-    rows = np.flatnonzero(np.isfinite(found))
-    near = index[rows]
-    same_side = dots(path.normals[near], normals[rows]) > 0.0
-    rows, near = rows[same_side], near[same_side]
-    distance = found[rows]
-    low, high = path.first[path.run[near]], path.first[path.run[near] + 1] - 1
-    for other in (np.maximum(near - 1, low), np.minimum(near + 1, high)):
-        chord = path.points[other] - path.points[near]
-        distance = np.minimum(distance, foot_on_chord(points[rows] - path.points[near], chord)[1])
-    covered = np.zeros(len(points), dtype=bool)
-    covered[rows[distance <= limit]] = True
-    return covered
+    path, limit = Strands(runs).sample(CHORD * stepover), STRICT * stepover
+    parts = (slice(*ends) for ends in pairwise(path.first))
+    fine = [Curve(path.points[part], path.normals[part], False) for part in parts]
+    feet = nearest_of(fine, points, np.hypot(limit, 0.5 * CHORD * stepover)).nearest
+    return (feet.distances <= limit) & (dots(feet.normals, normals) > 0.0)
 
 
-def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], stepover: float) -> float:
-    """Share of the region's area, 0 to 1, within 0.55 step-overs [m] of the path's runs, closed holes left
-    out.
+def strict_share(mesh: Triangulation, areas: Array, runs: Sequence[Curve], stepover: float) -> float:
+    """Share of the area of triangles (t,) [m^2], 0 to 1, within 0.55 step-overs [m] of the path's runs.
 
-    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do. Facets
-    after the first ``part_facets`` close holes.
+    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do.
     """
-    own = np.flatnonzero(mesh.owners < part_facets)
-    ends = np.cumsum(mesh.areas[own])
+    ends = np.cumsum(areas)
     # One point at random in each equal share of the area: regular steps would fall into step with the rows
     # of a regular mesh. Always the same points.
     jitter, first, second = np.random.default_rng(0).random((3, SAMPLES))
     marks = (np.arange(SAMPLES) + jitter) / SAMPLES * ends[-1]
-    triangle = own[np.minimum(np.searchsorted(ends, marks), len(own) - 1)]
+    triangle = np.minimum(np.searchsorted(ends, marks), np.flatnonzero(areas)[-1])
     folded = first + second > 1.0
     first, second = np.where(folded, 1.0 - first, first), np.where(folded, 1.0 - second, second)
     weights = np.stack([first, second, 1.0 - first - second], axis=1)[:, :, None]
@@ -285,7 +272,7 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | N
     some = thin(mesh.vertices, TIMED_APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
-    own = mesh.part_areas(ground.part_facets) * (1.0 if counted is None else counted)
+    own = ground.part_areas * (1.0 if counted is None else counted)
     areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
     total = areas.sum()
     mean = (areas * times).sum() / total

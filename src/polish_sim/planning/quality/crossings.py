@@ -14,14 +14,34 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, norms
 from polish_sim.geometry.topology import label_pieces
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
+from polish_sim.planning.curve import Curve
 from polish_sim.spatial import into_plane, unit
 
+SAME_PLACE_M = 1e-6  #: Points closer than this are the same place [m]
 #: The way the later segment counts as moved, along no plane of a part
 ASIDE = np.array([0.6143, 0.5517, 0.5642])
+
+
+class Segments(NamedTuple):
+    """All chords of all runs."""
+
+    start: Array  #: [m], shape (n, 3)
+    end: Array
+    start_normals: Array  #: Unit surface normals, shape (n, 3)
+    end_normals: Array
+    number: Indices  #: Follow each other by one only where segments share a point, shape (n,)
+
+
+def segments_of(runs: Sequence[Curve]) -> Segments:
+    """All chords of open curves, those of no length left out."""
+    start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
+    first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
+    gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
+    kept = norms(end - start) > 0.0
+    number = np.arange(len(start)) + gap
+    return Segments(start[kept], end[kept], first[kept], last[kept], number[kept])
 
 
 def find_crossings(runs: Sequence[Curve]) -> Array:
@@ -53,8 +73,7 @@ def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     length = norms(chords.end - chords.start)
     piece = length.mean()
     counts = np.ceil(length / piece).astype(np.int64)
-    owner = np.repeat(np.arange(len(length)), counts)
-    place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    owner, place = in_groups(counts)
     share = ((place + 0.5) / counts[owner])[:, None]
     middles = chords.start[owner] + share * (chords.end - chords.start)[owner]
     # Room for the height of chords over one another.

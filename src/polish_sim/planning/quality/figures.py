@@ -14,7 +14,7 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.geometry.regions.patches import middle_points
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
@@ -134,7 +134,7 @@ def measure_quality(
         crossings=find_crossings(on.runs),
         runs=on.runs,
     )
-    strict = strict_share(ground.mesh, ground.part_facets, on.runs, stepover)
+    strict = strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover)
     quality.figures.update(
         _path_figures(on, path, process)
         | _spacing_figures(quality.spacing, pad)

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, dots, norms, running_sums
+from polish_sim.arrays import Array, Indices, dots, in_groups, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
-from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.ground import Ground
+from polish_sim.planning.curve import Curve, interpolated
+from polish_sim.planning.ground import Ground
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.spatial import unit
 
@@ -61,7 +61,7 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
     foot = surface.closest(positions)
     bend = surface.curvature(foot.facets, foot.barycentric)
     gap = positions - foot.positions
-    on_part = foot.facets < ground.part_facets
+    on_part = ground.of_part[foot.facets]
     return PathOnSurface(
         positions=positions,
         axes=path.axes_work[index],
@@ -87,8 +87,8 @@ def with_points_between(path: ToolPath) -> ToolPath:
     )
     if (counts == 1).all():
         return path
-    row = np.repeat(np.arange(len(chords)), counts)
-    share = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[row]
+    row, place = in_groups(counts)
+    share = place / counts[row]
     row, share = np.append(row, len(chords) - 1), np.append(share, 1.0)
 
     def between(values: Array) -> Array:
@@ -143,47 +143,12 @@ class Strands:
     def at(self, run: Indices, s: Array) -> tuple[Array, Array]:
         """Positions [m] and unit normals of runs (n,) at arc lengths (n,), held at a run's ends."""
         where = self._offsets[run] + np.clip(s, 0.0, self.lengths[run])
-        index = np.searchsorted(self._knots, where, side="right") - 1
-        index = np.clip(index, 0, len(self._knots) - 2)
-        # At a run's very end the next knot belongs to another run.
-        span = self._knots[index + 1] - self._knots[index]
-        share = np.where((where > self._knots[index]) & (span > 0.0), where - self._knots[index], 0.0)
-        share = (share / np.where(span > 0.0, span, 1.0))[:, None]
-        positions = self._positions[index] + share * (self._positions[index + 1] - self._positions[index])
-        return positions, unit(
-            self._normals[index] + share * (self._normals[index + 1] - self._normals[index])
-        )
+        return interpolated(self._positions, self._normals, self._knots, where)
 
     def sample(self, spacing: float) -> RunSamples:
         """Points no further apart than a spacing [m], three or more of each run, both ends among them."""
         counts = np.maximum(np.ceil(self.lengths / spacing).astype(np.int64), 2) + 1
-        first = running_sums(counts)
-        run = np.repeat(np.arange(len(counts)), counts)
-        s = (np.arange(first[-1]) - first[run]) * (self.lengths / (counts - 1))[run]
+        run, place = in_groups(counts)
+        s = place * (self.lengths / (counts - 1))[run]
         points, normals = self.at(run, s)
-        return RunSamples(run, s, points, normals, first)
-
-
-# The chords of a path, each with its normals: what crossings are looked for among (runs -> Segments).
-
-SAME_PLACE_M = 1e-6  #: Points closer than this are the same place [m]
-
-
-class Segments(NamedTuple):
-    """All chords of all runs."""
-
-    start: Array  #: [m], shape (n, 3)
-    end: Array
-    start_normals: Array  #: Unit surface normals, shape (n, 3)
-    end_normals: Array
-    number: Indices  #: Follow each other by one only where segments share a point, shape (n,)
-
-
-def segments_of(runs: Sequence[Curve]) -> Segments:
-    """All chords of open curves, those of no length left out."""
-    start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
-    first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
-    gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
-    kept = norms(end - start) > 0.0
-    number = np.arange(len(start)) + gap
-    return Segments(start[kept], end[kept], first[kept], last[kept], number[kept])
+        return RunSamples(run, s, points, normals, running_sums(counts))

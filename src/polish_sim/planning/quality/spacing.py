@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices, dots
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
-from polish_sim.planning.curves.curve import Curve, foot_on_chord
-from polish_sim.planning.ground.points import build_point_grid, cells_between
+from polish_sim.planning.curve import Curve, foot_on_chord
+from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import unit

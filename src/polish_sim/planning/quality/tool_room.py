@@ -17,7 +17,7 @@ from polish_sim.geometry.closest import box_distance2
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus
+from polish_sim.kernels import cross, dot, matvec, minus, plus, scaled, set_to
 from polish_sim.planning.quality.coverage import rows_apart
 from polish_sim.planning.quality.located import PathOnSurface
 from polish_sim.planning.toolpath import arc_length
@@ -325,36 +325,33 @@ def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
     depths, reaches = np.zeros(count), np.zeros(count)
     nodes, corner, layer, cut = np.empty(64, np.int32), np.empty((3, 3)), np.empty((6, 3)), np.empty((6, 3))
     for i in range(count):
-        x, y, z = discs.middles[i]
+        middle, axis = discs.middles[i], discs.axes[i]
         low, high = discs.lows[i], discs.highs[i]
         around2 = radius * radius + high * high
         nodes[0], top = 0, 1
         while top > 0:
             top -= 1
             node = nodes[top]
-            if box_distance2(tree.low, tree.high, node, x, y, z) > around2:
+            if box_distance2(tree.low, tree.high, node, middle) > around2:
                 continue
-            if _top_of_box(tree, node, discs.middles[i], discs.axes[i], 1.0) <= low:
+            if _top_of_box(tree, node, middle, axis, 1.0) <= low:
                 continue
-            if _top_of_box(tree, node, discs.middles[i], discs.axes[i], -1.0) <= -high:
+            if _top_of_box(tree, node, middle, axis, -1.0) <= -high:
                 continue
             # What is further from the axis than what was found already adds nothing.
-            if _beside(tree, node, discs.middles[i], discs.axes[i]) >= radius - (
-                depths[i] if deep else reaches[i]
-            ):
+            if _beside(tree, node, middle, axis) >= radius - (depths[i] if deep else reaches[i]):
                 continue
             if tree.right[node] >= 0:
                 one = tree.right[node]
                 two = node + 1
-                if box_distance2(tree.low, tree.high, one, x, y, z) < box_distance2(
-                    tree.low, tree.high, two, x, y, z
-                ):
+                near = box_distance2(tree.low, tree.high, one, middle)
+                if near < box_distance2(tree.low, tree.high, two, middle):
                     one, two = two, one
                 nodes[top], nodes[top + 1] = one, two
                 top += 2
                 continue
             for k in range(tree.first[node], tree.first[node] + tree.size[node]):
-                _seen_from(control[tree.items[k]], discs.middles[i], frames[i], corner)
+                _seen_from(control[tree.items[k]], middle, frames[i], corner)
                 gap = _distance_in_layer(corner, low, high, layer, cut)
                 if gap < radius:
                     reaches[i] = max(reaches[i], radius - gap)
@@ -376,13 +373,10 @@ def _top_of_box(tree, node, middle, axis, up):  # type: ignore[no-untyped-def]
 @njit
 def _beside(tree, node, middle, axis):  # type: ignore[no-untyped-def]
     """Least distance a ball round a box has from a disc's axis [m]; negative if the axis meets the ball."""
-    along, away2, radius2 = 0.0, 0.0, 0.0
-    for k in range(3):
-        half = 0.5 * (tree.high[node, k] - tree.low[node, k])
-        offset = tree.low[node, k] + half - middle[k]
-        along += axis[k] * offset
-        away2 += offset * offset
-        radius2 += half * half
+    half = scaled(0.5, minus(tree.high[node], tree.low[node]))
+    offset = minus(plus(tree.low[node], half), middle)
+    along = dot(axis, offset)
+    away2, radius2 = dot(offset, offset), dot(half, half)
     return np.sqrt(max(away2 - along * along, 0.0)) - np.sqrt(radius2)
 
 
@@ -390,11 +384,7 @@ def _beside(tree, node, middle, axis):  # type: ignore[no-untyped-def]
 def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
     """Write the corners of a patch in a disc's frame."""
     for a in range(3):
-        for k in range(3):
-            total = 0.0
-            for j in range(3):
-                total += frame[k, j] * (patch[a, j] - middle[j])
-            corner[a, k] = total
+        set_to(corner[a], matvec(frame, minus(patch[a], middle)))
 
 
 @njit

@@ -4,22 +4,21 @@ whose middle leaves the part, finely triangulated (Region -> Ground)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Indices, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, joined, next_corners, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
-from polish_sim.geometry.bezier import edge_control, edge_middle, quadratic_normals
-from polish_sim.geometry.cut import Clipped
-from polish_sim.geometry.regions.patches import join
-from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, trace_border
+from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normals
+from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces, trace_border
 from polish_sim.geometry.topology import find_adjacency
-from polish_sim.planning.ground.triangulation import Triangulation, triangulate
+from polish_sim.planning.triangulation import Triangulation, triangulate
 from polish_sim.spatial import into_plane, perpendicular, unit
 
 
@@ -31,67 +30,65 @@ class Bridged(NamedTuple):
     holes: int  #: Number of holes closed
 
 
-class _Rim(NamedTuple):
-    """Border edges around a hole, in order: from corner ``edge`` of ``facet`` to the next corner."""
-
-    facet: Indices
-    edge: Indices
-
-
 def bridge_holes(region: Region, widest: float) -> Bridged:
     """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
     surface = region.surface
-    rims = [_Rim(*np.array(loop, dtype=np.int64).T) for loop in trace_border(surface)]
-    rims = [rim for rim in rims if _diameter(surface, rim) <= widest]
+    rims = [loop.T for loop in trace_border(surface)]
+    rims = [rim for rim in rims if _diameter(surface.control[tuple(rim)]) <= widest]
     if not rims or len(rims) == len(region.boundary_loops):
         return Bridged(region, len(surface.faces), 0)
     for rim in rims:
-        surface = _close(surface, rim)
+        surface = _close(surface, *rim)
     loops = boundary_loops(surface)
     return Bridged(
         replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims)
     )
 
 
-def _diameter(surface: Surface, rim: _Rim) -> float:
-    points = surface.control[rim.facet, rim.edge]
+def _diameter(points: Array) -> float:
     return 2.0 * float(norms(points - points.mean(axis=0)).max())
 
 
-def _close(surface: Surface, rim: _Rim) -> Surface:
-    """Add a fan of patches around the middle of a hole, tangent to the surface at its rim."""
-    ahead = (rim.edge + 1) % 3
-    first, second = surface.control[rim.facet, rim.edge], surface.control[rim.facet, ahead]
-    first_normal = unit(surface.normal_control[rim.facet, rim.edge])
-    second_normal = unit(surface.normal_control[rim.facet, ahead])
+def _close(surface: Surface, facet: Indices, edge: Indices) -> Surface:
+    """Add a fan of patches around the middle of a hole, tangent to the surface at its rim: edges from corner
+    ``edge`` of ``facet`` to the next corner, in order."""
+    ahead = (edge + 1) % 3
+    first, second = surface.control[facet, edge], surface.control[facet, ahead]
+    first_normal = unit(surface.normal_control[facet, edge])
+    second_normal = unit(surface.normal_control[facet, ahead])
     middle, middle_normal = _middle(first, first_normal)
     count = len(first)
     middles, middle_normals = np.tile(middle, (count, 1)), np.tile(middle_normal, (count, 1))
     # Corners run against the rim: second, first, middle.
     corners = np.stack([second, first, middles], axis=1)
-    corner_normals = np.stack([second_normal, first_normal, middle_normals], axis=1)
-    inwards = _edge_point(first, middles, first_normal, middle_normals)
-    outwards = _edge_point(middles, second, middle_normals, second_normal)
-    along = surface.control[rim.facet, 3 + rim.edge]
-    shape_first, shape_second = surface.shape[rim.facet, rim.edge], surface.shape[rim.facet, ahead]
-    shape_middle = np.tile(shape_first.mean(axis=0), (count, 1))
-    centre = len(surface.vertices)
-    ids = surface.faces[rim.facet]
-    rows = np.arange(count)
-    fan = np.stack([ids[rows, ahead], ids[rows, rim.edge], np.full(count, centre)], axis=1)
-    faces = np.concatenate([surface.faces, fan]).astype(np.int32)
-    adjacency = find_adjacency(faces)
-    smooth = np.concatenate([surface.smooth, np.zeros((count, 3), dtype=bool)])
+    inwards = edge_along(first, middles, first_normal, middle_normals)
+    outwards = edge_along(middles, second, middle_normals, second_normal)
+    along = surface.control[facet, 3 + edge]
+    bends = surface.shape[facet, ahead], surface.shape[facet, edge]
+    centre = np.full(count, len(surface.vertices))
+    return _with_facets(
+        surface,
+        middle[None],
+        np.stack([surface.faces[facet, ahead], surface.faces[facet, edge], centre], axis=1),
+        np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1),
+        quadratic_normals(corners, np.stack([second_normal, first_normal, middle_normals], axis=1)),
+        np.stack([*bends, np.tile(bends[1].mean(axis=0), (count, 1))], axis=1),
+    )
+
+
+def _with_facets(
+    surface: Surface, vertices: Array, faces: Indices, control: Array, normal_control: Array, shape: Array
+) -> Surface:
+    """A surface with vertices and facets behind its own, whose edges are not smooth."""
+    faces_together = np.concatenate([surface.faces, faces]).astype(np.int32)
     return build_surface(
-        vertices=np.concatenate([surface.vertices, middle[None]]),
-        faces=faces,
-        control=np.concatenate(
-            [surface.control, np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1)]
-        ),
-        normal_control=np.concatenate([surface.normal_control, quadratic_normals(corners, corner_normals)]),
-        shape=np.concatenate([surface.shape, np.stack([shape_second, shape_first, shape_middle], axis=1)]),
-        adjacency=adjacency,
-        smooth=smooth,
+        vertices=np.concatenate([surface.vertices, vertices]),
+        faces=faces_together,
+        control=np.concatenate([surface.control, control]),
+        normal_control=np.concatenate([surface.normal_control, normal_control]),
+        shape=np.concatenate([surface.shape, shape]),
+        adjacency=find_adjacency(faces_together),
+        smooth=np.concatenate([surface.smooth, np.zeros((len(faces), 3), dtype=bool)]),
     )
 
 
@@ -105,33 +102,33 @@ def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
     return halfway.mean(axis=0), normal
 
 
-def _edge_point(start: Array, end: Array, start_normal: Array, end_normal: Array) -> Array:
-    """Control point of the curve between two points along the surface (paper 1, eq. 3, 4)."""
-    chord = end - start
-    return edge_control(
-        start, end, unit(into_plane(chord, start_normal)), unit(into_plane(chord, end_normal))
-    )
-
-
 EDGES_PER_STEPOVER = 3.0
 
 
-class Piece(NamedTuple):
-    """A connected component, its small holes closed."""
-
-    region: Region
-    mesh: Triangulation  #: Its fine triangulation
-    part_facets: int  #: Number of facets that are the part's; those after them close holes
-
-
-class Ground(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Ground:
     """A region made ready to be planned on."""
 
     region: Region  #: The region, its small holes closed
     mesh: Triangulation  #: Its fine triangulation
-    part_facets: int  #: Number of facets that are the part's; those after them close holes
+    of_part: Bools  #: Facets that are the part's, not those that close its holes or continue it, shape (m,)
     holes: int  #: Number of holes closed
-    pieces: tuple[Piece, ...]  #: Its connected components, the largest first; a pattern covers one at a time
+    parts: tuple[Ground, ...] = ()
+
+    @property
+    def pieces(self) -> tuple[Ground, ...]:
+        """Its connected components, the largest first; a pattern covers one at a time."""
+        return self.parts or (self,)
+
+    @cached_property
+    def triangle_areas(self) -> Array:
+        """Areas of the triangles, 0 where they are not the part's [m^2], shape (t,)."""
+        return np.where(self.of_part[self.mesh.owners], self.mesh.areas, 0.0)
+
+    @cached_property
+    def part_areas(self) -> Array:
+        """What of the part each vertex stands for: a third of the triangles around it [m^2], shape (v,)."""
+        return self.mesh.at_vertices(self.triangle_areas)
 
 
 def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
@@ -147,8 +144,7 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
             f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller "
             f"than the region, which measures {size * 1e3:.4g} mm across. Set another step-over."
         )
-    pieces = []
-    holes = 0
+    parts = []
     for component in region.components():
         if not component.boundary_loops:
             raise PlanError(
@@ -158,48 +154,30 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
         bridged = bridge_holes(component, plan.bridge_m)
         ground = with_skirt(bridged.region, plan.overrun_m)
         mesh = triangulate(ground.surface, plan.stepover_m / EDGES_PER_STEPOVER)
-        pieces.append(Piece(ground, mesh, bridged.facets))
-        holes += bridged.holes
-    if len(pieces) == 1:
-        return Ground(*pieces[0], holes, tuple(pieces))
-    return _together(region, pieces, holes)
+        of_part = np.arange(len(ground.surface.faces)) < bridged.facets
+        parts.append(Ground(ground, mesh, of_part, bridged.holes))
+    return parts[0] if len(parts) == 1 else _together(region, parts)
 
 
-def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
-    """Ground of several pieces: their surfaces and triangles side by side, facets that close holes last."""
-    surfaces = [piece.region.surface for piece in pieces]
-    firsts = running_sums([len(surface.faces) for surface in surfaces])
-    own = [first + np.arange(piece.part_facets) for first, piece in zip(firsts, pieces, strict=False)]
-    added = [
-        np.arange(a + piece.part_facets, b) for a, b, piece in zip(firsts, firsts[1:], pieces, strict=False)
-    ]
-    order = np.concatenate([*own, *added])
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    beside = join(
-        [Clipped(surface, np.arange(len(surface.faces), dtype=np.int32)) for surface in surfaces]
-    ).surface
-    joined = Region(
-        surface=beside.restrict(order.astype(np.int32)),
-        facets=np.concatenate([piece.region.facets[: piece.part_facets] for piece in pieces]),
-        boundary_loops=tuple(loop for piece in pieces for loop in piece.region.boundary_loops),
-        area_m2=sum(piece.region.area_m2 for piece in pieces),
+def _together(region: Region, parts: Sequence[Ground]) -> Ground:
+    """Ground of several pieces: their surfaces and triangles side by side."""
+    regions, meshes = [part.region for part in parts], [part.mesh for part in parts]
+    surfaces = [part.surface for part in regions]
+    whole = Region(
+        surface=join_surfaces(surfaces),
+        facets=np.concatenate([part.facets for part in regions]),
+        boundary_loops=tuple(loop for part in regions for loop in part.boundary_loops),
+        area_m2=sum(part.area_m2 for part in regions),
         up=region.up,
     )
-    meshes = [piece.mesh for piece in pieces]
-    starts = running_sums([len(mesh.vertices) for mesh in meshes])
-    mesh = Triangulation(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        normals=np.concatenate([mesh.normals for mesh in meshes]),
-        triangles=np.concatenate(
-            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
-        ),
-        areas=np.concatenate([mesh.areas for mesh in meshes]),
-        owners=place[
-            np.concatenate([mesh.owners + first for mesh, first in zip(meshes, firsts, strict=False)])
-        ],
+    facets = running_sums([len(surface.faces) for surface in surfaces])[:-1]
+    vertices = running_sums([len(mesh.vertices) for mesh in meshes])[:-1]
+    columns = joined(
+        (mesh.vertices, mesh.normals, mesh.triangles + vertex, mesh.areas, mesh.owners + facet)
+        for mesh, vertex, facet in zip(meshes, vertices, facets, strict=True)
     )
-    return Ground(joined, mesh, sum(piece.part_facets for piece in pieces), holes, tuple(pieces))
+    of_part = np.concatenate([part.of_part for part in parts])
+    return Ground(whole, Triangulation(*columns), of_part, sum(part.holes for part in parts), tuple(parts))
 
 
 # A region flat, as it is seen from where it looks, and how wide it is that way (Region -> Footprint).
@@ -245,7 +223,7 @@ def with_skirt(region: Region, width: float) -> Region:
         return region
     surface = region.surface
     for loop in trace_border(surface):
-        facet, edge = np.array(loop, dtype=np.int64).T
+        facet, edge = loop.T
         surface = _continued(surface, facet, edge, width)
     return replace(region, surface=surface, boundary_loops=boundary_loops(surface))
 
@@ -255,27 +233,30 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     ahead = (edge + 1) % 3
     inner, normals = surface.control[facet, edge], unit(surface.normal_control[facet, edge])
     outer = inner + width * _outwards(inner, normals)
-    count, first = len(facet), len(surface.vertices)
     here, there = surface.faces[facet, edge], surface.faces[facet, ahead]
-    out = first + np.arange(count)
+    count = len(surface.vertices)
+    out = count + np.arange(len(facet))
     after = np.roll(out, -1)
     faces = np.concatenate([np.stack([there, here, out], axis=1), np.stack([there, out, after], axis=1)])
-    places, upright = np.concatenate([surface.vertices, outer]), np.empty((first + count, 3))
+    places, upright = (
+        np.concatenate([surface.vertices, outer]),
+        np.empty((len(surface.vertices) + len(out), 3)),
+    )
     upright[here], upright[out] = normals, normals
     corners = places[faces]
     middles = 0.5 * (corners + next_corners(corners))
-    middles[:count, 0] = surface.control[facet, 3 + edge]
+    middles[: len(out), 0] = surface.control[facet, 3 + edge]
     bend, ahead_bend = surface.shape[facet, edge], surface.shape[facet, ahead]
-    return build_surface(
-        vertices=places,
-        faces=(joined := np.concatenate([surface.faces, faces]).astype(np.int32)),
-        control=np.concatenate([surface.control, np.concatenate([corners, middles], axis=1)]),
-        normal_control=np.concatenate([surface.normal_control, quadratic_normals(corners, upright[faces])]),
-        shape=np.concatenate([surface.shape, np.stack([ahead_bend, bend, bend], axis=1),
-                              np.stack([ahead_bend, bend, ahead_bend], axis=1)]),
-        adjacency=find_adjacency(joined),
-        smooth=np.concatenate([surface.smooth, np.zeros((2 * count, 3), dtype=bool)]),
-    )  # fmt: skip
+    return _with_facets(
+        surface,
+        outer,
+        faces,
+        np.concatenate([corners, middles], axis=1),
+        quadratic_normals(corners, upright[faces]),
+        np.concatenate(
+            [np.stack([ahead_bend, bend, bend], axis=1), np.stack([ahead_bend, bend, ahead_bend], axis=1)]
+        ),
+    )
 
 
 def _outwards(points: Array, normals: Array) -> Array:

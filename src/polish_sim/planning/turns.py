@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, dots, norms
-from polish_sim.planning.curves.curve import Curve, SurfaceQuery
-from polish_sim.planning.curves.offset_curve import (
+from polish_sim.arrays import Array, Indices, dots, in_groups, norms
+from polish_sim.planning.curve import Curve, SurfaceQuery
+from polish_sim.planning.offset_curve import (
     ROUNDING,
     CurveSet,
     LevelLine,
@@ -19,19 +19,17 @@ from polish_sim.planning.curves.offset_curve import (
     nearest_of,
     offset_curve,
 )
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.triangulation import Triangulation
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
 #
-# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept,
-# and vertices wait in the order in which their bounds fall due. So all turns together cost little more than a
-# few looks per vertex.
+# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept. So
+# all turns together cost little more than a few looks per vertex.
 
 #: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
 BEYOND = 0.6
 SCOUTS = 1.5  #: Size of the cells in each of which far bounds are looked up for one vertex [step-overs]
 FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
-Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
 
 
 class Front:
@@ -44,6 +42,8 @@ class Front:
         """Distances to the last turns [m]; 0 where covered, at least FAR where not measured yet, (n,)."""
         self.which = np.full(count, -1)
         """The nearest of the last turns around, -1 where unknown, (n,)."""
+        self.due = np.zeros(count, dtype=np.int64)
+        """Number of the turn at which each vertex is looked at next, (n,)."""
         self._bounds = np.zeros(count)
         self._scouts = _scouts(mesh.vertices, SCOUTS * stepover)
 
@@ -81,17 +81,15 @@ class Front:
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
         starts, members = self.mesh.around
-        counts = starts[rows + 1] - starts[rows]
-        place = np.arange(counts.sum()) + np.repeat(starts[rows] - np.cumsum(counts) + counts, counts)
+        row, place = in_groups(starts[rows + 1] - starts[rows])
         found = np.zeros(len(self.mesh.triangles), dtype=bool)
-        found[members[place]] = True
+        found[members[starts[rows][row] + place]] = True
         return np.flatnonzero(found)  # in their own order, on which it depends where closed lines begin
 
-    def put_off(self, rows: Indices, number: int, waiting: Waiting) -> None:
+    def put_off(self, rows: Indices, number: int) -> None:
         """Let vertices wait until a turn later than this one comes near them."""
         turns = np.floor((self._bounds[rows] - self.first) / self.stepover - BEYOND).astype(np.int64) + 1
-        for turn, group in _grouped(np.maximum(turns, number + 1), rows):
-            waiting.setdefault(turn, []).append(group)
+        self.due[rows] = np.maximum(turns, number + 1)
 
     def at_least(self, rows: Indices, number: int) -> Array:
         """Lower bounds of the distances of vertices to the turns of a number; exact near them [m]."""
@@ -109,26 +107,6 @@ def _scouts(points: Array, size: float) -> Indices:
     keys = (cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2]
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)
     return first[which]
-
-
-def _all_rows(waiting: Waiting) -> Indices:
-    """All vertices that wait, shape (n,)."""
-    parts = [part for parts in waiting.values() for part in parts]
-    return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-
-
-def _grouped(keys: Indices, rows: Indices) -> Iterator[tuple[int, Indices]]:
-    order = np.argsort(keys, kind="stable")
-    values, starts = np.unique(keys[order], return_index=True)
-    ends = np.append(starts[1:], len(rows))[: len(starts)]
-    for value, start, end in zip(values, starts, ends, strict=True):
-        yield int(value), rows[order[start:end]]
-
-
-def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
-    """Those that wait among the chosen vertices, a mask of shape (n,)."""
-    picked = {turn: [part[chosen[part]] for part in parts] for turn, parts in waiting.items()}
-    return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
 
 
 #: What is left inside a turn needs another one if its middle is further away than this many step-overs
@@ -155,7 +133,7 @@ class OpenPiece:
     """A connected part of the region not yet covered, and the turns around it."""
 
     turns: tuple[Turn, ...]
-    waiting: Waiting  #: Its vertices
+    rows: Indices  #: Its vertices, shape (k,)
 
 
 def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
@@ -197,7 +175,7 @@ def grow_turns(
     """
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
-    pieces = [OpenPiece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})]
+    pieces = [OpenPiece(tuple(roots), np.arange(len(mesh.vertices)))]
     number = 0
     area = total = mesh.areas.sum()
     while pieces:
@@ -251,43 +229,41 @@ def _shrink(
     """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices
     covered."""
     step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
-    waiting = {turn: list(parts) for turn, parts in piece.waiting.items()}
-    near = _all_rows({number: waiting.pop(number, [])})
+    due = front.due[piece.rows] == number
+    near = piece.rows[due]
     reached = front.look(near, curves, number) <= step * (1.0 + ROUNDING)
     lines = level_lines(front.mesh, front.values, step, front.triangles_around(near))
-    covered = near[reached]
+    covered, left = near[reached], near[~reached]
     front.values[covered] = 0.0
-    front.put_off(near[~reached], number, waiting)
+    front.put_off(left, number)
     pieces = []
-    for own, rest in _parts(front, piece, lines, waiting):
-        rows = _all_rows(rest) if all(turn <= number + 1 for turn in rest) else None
-        if rows is not None and front.at_least(rows, number).max(initial=0.0) <= THIN * step * (
-            1.0 + ROUNDING
-        ):
+    for own, rest in _parts(front, piece, lines, np.concatenate([piece.rows[~due], left])):
+        near_all = front.due[rest].max(initial=0) <= number + 1
+        if near_all and front.at_least(rest, number).max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
         if turns:
             pieces.append(OpenPiece(turns, rest))
     for turn in piece.turns:
         if not turn.children:
-            turn.inside = _all_rows(piece.waiting)
+            turn.inside = piece.rows
     return pieces, covered
 
 
 def _parts(
-    front: Front, piece: OpenPiece, lines: Sequence[LevelLine], waiting: Waiting
-) -> Iterator[tuple[Sequence[LevelLine], Waiting]]:
+    front: Front, piece: OpenPiece, lines: Sequence[LevelLine], left: Indices
+) -> Iterator[tuple[Sequence[LevelLine], Indices]]:
     """What is left of a piece part by part: the lines around each, and its vertices."""
     if len(lines) <= 1 or _follow_one_by_one(front, piece, lines):
-        yield lines, waiting
+        yield lines, left
         return
     inner = np.zeros(len(front.values), dtype=bool)
-    inner[_all_rows(waiting)] = True
+    inner[left] = True
     count, labels = front.mesh.components(inner)
     for label in range(count):
         own = [line for line in lines if labels[line.vertices[0]] == label]
         if own:
-            yield own, _select_rows(waiting, labels == label)
+            yield own, left[labels[left] == label]
 
 
 def _follow_one_by_one(front: Front, piece: OpenPiece, lines: Sequence[LevelLine]) -> bool:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot, minus, plus, scaled, set_to
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import into_plane, unit
 
@@ -92,25 +93,29 @@ def near_chords(positions, normals, knots, count, closed, points, index):  # typ
         for before in (1, 0):
             k = index[i] - before
             k = k % count if closed else min(max(k, 0), count - 2)
-            length2, along = 0.0, 0.0
-            for c in range(3):
-                chord = positions[k + 1, c] - positions[k, c]
-                along += (points[i, c] - positions[k, c]) * chord
-                length2 += chord * chord
-            share = min(max(along / max(length2, TINY), 0.0), 1.0)
-            away2 = 0.0
-            for c in range(3):
-                away2 += (
-                    points[i, c] - positions[k, c] - share * (positions[k + 1, c] - positions[k, c])
-                ) ** 2
+            chord, away = minus(positions[k + 1], positions[k]), minus(points[i], positions[k])
+            share = min(max(dot(away, chord) / max(dot(chord, chord), TINY), 0.0), 1.0)
+            beside = minus(away, scaled(share, chord))
+            away2 = dot(beside, beside)
             if away2 < best:
                 best, best_k, best_share = away2, k, share
+        k = best_k
         gap[i] = np.sqrt(best)
-        s[i] = knots[best_k] + best_share * (knots[best_k + 1] - knots[best_k])
-        for c in range(3):
-            foot[i, c] = positions[best_k, c] + best_share * (positions[best_k + 1, c] - positions[best_k, c])
-            normal[i, c] = normals[best_k, c] + best_share * (normals[best_k + 1, c] - normals[best_k, c])
+        s[i] = knots[k] + best_share * (knots[k + 1] - knots[k])
+        set_to(foot[i], plus(positions[k], scaled(best_share, minus(positions[k + 1], positions[k]))))
+        set_to(normal[i], plus(normals[k], scaled(best_share, minus(normals[k + 1], normals[k]))))
     return s, foot, normal, gap
+
+
+def interpolated(positions: Array, normals: Array, knots: Array, where: Array) -> tuple[Array, Array]:
+    """Positions [m] and unit normals, (n, 3) each, at places (n,) among growing ``knots`` of a polyline."""
+    index = np.clip(np.searchsorted(knots, where, side="right") - 1, 0, len(knots) - 2)
+    span = knots[index + 1] - knots[index]
+    share = ((where - knots[index]) / np.where(span > 0.0, span, 1.0))[:, None]
+    return (
+        positions[index] + share * (positions[index + 1] - positions[index]),
+        unit(normals[index] + share * (normals[index + 1] - normals[index])),
+    )
 
 
 SAME = 1e-9  #: Distances that differ by less than this share are the same
@@ -170,15 +175,7 @@ class Curve:
 
     def at(self, s: Array) -> tuple[Array, Array]:
         """Positions [m] and unit normals at arc lengths, each (n, 3)."""
-        positions, normals, knots = self._knots
-        where = self.wrap(np.asarray(s, dtype=float))
-        index = np.clip(np.searchsorted(knots, where, side="right") - 1, 0, len(knots) - 2)
-        span = knots[index + 1] - knots[index]
-        share = ((where - knots[index]) / np.where(span > 0.0, span, 1.0))[:, None]
-        return (
-            positions[index] + share * (positions[index + 1] - positions[index]),
-            unit(normals[index] + share * (normals[index + 1] - normals[index])),
-        )
+        return interpolated(*self._knots, self.wrap(np.asarray(s, dtype=float)))
 
     def tangents(self, s: Array, reach: float) -> Array:
         """Unit tangents from a central difference over +-reach [m], shape (n, 3)."""

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, joined, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, running_sums
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.geometry.cut import ALIKE, CutFacets, halve_edges, whole_facets
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.topology import counting_order, facets_at_edges, label_within
 
 MAX_TRIANGLES = 1_500_000
-ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not decide how patches are split
 #: Every round halves the longest edges; patches that do not fit each other end the splitting here
 MOST_ROUNDS = 40
 
@@ -51,13 +51,10 @@ class Triangulation:
     @cached_property
     def vertex_areas(self) -> Array:
         """A third of the area of every triangle around a vertex [m^2], shape (n,)."""
-        return self._around_vertices(self.areas)
+        return self.at_vertices(self.areas)
 
-    def part_areas(self, facets: int) -> Array:
-        """The same, counting only triangles on the surface's first facets [m^2], shape (n,)."""
-        return self._around_vertices(np.where(self.owners < facets, self.areas, 0.0))
-
-    def _around_vertices(self, areas: Array) -> Array:
+    def at_vertices(self, areas: Array) -> Array:
+        """A third of the areas of triangles (t,) around each vertex [m^2], shape (n,)."""
         weights = np.repeat(areas / 3.0, 3)
         return np.asarray(np.bincount(self.triangles.ravel(), weights=weights, minlength=len(self.vertices)))
 
@@ -84,28 +81,21 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
             f"triangles of {longest_edge * 1e3:.3g} mm would be needed. Set a larger step-over or a smaller "
             "region."
         )
-    owners = np.arange(len(surface.faces))
-    corners = np.broadcast_to(np.eye(3), (len(owners), 3, 3))
-    triangles = surface.faces.astype(np.int64)
-    vertices = surface.vertices.copy()
+    cut, vertices = whole_facets(surface, np.arange(len(surface.faces), dtype=np.int32)), surface.vertices
     for _ in range(MOST_ROUNDS):
-        long = _long_edges(vertices, triangles, longest_edge)
-        if not long.any() or len(triangles) > 2 * MAX_TRIANGLES:
+        long = _long_edges(vertices, cut.faces, longest_edge)
+        if not long.any() or len(cut.faces) > 2 * MAX_TRIANGLES:
             break
         # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its
         # middle.
         corner, row = np.nonzero(long)
-        ends = np.stack([triangles[row, corner], triangles[row, (corner + 1) % 3]])
+        ends = np.stack([cut.faces[row, corner], cut.faces[row, (corner + 1) % 3]])
         keys = ends.min(axis=0) * len(vertices) + ends.max(axis=0)
         _, first, which = np.unique(keys, return_index=True, return_inverse=True)
-        split = np.full(triangles.shape, -1)
+        split = np.full(cut.faces.shape, -1)
         split[row, corner] = len(vertices) + which
-        row, corner = row[first], corner[first]
-        weights = 0.5 * (corners[row, corner] + corners[row, (corner + 1) % 3])
-        added = surface.evaluate(owners[row].astype(np.int32), weights)
-        vertices = np.concatenate([vertices, added.positions])
-        triangles, corners, owners = _split(triangles, corners, owners, split, vertices)
-    return _finish(surface, vertices, triangles, corners, owners)
+        cut, vertices = halve_edges(surface, cut, vertices, split, row[first], corner[first])
+    return _finish(surface, vertices, cut)
 
 
 def half_edges(triangles: Indices) -> Indices:
@@ -128,67 +118,11 @@ def _long_edges(vertices: Array, triangles: Indices, longest_edge: float) -> Boo
     return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides])
 
 
-def _split(
-    triangles: Indices, corners: Array, owners: Indices, split: Indices, vertices: Array
-) -> tuple[Indices, Array, Indices]:
-    """Replace each triangle by 1, 2, 3 or 4 according to which of its edges get a middle."""
-    many = (split >= 0).sum(axis=1)
-    kept = many == 0
-    out = [(triangles[kept], corners[kept], owners[kept])]
-    for number, pieces in ((1, _split_one), (2, _split_two), (3, _split_three)):
-        rows = np.flatnonzero(many == number)
-        # Turn each triangle so that its split edges stand first.
-        lead = split[rows] >= 0
-        turn = (
-            np.argmax(lead & ~np.roll(lead, 1, axis=1), axis=1)
-            if number < 3
-            else np.zeros(len(rows), dtype=int)
-        )
-        order = (turn[:, None] + np.arange(3)) % 3
-        ids = np.concatenate(
-            [np.take_along_axis(triangles[rows], order, 1), np.take_along_axis(split[rows], order, 1)], axis=1
-        )
-        where = np.take_along_axis(corners[rows], order[:, :, None], 1)
-        where = np.concatenate([where, 0.5 * (where + next_corners(where))], axis=1)
-        for piece in pieces(ids, vertices):
-            out.append(
-                (
-                    np.take_along_axis(ids, piece, 1),
-                    np.take_along_axis(where, piece[:, :, None], 1),
-                    owners[rows],
-                )
-            )
-    return tuple(joined(out))  # type: ignore[return-value]
-
-
-def _rows(ids: Indices, *picks: tuple[int, int, int]) -> list[Indices]:
-    return [np.tile(pick, (len(ids), 1)) for pick in picks]
-
-
-def _split_one(ids: Indices, vertices: Array) -> list[Indices]:
-    return _rows(ids, (0, 3, 2), (3, 1, 2))
-
-
-def _split_two(ids: Indices, vertices: Array) -> list[Indices]:
-    """Cut off the corner between both split edges; cut the rest along its shorter diagonal."""
-    one = norms(vertices[ids[:, 0]] - vertices[ids[:, 4]])
-    other = norms(vertices[ids[:, 2]] - vertices[ids[:, 3]])
-    first = (one <= ALIKE * other)[:, None]
-    corner, a, b = _rows(ids, (3, 1, 4), (0, 3, 4), (0, 4, 2))
-    c, d = _rows(ids, (0, 3, 2), (3, 4, 2))
-    return [corner, np.where(first, a, c), np.where(first, b, d)]
-
-
-def _split_three(ids: Indices, vertices: Array) -> list[Indices]:
-    return _rows(ids, (0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
-
-
-def _finish(
-    surface: Surface, vertices: Array, triangles: Indices, corners: Array, owners: Indices
-) -> Triangulation:
+def _finish(surface: Surface, vertices: Array, cut: CutFacets) -> Triangulation:
     """Normals from one triangle around each vertex, areas of the flat triangles."""
+    triangles, owners = cut.faces, cut.parents.astype(np.int64)
     place = np.zeros(len(vertices), dtype=np.int64)
     place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]
-    found = surface.evaluate(owners[place // 3].astype(np.int32), corners[place // 3, place % 3])
+    found = surface.evaluate(owners[place // 3].astype(np.int32), cut.barycentric[place // 3, place % 3])
     _, areas = facet_normals(vertices, triangles)
     return Triangulation(found.positions, found.normals, triangles, areas, owners)

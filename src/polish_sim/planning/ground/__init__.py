@@ -1,1 +1,0 @@
-"""A region made ready to be planned on: holes bridged, finely triangulated."""
