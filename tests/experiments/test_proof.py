@@ -10,10 +10,17 @@ import pytest
 from polish_sim.cell import Silent
 from polish_sim.cell.guards import FALLEN, LOW, NO_STOP
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, PlanError
+from polish_sim.errors import InputError, PlanError, ReachError
 from polish_sim.exchange import read_cuts, read_path, write_plan
-from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.proof import SPENT, Proven, _Prover, prove, why_not_proven
+from polish_sim.experiments import default_scenario, proof, run_experiment
+from polish_sim.experiments.proof import (
+    SPENT,
+    Proven,
+    _Prover,
+    prove,
+    prove_with_a_pad_that_fits,
+    why_not_proven,
+)
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, Mend, PreparedRegion
@@ -164,6 +171,24 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     kept = proven.plan.path.process
     assert np.isin(proven.plan.path.positions_work[kept], plan.path.positions_work).all()
     runs_on_drawn_parts(proven)
+
+
+@pytest.mark.parametrize("error", [ReachError("out of reach"), PlanError("too narrow")])
+def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypatch, error):
+    scenario, plan = soft_corner()
+    tried = []
+
+    def proven_with_the_first(scenario, plan, observer):
+        tried.append(scenario.pad.radius_m)
+        if len(tried) > 1:
+            raise error
+        return proven_at_the_corner()
+
+    monkeypatch.setattr(proof, "prove", proven_with_the_first)
+    monkeypatch.setattr(proof, "plan_removal", lambda scenario: plan)
+    monkeypatch.setattr(proof, "MUCH", 0.0)
+    assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
+    assert len(tried) == 1 + proof.MOST_PADS
 
 
 def test_a_force_that_falls_along_the_path_is_no_surface_that_rises():

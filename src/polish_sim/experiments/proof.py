@@ -34,7 +34,7 @@ from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
-from polish_sim.errors import PlanError, count_text, place_in_mm
+from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
     TOOL_IN_PART,
     Same,
@@ -142,7 +142,7 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
         PolishSimError: As of `prove`, of the first pad.
     """
     best: Proven | None = None
-    failed: PlanError | None = None
+    failed: PolishSimError | None = None
     for pad, planned in _pads_from(scenario, plan.tool.pad):
         try:
             other = replace(scenario, pad=pad, plan=planned)
@@ -150,7 +150,9 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
                 replace(scenario, pad=pad), plan if pad is scenario.pad else plan_removal(other), observer
             )
             refuse_almost_nothing(found.plan)
-        except PlanError as error:
+        except PolishSimError as error:
+            if pad is scenario.pad and not isinstance(error, PlanError):
+                raise
             failed = failed or error
             continue
         if best is None or _pressed(found.plan) > WORTH_A_PAD * _pressed(best.plan):
