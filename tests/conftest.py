@@ -1,5 +1,6 @@
 """Keep linear algebra to one thread, and let Ctrl-C be Ctrl-C wherever the tests run."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -36,3 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((k for k, name in enumerate(FIRST) if place.endswith(name)), len(FIRST))
 
     items.sort(key=rank)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # modules and tests stay: collecting looks at what tests make

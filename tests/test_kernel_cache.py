@@ -89,7 +89,8 @@ def test_only_dependents_of_an_edited_file_compile_again(package):
 
 
 def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package):
-    part = "@njit(cache=False)\ndef part(x, n):\n    return n * x\n"
+    body = "    if x < 0.0:\n        raise ValueError(x)\n    return n * x\n"
+    part = f"@njit(cache=False)\ndef part(x, n):\n{body}"
     three = KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
     (package / "sums.py").write_text(f"from polish_sim.kernel_cache import njit\n{part}{three}")
     script = SCRIPT.replace("stiffness import force", "sums import three")
@@ -97,7 +98,9 @@ def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_
     script = script.replace(
         "force(2.0), drag(2.0)", "three(2.0), sum(e.is_start for _, e in compiled.buffer), part(2.0, 4)"
     )
-    assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
+    script += "try:\n    three(-2.0)\nexcept ValueError as error:\n    print(*error.args)"
+    assert _run(package, script)[0] == [6.0, 2, 8.0, 3, -2.0]
+    assert _run(package, script)[0] == [6.0, 0, 8.0, 1, -2.0]  # from the cache
 
 
 def test_kernels_of_other_packages_stay_where_numba_keeps_them(package):

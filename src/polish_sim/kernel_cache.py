@@ -28,6 +28,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property
+from inspect import getclosurevars
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -63,6 +64,8 @@ import numba.experimental.function_type  # registers functions as arguments of k
 from numba.core import event as event  # used by the command line
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
@@ -131,10 +134,8 @@ def kernels_under(kernel: Any) -> set[Any]:
     found = {kernel}
     waiting = [kernel]
     while waiting:
-        function = waiting.pop().py_func
-        named = (function.__globals__.get(name) for name in function.__code__.co_names)
-        enclosed = (cell.cell_contents for cell in function.__closure__ or ())
-        called = {value for value in (*named, *enclosed) if isinstance(value, _Kernel)}
+        enclosed, named, *_ = getclosurevars(waiting.pop().py_func)
+        called = {value for value in {**enclosed, **named}.values() if isinstance(value, _Kernel)}
         waiting += called - found
         found |= called
     return {kernel for kernel in found if kernel.targetoptions.get("inline") != "always"}
@@ -187,14 +188,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        folder = _kernel_folder(function.__module__)
-        self._lock = folder / f"{self._impl.filename_base}.lock"
+        self._lock = self._impl.locator.folder / f"{self._impl.filename_base}.lock"
         self._claim: IO[bytes] | None = None
-        self._carried = None
-        if (shipped := _shipped()) is not None:
-            self._carried = IndexDataCacheFile(
-                str(shipped.folder / folder.name), self._impl.filename_base, folder.name
-            )
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """A kept function, None if there is none.
@@ -217,10 +212,12 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def _load_carried(self, signature: Any, context: Any) -> Any:
         shipped = _shipped()
-        if self._carried is None or shipped is None:
+        if shipped is None:
             return None
+        name = self._lock.parent.name
+        carried = IndexDataCacheFile(str(shipped.folder / name), self._impl.filename_base, name)
         given, _, code = self._index_key(signature, context.codegen())
-        data = self._carried.load((given, shipped.machine, code))
+        data = carried.load((given, shipped.machine, code))
         return None if data is None else self._impl.rebuild(context, data)
 
     def _save_overload(self, signature: Any, data: Any) -> None:
@@ -261,14 +258,13 @@ def _lock(file: IO[bytes]) -> bool:
 @contextmanager
 def _collector_at_rest() -> Iterator[None]:
     """Collect no garbage while the block runs: it takes an eighth of the time of compiling."""
-    if not gc.isenabled():
-        yield
-        return
+    enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if enabled:
+            gc.enable()
 
 
 class _Function(CPUDispatcher):  # type: ignore[misc]
@@ -280,6 +276,34 @@ class _Function(CPUDispatcher):  # type: ignore[misc]
         named = {name: unliteral(kind) for name, kind in kws.items()}
         return super().get_call_template([unliteral(kind) for kind in args], named)
 
+    def compile(self, signature: Any) -> Any:
+        """Entry point for a signature."""
+        with _collector_at_rest():
+            return super().compile(signature)
+
+
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code that only kernels call: linked into them, optimised and made machine code of there alone."""
+
+    _final_module: Any
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        """Give the engine only the variables of environments, which numba sets and kernels refer to."""
+        code = self._final_module
+        held = [entry.name for entry in code.global_variables if "08NumbaEnv" in entry.name]
+        self._final_module = llvm.parse_assembly(
+            "".join(f'@"{name}" = common global i64 0\n' for name in held)
+        )
+        super()._finalize_final_module()
+        self._final_module = code
+
+
+def _part_compiler(typing: Any, target: Any, _: None, *rest: Any) -> Any:
+    return Compiler(typing, target, _PartLibrary(target.codegen(), "part"), *rest)
+
 
 class _Part(_Function):
     """A function other kernels are made of: compiled for them without what Python needs to call it."""
@@ -287,16 +311,11 @@ class _Part(_Function):
     @cached_property
     def _bare(self) -> _Function:
         bare = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        return _Function(self.py_func, targetoptions=bare)
+        return _Function(self.py_func, targetoptions=bare, pipeline_class=_part_compiler)
 
     @property
     def _numba_type_(self) -> Any:
         return Dispatcher(self._bare)
-
-    def compile(self, signature: Any) -> Any:
-        """Entry point for a signature, for Python."""
-        with _collector_at_rest():
-            return super().compile(signature)
 
 
 class _Kernel(_Function):
@@ -309,8 +328,7 @@ class _Kernel(_Function):
     def compile(self, signature: Any) -> Any:
         """Entry point for a signature, from the cache or compiled."""
         try:
-            with _collector_at_rest():
-                return super().compile(signature)
+            return super().compile(signature)
         finally:
             self._cache.release()
 
@@ -412,15 +430,9 @@ def compiler() -> str:
 def _home() -> Path:
     """The folder of all kernels: the user's own and closed to others, for cached kernels are executable
     code."""
-    shared = os.environ.get(FOLDER)
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = (
-        Path(shared)
-        if shared
-        else Path(chosen) / _PACKAGE
-        if chosen
-        else _user_cache() / "polish-sim" / "kernels"
-    )
+    own = Path(chosen, _PACKAGE) if chosen else _user_cache() / "polish-sim" / "kernels"
+    folder = Path(os.environ.get(FOLDER) or own)
     trouble = _trouble(folder)
     if trouble is None:
         return folder
@@ -435,12 +447,10 @@ def _trouble(folder: Path) -> str | None:
     """Why kernels cannot be kept in a folder; it is made if it does not exist."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state = folder.lstat()
+        state = folder.stat()
     except OSError as error:
         return f"{folder} cannot be made ({error.strerror})"
     if hasattr(os, "getuid"):
-        if stat.S_ISLNK(state.st_mode):
-            state = folder.stat()
         if state.st_uid != os.getuid():
             return (
                 f"{folder} belongs to another user; delete it or set NUMBA_CACHE_DIR to a folder of your own"

@@ -69,7 +69,7 @@ def advance_frame(T: Array, row: Array, angle: float) -> None:
 
 
 @njit
-def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
+def fill_frames(rows: Array, q: Array, frames: Array) -> None:
     """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone; they begin as the
     identity."""
     last = frames.shape[1] - 1
@@ -86,7 +86,7 @@ def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
 def _frames(q: Array, table: Array, count: int) -> Array:
     angles = np.array(q, dtype=float, order="C")
     frames = np.tile(np.eye(4), (angles.size // 6, count, 1, 1))
-    _fill_frames(joint_rows(table), angles.reshape(-1, 6), frames)
+    fill_frames(joint_rows(table), angles.reshape(-1, 6), frames)
     return frames.reshape(*angles.shape[:-1], count, 4, 4)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
+from polish_sim.kernels import add_to, cross, matvec, minus, set_to
+from polish_sim.motion.kinematics import NOMINAL, fill_frames, joint_rows
 from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion
 
 SINGULAR = 0.02  #: Damping of the inverse Jacobian [-]
@@ -54,26 +55,18 @@ def _pose_of(T: Array) -> Array:
 
 @njit
 def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
-    frames = np.zeros((7, 4, 4))
-    for i in range(4):
-        frames[0, i, i] = 1.0
-    for k in range(6):
+    links, T, J = np.zeros((1, 7, 4, 4)), np.eye(4), np.empty((6, 6))
+    for k in range(7):
         for i in range(4):
-            for j in range(4):
-                frames[k + 1, i, j] = frames[k, i, j]
-        advance_frame(frames[k + 1], rows[k], q[k])
-    T, J = np.zeros((4, 4)), np.empty((6, 6))
+            links[0, k, i, i] = 1.0
+    fill_frames(rows, q.reshape(1, 6), links)
+    frames = links[0]
     for i in range(4):
-        for j in range(4):
-            for k in range(4):
-                T[i, j] += frames[6, i, k] * T_flange_tcp[k, j]
+        set_to(T[:, i], matvec(frames[6], T_flange_tcp[:, i]))
+    add_to(T[:, 3], frames[6, :, 3])
     for k in range(6):
-        for i in range(3):
-            a, b = (i + 1) % 3, (i + 2) % 3
-            J[i, k] = frames[k, a, 2] * (T[b, 3] - frames[k, b, 3]) - frames[k, b, 2] * (
-                T[a, 3] - frames[k, a, 3]
-            )
-            J[3 + i, k] = frames[k, i, 2]
+        set_to(J[:, k], cross(frames[k, :, 2], minus(T[:, 3], frames[k, :, 3])))
+        set_to(J[3:, k], frames[k, :, 2])
     return T, J
 
 
@@ -81,12 +74,9 @@ def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
 def joint_speeds(J: Array, twist: Array) -> Array:
     """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near
     them."""
-    gram = J @ J.T
-    least = max(np.linalg.eigvalsh(gram)[0], 0.0)
-    damping = max(SINGULAR**2 - least, 0.0)
-    for i in range(6):
-        gram[i, i] += damping
-    return J.T @ np.linalg.solve(gram, twist)
+    values, axes = np.linalg.eigh(J @ J.T)
+    damping = max(SINGULAR**2 - max(values[0], 0.0), 0.0)
+    return J.T @ (axes @ ((axes.T @ twist) / (values + damping)))
 
 
 def matrix_of(pose: Array) -> Array:
@@ -96,7 +86,7 @@ def matrix_of(pose: Array) -> Array:
 
 def pose_of(T: Array) -> Array:
     """Pose (6,) of a transform (4, 4), as of `matrix_of`."""
-    return _pose_of(np.ascontiguousarray(T, dtype=float))
+    return _pose_of(np.array(T, dtype=float))
 
 
 def tool_at(q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
