@@ -88,7 +88,7 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     from polish_sim.studies.study import STUDY, Study, read_axis, read_study
 
     file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
-    if file.suffix == ".toml" or file.is_file():
+    if file.is_file() or (file.suffix == ".toml" and what not in EXPERIMENTS):
         study = read_study(file)
         given_twice = [option for option in OF_STUDY if given[option] is not None]
         if given_twice:

@@ -188,6 +188,13 @@ def test_a_file_of_something_else_is_named_and_left_alone(polish_sim, words, sai
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
 
 
+def test_a_folder_named_as_an_experiment_is_no_study(polish_sim):
+    Path("arc").mkdir()
+    assert_refused(
+        polish_sim("sweep", "arc", "--vary", "nothing"), "'--vary nothing' is not KEY=VALUES", "arc"
+    )
+
+
 def test_list_says_what_ships_and_what_each_is(polish_sim):
     code, out, _ = polish_sim("list")
     assert code == 0
