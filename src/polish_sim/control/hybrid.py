@@ -236,17 +236,25 @@ def _position_law(context, _course, measurement, target, answer):  # type: ignor
     turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
 
 
-def _composed(law: Any) -> Callable[[ControllerConfig], CompiledController]:
-    """What makes a controller of one of these laws."""
-    return lambda config: CompiledController(HybridContext(hybrid_gains(config)), law)
+def _composed(law: Any, text: str) -> Callable[[ControllerConfig], CompiledController]:
+    """What makes a controller of one of these laws; ``text`` says in `list controllers` what it is."""
+
+    def build(config: ControllerConfig) -> CompiledController:
+        return CompiledController(HybridContext(hybrid_gains(config)), law)
+
+    build.__doc__ = text
+    return build
 
 
-#: Paper 1's controller for a speed-commanded robot (eq. 6, 7; fig. 10, 11)
-hybrid_pi = _composed(_hybrid_pi_law)
-#: The sister of hybrid-pi, with the position loop of eq. 5
-hybrid_pi_position = _composed(_hybrid_pi_position_law)
-#: Position control alone: what a pressed-in path gives without a force loop
-position = _composed(_position_law)
+hybrid_pi = _composed(
+    _hybrid_pi_law, "Paper 1's controller for a speed-commanded robot (eq. 6, 7; fig. 10, 11)."
+)
+hybrid_pi_position = _composed(
+    _hybrid_pi_position_law, "The sister of hybrid-pi, with the position loop of eq. 5."
+)
+position = _composed(
+    _position_law, "Position control alone: what a pressed-in path gives without a force loop."
+)
 
 
 # Controller ``force-mode``: a UR robot's own force mode along tool z, as far as that is public; else as
