@@ -7,7 +7,7 @@ further in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,7 +21,6 @@ from polish_sim.planning.patterns.nested import CANDIDATES, chains, grown_turns,
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
 from polish_sim.planning.quality.crossings import find_crossings
-from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.turns import border_curves
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns ->
@@ -206,6 +205,10 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     of the two ways one would have it on the wrong side.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
+
+    def finished(runs: Sequence[Run]) -> list[SurfaceRun]:
+        return [finish_run(request.region.surface, run, stepover) for run in runs]
+
     roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
     waiting = [
@@ -216,11 +219,9 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
-        doubled = [
-            finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)
-        ]
+        doubled = finished(double_spirals(request, roots))
         # on narrow or folded ground strands may be moved past each other
-        if doubled and not _crossings(doubled):
+        if doubled and not len(find_crossings([run.curve for run in doubled])):
             return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)
@@ -236,47 +237,8 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
             waiting[:0] = [chain[:count], chain[count:]]
         else:
             lines.append(_join_turns(curves, seams, matches, to_border, pitch))
-    return _in_order(_finished(request, lines, finish_middle(mesh, lines, stepover)), outward)
+    return _in_order(finished(finish_middle(mesh, lines, stepover)), outward)
 
 
 def _in_order(runs: list[SurfaceRun], outward: bool) -> list[SurfaceRun]:
     return [run.backwards() for run in runs[::-1]] if outward else runs
-
-
-def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Run]) -> list[SurfaceRun]:
-    """Finished runs; what was added to a line becomes one of its own, or is taken back, where it crosses
-    something."""
-
-    def finish(line: Run) -> SurfaceRun:
-        return finish_run(request.region.surface, line, request.stepover)
-
-    runs: list[SurfaceRun | None] = [finish(line) for line in longer]
-    count = _crossings(runs)
-    for k, line in reversed(list(enumerate(longer))):
-        begun = len(lines[k].positions) if k < len(lines) else 0
-        if count == 0 or begun == len(line.positions):
-            continue
-        without = [*runs[:k], finish(lines[k]) if begun else None, *runs[k + 1 :]]
-        least = _crossings(without)
-        for part in _shortened(line, begun, request.stepover) if begun else ():
-            trial = [*without, finish(part)]
-            if _crossings(trial) == least:
-                without = trial
-                break
-        if least < count:
-            runs, count = without, least
-    return [run for run in runs if run is not None]
-
-
-def _shortened(line: Run, begun: int, stepover: float) -> Iterator[Run]:
-    """What follows a point of a line, and the same without its first step-overs, as long as one is left of
-    it."""
-    ahead = arc_length(line.positions[begun:])
-    for skipped in range(4):
-        rows = begun + np.flatnonzero(ahead >= skipped * stepover)
-        if len(rows) > 1 and ahead[-1] > (skipped + 1) * stepover:
-            yield Run(line.positions[rows], line.pass_index[rows])
-
-
-def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
-    return len(find_crossings([run.curve for run in runs if run is not None]))
