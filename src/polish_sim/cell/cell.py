@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,7 +30,6 @@ from polish_sim.cell.gears import HostArm, RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import (
     CellKernel,
-    CellSnapshot,
     CellState,
     LawMemory,
     Lesson,
@@ -387,22 +386,14 @@ class Cell:
         self.course = course
         self.begin_stroke(min(self.stroke_number, len(self.strokes) - 1))
         if course is not None and isinstance(self.controller, CompiledController):
-            saved = save_cell(self)
+            saved = self.save()
             self.use_controller(self.controller)
-            restore_cell(self, saved)
+            self.restore(saved)
 
-    def memory(self) -> list[NDArray[Any]]:
-        """What the loop remembers outside the engine's state and the law's memory, as arrays."""
-        return cell_memory(self)
-
-    def save(self) -> CellSnapshot:
-        """Copy everything that changes while it runs; between two calls of `play`."""
-        return save_cell(self)
-
-    def restore(self, saved: CellSnapshot) -> None:
-        """Go back to where it was saved. Strokes and course stay those it has now; run on, it gives the same
-        bytes."""
-        restore_cell(self, saved)
+    memory = cell_memory
+    save = save_cell
+    #: Run on from there, it gives the same bytes
+    restore = restore_cell
 
     def _set_joints(self, q_start: Array) -> None:
         """Positions and controls at the start."""

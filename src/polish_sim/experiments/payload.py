@@ -156,11 +156,12 @@ def _return_figures(
     readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate
 ) -> dict[str, Any]:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
+    drift, std = readings.wrenches[-1] - readings.wrenches[0], np.sqrt(2.0) * estimate.noise
     return {
-        "drift_return_n": (readings.wrenches[-1, :3] - readings.wrenches[0, :3]).tolist(),
-        "drift_return_n_std": float(np.sqrt(2.0) * estimate.noise[0]),
-        "drift_return_nm": (readings.wrenches[-1, 3:] - readings.wrenches[0, 3:]).tolist(),
-        "drift_return_nm_std": float(np.sqrt(2.0) * estimate.noise[3]),
+        "drift_return_n": drift[:3].tolist(),
+        "drift_return_n_std": float(std[0]),
+        "drift_return_nm": drift[3:].tolist(),
+        "drift_return_nm_std": float(std[3]),
         "drift_return_s": float(readings.time[-1] - readings.time[0]),
     }
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from polish_sim.analysis.metrics import force_shares
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
-from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
+from polish_sim.cell.kernel import CellSnapshot
 from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
 from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
