@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, longest_side, norms
 from polish_sim.cli.view import Address, close_server, open_server, say_address
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, inverse
+from polish_sim.spatial import apply, inverse, wxyz
 
 SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
 GAUGES_HZ = 10.0  #: As often numbers, plot, trace and colours
@@ -204,7 +203,7 @@ class LivePage:
             self._looks[PART] = middle, 1.7 * self._size
         self._looks[TOOL] = moment.pad, 0.45
         with self.server.atomic():
-            turns = Rotation.from_matrix(moment.poses[:, :3, :3]).as_quat(scalar_first=True)
+            turns = wxyz(moment.poses[:, :3, :3])
             for frame, pose, turn in zip(self._frames, moment.poses, turns, strict=True):
                 frame.position = pose[:3, 3]
                 frame.wxyz = turn

@@ -8,7 +8,6 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell.faults import as_planned
@@ -20,7 +19,7 @@ from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
 from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import part_body, scene_solids
-from polish_sim.spatial import apply, inverse, transform
+from polish_sim.spatial import apply, inverse, matrices, transform
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
@@ -183,6 +182,6 @@ def poses_of(data: Any) -> Array:
 def on_surface(stroke: Stroke) -> Array:
     """Points of a stroke on the unpressed surface, base frame [m], shape (n, 3)."""
     table = stroke.process
-    axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
+    axes = matrices(table.quaternions)[:, :, 2]
     depth = stroke.depth * stroke.force / stroke.force[0]
     return table.positions - depth[:, None] * axes

@@ -32,6 +32,16 @@ def apply(T: Array, points: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
+def matrices(quaternions: Array) -> Array:
+    """Rotations (..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    return Rotation.from_quat(quaternions, scalar_first=True).as_matrix()
+
+
+def wxyz(rotations: Array) -> Array:
+    """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3)."""
+    return Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+
+
 def from_pose(pose: Sequence[float]) -> Array:
     """Transform of a UR-style pose: x, y, z [m] and a rotation vector [rad]."""
     values = np.asarray(pose, dtype=float)

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
@@ -18,7 +17,7 @@ from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import NOMINAL, link_poses
 from polish_sim.motion.makes import use_arm
-from polish_sim.spatial import apply, inverse, transform
+from polish_sim.spatial import apply, inverse, transform, wxyz
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 _FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
@@ -149,7 +148,7 @@ def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> Non
     """
     for link, joint, T in zip(links, joints, link_poses(table), strict=True):
         link.pos = T[:3, 3]
-        link.quat = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        link.quat = wxyz(T[:3, :3])
         joint.axis = T[2, :3]
         joint.pos = -T[:3, :3].T @ T[:3, 3]
 
@@ -185,7 +184,7 @@ def add_drawn_part(
     mesh.uservert = np.asarray(light.vertices, dtype=np.float32).ravel()
     mesh.userface = np.asarray(light.faces, dtype=np.int32).ravel()
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    turn = Rotation.from_matrix(T_parent_part[:3, :3]).as_quat(scalar_first=True)
+    turn = wxyz(T_parent_part[:3, :3])
     body = parent.add_body(name=name, pos=T_parent_part[:3, 3], quat=turn)
     body.add_geom(
         name=name,

@@ -31,7 +31,7 @@ from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, into_plane, inverse, transform
+from polish_sim.spatial import apply, into_plane, inverse, matrices, transform
 
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
@@ -124,11 +124,9 @@ def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
     """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
     s = np.concatenate([stroke.start_s + stroke.motion.places for stroke in strokes])
     points = np.concatenate([stroke.motion.positions for stroke in strokes])
-    turns = Rotation.from_quat(
-        np.concatenate([stroke.motion.quaternions for stroke in strokes]), scalar_first=True
-    )
+    turns = matrices(np.concatenate([stroke.motion.quaternions for stroke in strokes]))
     T_work_base = inverse(T_base_work)
-    axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
+    axes = turns[:, :, 2] @ T_work_base[:3, :3].T
     return WantedTool(s, apply(T_work_base, points), axes)
 
 

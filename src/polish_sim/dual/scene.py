@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import add_drawn_part, arm_spec, bend_arm, robot_with_tool
@@ -22,7 +21,7 @@ from polish_sim.experiments.placement import upright
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion.kinematics import is_nominal
-from polish_sim.spatial import apply, from_pose, inverse, transform
+from polish_sim.spatial import apply, from_pose, inverse, transform, wxyz
 
 GRIPPER_LENGTH = 0.1  # from the flange to its face [m]
 GRIPPER_RADIUS = 0.04  # [m]
@@ -186,7 +185,7 @@ def build_pair_scene(
     part = _add_gripper(master, held)
     _set_contacts(follower, master, part, held.clearances)
     scene.worldbody.add_frame().attach_body(follower.body("base"), FOLLOWER, "")
-    turn = Rotation.from_matrix(T_follower_master[:3, :3]).as_quat(scalar_first=True)
+    turn = wxyz(T_follower_master[:3, :3])
     stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=turn)
     stand.attach_body(master.body("base"), MASTER, "")
     middle = 0.5 * T_follower_master[:3, 3]

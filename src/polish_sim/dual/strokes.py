@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.cell import Stroke
@@ -23,7 +22,7 @@ from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
-from polish_sim.spatial import apply, into_plane
+from polish_sim.spatial import apply, into_plane, matrices
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 SPARE_S = 1.0
@@ -89,7 +88,7 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
     change = np.gradient(motion.velocities, motion.spacing, axis=0)
     along = motion.velocities / np.maximum(np.linalg.norm(motion.velocities, axis=1, keepdims=True), 1e-12)
     across = into_plane(change, along)
-    axes = Rotation.from_quat(motion.quaternions, scalar_first=True).as_matrix()[:, :, 2]
+    axes = matrices(motion.quaternions)[:, :, 2]
     turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
     # At its ends, at rest, it has no direction.
     bends, turns = (norms(rate[2:-2]) for rate in (across, turning))
@@ -251,4 +250,4 @@ def _times(duration: float, step: float) -> Array:
 
 def _axes(quaternions: Array) -> Array:
     """From the part to the tool, for tool frames as wxyz (n, 4), shape (n, 3)."""
-    return -Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2]
+    return -matrices(quaternions)[:, :, 2]

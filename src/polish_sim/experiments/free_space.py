@@ -35,6 +35,7 @@ from polish_sim.motion import forward, use_arm
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.spatial import matrices, wxyz
 
 if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
@@ -54,9 +55,9 @@ class ToolMotion(NamedTuple):
         """Columns of the log."""
         return {
             "tcp_position_m": self.tips,
-            "tcp_quaternion_wxyz": Rotation.from_matrix(self.frames).as_quat(scalar_first=True),
+            "tcp_quaternion_wxyz": wxyz(self.frames),
             "target_position_m": self.wanted,
-            "target_quaternion_wxyz": Rotation.from_matrix(self.wanted_frames).as_quat(scalar_first=True),
+            "target_quaternion_wxyz": wxyz(self.wanted_frames),
             "tcp_speed_m_s": self.speed,
         }
 
@@ -199,7 +200,7 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
     """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is."""
     start = build_path_table(
         visit.table.positions[:1],
-        Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix(),
+        matrices(visit.table.quaternions[:1]),
     )
     whole = replace(scenario, process=replace(scenario.process, max_feed_s=0.0))
     cell = free_cell(whole, start, visit.table, CLOCK_FEED, q_start, rng)
@@ -241,7 +242,7 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
         times.append(float(log["time_s"][rows].mean()))
         frames.append(log[frame][rows][-1].astype(np.float64))
         means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
-    R_base_sensor = Rotation.from_quat(np.array(frames), scalar_first=True).as_matrix()
+    R_base_sensor = matrices(np.array(frames))
     return run, PayloadReadings(np.array(times), R_base_sensor, _at_sensor(cell, np.array(means)))
 
 

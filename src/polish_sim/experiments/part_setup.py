@@ -8,7 +8,6 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, dots, norms
 from polish_sim.cell import Stroke, Touch, tool_on_flange
@@ -23,7 +22,7 @@ from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import PathTable, at_rows, build_path_table, with_feed_share
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, stretches
-from polish_sim.spatial import apply
+from polish_sim.spatial import apply, matrices
 
 TARES = ("start", "strokes")
 
@@ -205,7 +204,7 @@ def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:
     if not strokes:
         return time_path(build_path_table(way[:1], rotations[:1]), TRAVEL_PACE)
     last = strokes[-1]
-    R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
+    R_last = matrices(last.process.quaternions[-1])
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
     return time_path(
         _air_table(np.vstack([above, way]), np.stack([R_last, *rotations]), TRAVEL_SPEED), TRAVEL_PACE

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.claim import claim_row, named_rows
 from polish_sim.analysis.metrics import numbers
@@ -25,7 +24,7 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
-from polish_sim.spatial import apply, into_plane, transform
+from polish_sim.spatial import apply, into_plane, matrices, transform
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
@@ -110,7 +109,7 @@ def scene_bodies(model: Any) -> list[PageBody]:
     """The bodies of a model; joints are numbered as in ``qpos``."""
     bodies = []
     for number in range(1, model.nbody):
-        rest = transform(_matrix(model.body_quat[number]), model.body_pos[number]).tolist()
+        rest = transform(matrices(model.body_quat[number]), model.body_pos[number]).tolist()
         body, first = PageBody(int(model.body_parentid[number]) - 1, rest), int(model.body_jntadr[number])
         if first >= 0:
             axis, anchor = model.jnt_axis[first].tolist(), model.jnt_pos[first].tolist()
@@ -144,18 +143,13 @@ def scene_solids(model: Any) -> list[Solid]:
             )
         else:
             continue
-        T = transform(_matrix(model.geom_quat[g]), model.geom_pos[g])
+        T = transform(matrices(model.geom_quat[g]), model.geom_pos[g])
         plain = np.allclose(model.geom_rgba[g], (0.5, 0.5, 0.5, 1.0))
         color = model.mat_rgba[material] if plain and material >= 0 else model.geom_rgba[g]
         name, body = str(model.geom(g).name), int(model.geom_bodyid[g])
         what = "part" if name.endswith("part") else "cell" if body == 0 else "arm"
         solids.append(Solid(what, body - 1, apply(T, vertices), faces, [float(c) for c in color[:3]]))
     return solids
-
-
-def _matrix(quaternion: Array) -> Array:
-    """Rotations (..., 3, 3) of quaternions wxyz (..., 4)."""
-    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def _mesh(model: Any, number: int) -> tuple[Array, Ints]:
@@ -213,7 +207,7 @@ def _asked_force(record: RunRecord) -> Array:
 
 
 def _tool_axis(record: RunRecord, name: str) -> Array:
-    return _matrix(numbers(record.log, name))[:, :, 2]
+    return matrices(numbers(record.log, name))[:, :, 2]
 
 
 def _sideways(record: RunRecord) -> Array:
@@ -303,7 +297,7 @@ def plan_page(
     spec = robot_with_tool(scenario)
     lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
     model, cycle = spec.compile(), cycle_of(strokes)
-    turns = _matrix(cycle.quaternions)
+    turns = matrices(cycle.quaternions)
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices, Ints, dots, midpoints, norms, running_sums
 from polish_sim.kernel_cache import njit
-from polish_sim.spatial import unit
+from polish_sim.spatial import unit, wxyz
 
 
 class PathTable(NamedTuple):
@@ -94,7 +94,7 @@ def slowed_before(speeds: Array, gain: float) -> Array:
 
 def continuous_quaternions(rotations: Array) -> Array:
     """Rotations (n, 3, 3) as quaternions wxyz whose signs do not jump, shape (n, 4)."""
-    quaternions = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    quaternions = wxyz(rotations)
     turned = dots(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
     return np.ascontiguousarray(quaternions)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, rms_length
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
@@ -37,7 +36,7 @@ from polish_sim.dual.calibration.tool_checks import (
     touch_rows,
 )
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import transform
+from polish_sim.spatial import matrices, transform
 from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
@@ -248,7 +247,7 @@ def read_tool_calibration(file: Path) -> Array:
     quaternion = table.numbers("quaternion_wxyz", (4,))
     if abs(np.linalg.norm(quaternion) - 1.0) > 1e-6:
         raise InputError(f"'{file}': quaternion_wxyz has length {np.linalg.norm(quaternion):.4g}, wanted 1.")
-    R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    R = matrices(quaternion)
     return transform(R, table.numbers("position_m", (3,)))
 
 
