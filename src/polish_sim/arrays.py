@@ -1,4 +1,4 @@
-"""Types of the arrays that flow between modules; docstrings say shapes and units."""
+"""Types of the arrays and figures that flow between modules; docstrings say shapes and units."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -10,6 +10,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+#: What a run, a plan or a calibration reports, by the names of metrics.json
+Figures = dict[str, Any]
 SLICE = 16_384
 
 

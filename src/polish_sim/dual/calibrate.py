@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, rms_length
+from polish_sim.arrays import Array, Figures, rms_length
 from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
 from polish_sim.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.cell.real_arm import RestingArm
@@ -47,7 +47,7 @@ class Calibrated(Generic[M, F]):
 
     measured: M
     found: F
-    figures: dict[str, Any]  #: The keys of metrics.json
+    figures: Figures  #: The keys of metrics.json
     true: F | None = None  #: What the measurements were simulated from, where it is of the same kind
 
 
@@ -123,9 +123,9 @@ def _target(T: Array) -> Array:
     return T[:, :3, :3] @ TARGET + T[:, :3, 3]
 
 
-def _stated(found: BaseCalibration) -> dict[str, Any]:
+def _stated(found: BaseCalibration) -> Figures:
     """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
-    figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
+    figures: Figures = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
     origins = []
     tilts = []
     ends = []
@@ -142,7 +142,7 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
     }
 
 
-def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
+def _errors(found: BaseCalibration, truth: Bases) -> Figures:
     """Calibration minus truth: of each base as the tracker sees it, of one in the other, and a metre away."""
     T = found.T_master_follower
     wanted = inverse(truth[ROBOTS[0]]) @ truth[ROBOTS[1]]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import measure_removal, measure_surface
-from polish_sim.arrays import Array, norms, rms
+from polish_sim.arrays import Array, Figures, norms, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Checked
@@ -59,7 +59,7 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     fed = run.trace.path_s_m[run.trace.fed]
     turns = work_turns(run, task)
     errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
-    figures: dict[str, Any] = measure_pair(run.trace, errors, turns)
+    figures: Figures = measure_pair(run.trace, errors, turns)
     log = run.log
     removal = None
     if pressing:
@@ -197,7 +197,7 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
     return PairErrors(tracking, relative)
 
 
-def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[str, Any]:
+def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> Figures:
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
 
     Returns:

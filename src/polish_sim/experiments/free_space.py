@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, Figures, norms
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import SILENT, Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
@@ -98,9 +98,7 @@ def free_log(
     return log
 
 
-def free_figures(
-    seed: int, T_base_work: Array | None, steps: int, simulated: float, wall: float
-) -> dict[str, Any]:
+def free_figures(seed: int, T_base_work: Array | None, steps: int, simulated: float, wall: float) -> Figures:
     """The figures every experiment reports, of a run that went to its end; times in s."""
     return {
         "path_done": 1.0,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, Figures, dots, norms
 from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
 from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
@@ -264,7 +264,7 @@ def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -
     return Touch(np.vstack([positions, there]), np.vstack([axes, axes]), pad_radius, depth)
 
 
-def shape_figures(shape: RealShape, path: ToolPath) -> dict[str, Any]:
+def shape_figures(shape: RealShape, path: ToolPath) -> Figures:
     """How far the real part, before it is displaced and bent, lies from the drawing along the path.
 
     ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without its own

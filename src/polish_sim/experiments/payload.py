@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim import calibration
-from polish_sim.arrays import Array, norms, rms_length
+from polish_sim.arrays import Array, Figures, norms, rms_length
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.real_arm import take_arm
@@ -43,7 +43,7 @@ class PayloadCalibration:
     scenario: Scenario | None  #: None for readings of a real robot
     readings: calibration.PayloadReadings
     estimate: calibration.PayloadEstimate
-    figures: dict[str, Any]  #: The keys of metrics.json
+    figures: Figures  #: The keys of metrics.json
     q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
     long_run: LongRun | None = None
 
@@ -124,7 +124,7 @@ def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:
         )
 
 
-def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> dict[str, Any]:
+def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
@@ -152,9 +152,7 @@ def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
     return (estimate.bias_at(float(cell.data.time)) - now)[:3]
 
 
-def _return_figures(
-    readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate
-) -> dict[str, Any]:
+def _return_figures(readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate) -> Figures:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
     drift, std = readings.wrenches[-1] - readings.wrenches[0], np.sqrt(2.0) * estimate.noise
     return {
@@ -166,9 +164,7 @@ def _return_figures(
     }
 
 
-def _residual_figures(
-    cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator
-) -> dict[str, Any]:
+def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator) -> Figures:
     """The force left after compensation in random poses right after the calibration, with and without a
     tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Figures
 from polish_sim.errors import number_text, place_in_mm
 from polish_sim.row_file import package_versions
 from polish_sim.spatial import apply, inverse
@@ -30,7 +30,7 @@ class RunResult:
     scenario: Scenario
     log: RunLog
     trace: Trace
-    figures: dict[str, Any]  #: The keys of metrics.json for this experiment
+    figures: Figures  #: The keys of metrics.json for this experiment
     stop_reason: str | None  #: Why the robot stopped itself, or None
     interrupted: bool
     path: ToolPath | None = None  #: The path that was run, work frame
@@ -44,9 +44,7 @@ class RunResult:
         return RunRecord(self.scenario.experiment, self.scenario, figures, self.log, self.path, self.removal)
 
 
-def common_figures(
-    run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None
-) -> dict[str, Any]:
+def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> Figures:
     """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to
     1.
 
@@ -77,7 +75,7 @@ def common_figures(
     }
 
 
-def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[str, Any]:
+def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> Figures:
     """Why the robot stopped itself, with the limit's value, when, where and at what force; None if it did
     not.
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.analysis.metrics import AREAS, measure_force, measure_removal, measure_surface, shortcomings
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Figures
 from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Checked, Scenario
@@ -163,7 +163,7 @@ def measure_run(scenario: Checked, task: SurfaceTask, cell: Cell, part: RealPart
     """How well a ``run`` of a ``cell`` has polished the task's part."""
     plan, place, path = task.plan, task.place, task.plan.path
     fed = run.trace.path_s_m[run.trace.fed]
-    figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
+    figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     removal = remove_material(scenario, place, part, run)
@@ -261,7 +261,7 @@ def run_force(scenario: Checked, observer: Observer = SILENT) -> RunResult:
 
 def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult:
     """How well a ``run`` has pressed on its point."""
-    figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
+    figures: Figures = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), place.reach.T_base_work)
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, place.path, None,

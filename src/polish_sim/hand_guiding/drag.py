@@ -7,14 +7,14 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Figures, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked, DragConfig, HandConfig
 from polish_sim.errors import PlanError
@@ -348,9 +348,7 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     )
 
 
-def _teach(
-    scenario: Checked, task: DragTask, dragged: DragTable, read: Array
-) -> tuple[Taught, dict[str, Any]]:
+def _teach(scenario: Checked, task: DragTask, dragged: DragTable, read: Array) -> tuple[Taught, Figures]:
     """The recording at the log's rate as a path, and how near it came."""
     drag = scenario.drag
     every = scenario.simulation.log_every
@@ -361,7 +359,7 @@ def _teach(
     record = Recording(clock, T_work_tool[:, :3, 3])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING
-    figures: dict[str, Any] = dict(measure_taught(record.positions[moving], taught.path, task.path))
+    figures: Figures = dict(measure_taught(record.positions[moving], taught.path, task.path))
     counts = {
         "points_recorded": int(moving.sum()),
         "knots": taught.knots,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Figures
 from polish_sim.cell import SILENT, Observer
 from polish_sim.config import Checked, GuideConfig, HandConfig
 from polish_sim.errors import InputError, unknown_name
@@ -177,12 +177,10 @@ def move_columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[st
     }
 
 
-def figures_of_moves(
-    scenario: Checked, played: Sequence[PlayedMove], asked: int, wall: float
-) -> dict[str, Any]:
+def figures_of_moves(scenario: Checked, played: Sequence[PlayedMove], asked: int, wall: float) -> Figures:
     """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of
     the run."""
-    figures: dict[str, Any] = {}
+    figures: Figures = {}
     measured = [
         measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j) for play in played
     ]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Figures, Indices
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation
@@ -28,7 +28,7 @@ JOINTS = tuple(f"q{j}_rad" for j in range(1, 7))
 TIP_UNITS = ("m_s", "m_s2", "m_s3")
 TURN_UNITS = ("rad_s", "rad_s2", "rad_s3")
 
-Locate = Callable[[float], dict[str, Any]]  #: From a time [s] to the tool's place
+Locate = Callable[[float], Figures]  #: From a time [s] to the tool's place
 
 
 class TimedPeak(NamedTuple):
@@ -155,9 +155,7 @@ def measure_smoothing(
     )
 
 
-def smoothing_figures(
-    measured: MeasuredMotion, raw: Chain, points: WayPoints, rows: Indices
-) -> dict[str, Any]:
+def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, rows: Indices) -> Figures:
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
     segments = len(raw.lengths)
     deviation = measured.deviation
@@ -188,7 +186,7 @@ def _locator(motion: SmoothMotion, points: WayPoints, rows: Indices) -> Locate:
     """The tip at a time, and the way point it has left, by its place in the file."""
     numbers = np.arange(len(rows), dtype=float)
 
-    def locate(time: float) -> dict[str, Any]:
+    def locate(time: float) -> Figures:
         at = np.array([time])
         left = int(motion.places_at(numbers, at)[0][0] + 1e-9)
         return {"tip_m": motion.sample(at).tips[0, 0], "after": points.place(int(rows[left]))}
@@ -196,9 +194,9 @@ def _locator(motion: SmoothMotion, points: WayPoints, rows: Indices) -> Locate:
     return locate
 
 
-def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
+def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> Figures:
     """Peak / limit of tool tip, tool axis and joints; of the joints the worst, null without a robot."""
-    figures: dict[str, Any] = {}
+    figures: Figures = {}
     for order, name in enumerate(ORDERS):
         figures[f"tool_{name}_ratio_max"] = peaks.tip[order].value / tip_limits(limits)[order]
         figures[f"axis_{name}_ratio_max"] = peaks.axis[order].value / axis_limits(limits)[order]
@@ -208,14 +206,14 @@ def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
     return figures
 
 
-def _peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> dict[str, Any]:
+def _peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> Figures:
     """Every peak with its limit, time and place: ``tip_speed``, ..., ``joint_6_jerk``."""
 
-    def figures_of(peak: TimedPeak, limit: float, unit: str) -> dict[str, Any]:
+    def figures_of(peak: TimedPeak, limit: float, unit: str) -> Figures:
         ratio = {"ratio": peak.value / limit, "time_s": peak.time}
         return {f"value_{unit}": peak.value, f"limit_{unit}": limit} | ratio | locate(peak.time)
 
-    figures: dict[str, Any] = {}
+    figures: Figures = {}
     for order, (name, unit) in enumerate(zip(ORDERS, TURN_UNITS, strict=True)):
         figures[f"tip_{name}"] = figures_of(peaks.tip[order], tip_limits(limits)[order], TIP_UNITS[order])
         figures[f"axis_{name}"] = figures_of(peaks.axis[order], axis_limits(limits)[order], unit)
@@ -234,7 +232,7 @@ def axis_limits(limits: LimitValues) -> tuple[float, float, float]:
     return limits.axis_speed, limits.axis_acceleration, limits.axis_jerk
 
 
-def _deviation(place: Place, unit: str, locate: Locate) -> dict[str, Any]:
+def _deviation(place: Place, unit: str, locate: Locate) -> Figures:
     return {f"value_{unit}": place.value, "time_s": place.time} | locate(place.time)
 
 

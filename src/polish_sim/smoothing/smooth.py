@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, norms, running_sums
+from polish_sim.arrays import Array, Figures, norms, running_sums
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
 from polish_sim.cell.scene import build_scene
@@ -218,7 +218,7 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         play_rule(scenario, task, name, motion.stretched(slowest / motion.end))
         for name, motion in made.items()
     ]
-    figures: dict[str, Any] = {}
+    figures: Figures = {}
     for play, (name, motion) in zip(own, made.items(), strict=True):
         figures |= _named(name, "", {"cycle_time_s": motion.end} | _peaks_over_limits(play, task.limits))
     for plays, when in ((own, ""), (even, "_at_equal_time")):
@@ -254,9 +254,9 @@ def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, flo
     return {f"joint_{name}_ratio_max": float((np.abs(rate) / limit).max()) for name, rate, limit in asked}
 
 
-def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) -> dict[str, Any]:
+def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) -> Figures:
     """Tracking of all rules, and of all but the reference against it."""
-    figures: dict[str, Any] = {}
+    figures: Figures = {}
     for rule, play in known.items():
         figures |= _named(rule, when, measure_tracking(play))
         if rule != REFERENCE:
@@ -266,6 +266,6 @@ def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) 
     return figures
 
 
-def _named(rule: str, when: str, figures: dict[str, Any]) -> dict[str, Any]:
+def _named(rule: str, when: str, figures: Figures) -> Figures:
     """Figures under names that begin with their rule's."""
     return {f"{rule.replace('-', '_')}_{name}{when}": value for name, value in figures.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,7 +25,7 @@ from polish_sim.analysis.style import (
     new_figure,
     styled,
 )
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Figures, Indices
 
 REFERENCE = "joint-acceleration"  #: The rule the others are compared with
 NEAR_M = 0.006  #: Of the path on either side of the jerk peak that is drawn
@@ -61,7 +61,7 @@ class AtPeak(NamedTuple):
         return 1.0 - self.error / self.reference
 
 
-def measure_tracking(play: PlayedRule) -> dict[str, Any]:
+def measure_tracking(play: PlayedRule) -> Figures:
     """Largest and root mean square tracking error over the whole path, one value a joint."""
     return {
         "tracking_error_max_rad": np.abs(play.error).max(axis=0).tolist(),
@@ -69,7 +69,7 @@ def measure_tracking(play: PlayedRule) -> dict[str, Any]:
     }
 
 
-def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> dict[str, Any]:
+def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> Figures:
     """Compare a rule's tracking errors with the reference rule's on the same path; ``jerk_limits`` (6,)
     [rad/s^3].
 

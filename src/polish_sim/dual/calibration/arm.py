@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Figures
 from polish_sim.calibration.arm import (
     LEAST_POSES,
     ArmEstimate,
@@ -99,9 +99,7 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-def pair_figures(
-    tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance
-) -> dict[str, Any]:
+def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance) -> Figures:
     """A calibration under the names of metrics.json.
 
     residual_rms_m is of one coordinate, nominal_rms_m the distance left if only base and target are fitted,

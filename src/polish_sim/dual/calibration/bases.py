@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, norms, rms
+from polish_sim.arrays import Array, Bools, Figures, norms, rms
 from polish_sim.calibration.matched_points import relative_frame
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
@@ -139,7 +139,7 @@ class CalibratedBases(NamedTuple):
     T_true: Array | None = None  #: Where it really is, if the measurements were simulated, shape (4, 4)
 
 
-def base_figures(found: BaseCalibration) -> dict[str, Any]:
+def base_figures(found: BaseCalibration) -> Figures:
     """A calibration under the names of calibration.toml and metrics.json."""
     std = np.sqrt(np.diag(found.covariance))
     distances = np.concatenate([group.residuals[group.used] for group in found.groups])

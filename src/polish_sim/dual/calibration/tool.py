@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, rms_length
+from polish_sim.arrays import Array, Bools, Figures, rms_length
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
 from polish_sim.calibration.poses import check_poses
 from polish_sim.calibration.tables import (
@@ -210,13 +210,11 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
     return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
 
 
-def tool_figures(
-    measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None
-) -> dict[str, Any]:
+def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> Figures:
     """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known."""
     tip = found.tip
     orientation = found.orientation
-    figures: dict[str, Any] = {
+    figures: Figures = {
         "position_m": tip.point.tolist(),
         "position_m_std": tip.std.tolist(),
         "quaternion_wxyz": quaternions_of(found.T_flange_tool[:3, :3]).tolist(),
@@ -236,7 +234,7 @@ def tool_figures(
     return figures
 
 
-def write_tool_calibration(file: Path, figures: dict[str, Any], found: ToolFrameEstimate) -> None:
+def write_tool_calibration(file: Path, figures: Figures, found: ToolFrameEstimate) -> None:
     """Write calibration.toml."""
     write_table(file, TCP, figures | {"position_covariance": found.tip.covariance[:3, :3].tolist()})
 
