@@ -32,6 +32,11 @@ def apply(T: Array, points: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
+def apply_each(T: Array, points: Array) -> Array:
+    """Move points, shape (n, 3), each by its own transform, shape (n, 4, 4)."""
+    return np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
+
+
 def matrices(quaternions: Array) -> Array:
     """Rotations (..., 3, 3) of unit quaternions wxyz (..., 4)."""
     return Rotation.from_quat(quaternions, scalar_first=True).as_matrix()

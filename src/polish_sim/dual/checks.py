@@ -18,6 +18,7 @@ from polish_sim.experiments.placement import failure_of
 from polish_sim.motion import track
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.planning.toolpath import interpolate
+from polish_sim.spatial import apply_each
 
 DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
 
@@ -86,7 +87,7 @@ def check_carried(check: MotionCheck) -> None:
     # A file's motion has an end on either side.
     clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))
     before, now, after = (way(T, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S))
-    places = [np.einsum("nij,nj->ni", P[:, :3, :3], at.points) + P[:, :3, 3] for P in (before, now, after)]
+    places = [apply_each(P, at.points) for P in (before, now, after)]
     turns = [
         Rotation.from_matrix(b[:, :3, :3] @ np.swapaxes(a[:, :3, :3], 1, 2)).as_rotvec() / DIFFERENCE_S
         for a, b in ((before, now), (now, after))

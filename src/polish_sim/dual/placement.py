@@ -25,7 +25,7 @@ from polish_sim.experiments.placement import (
     spin_direction,
 )
 from polish_sim.motion import JointPath, inverse_all, track
-from polish_sim.spatial import inverse, transform
+from polish_sim.spatial import apply_each, inverse, transform
 
 UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see
@@ -120,7 +120,7 @@ def sampled(work: PairWork, T_master_work: Array, spin: float, visits: Visits | 
     at = work.visits if visits is None else visits
     parts = work.way(T_master_work, at.clock)
     T_follower_work = inverse(work.chain.T_master_follower) @ parts
-    points = np.einsum("nij,nj->ni", T_follower_work[:, :3, :3], at.points) + T_follower_work[:, :3, 3]
+    points = apply_each(T_follower_work, at.points)
     turned = T_follower_work[:, :3, :3] @ _work_to_tool(work, T_master_work, spin, at.axes, at.meant)
     return Sampled(parts, transform(turned, points))
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
-from polish_sim.spatial import apply
+from polish_sim.spatial import apply, apply_each
 
 SOURCES = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
 INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
@@ -139,7 +139,7 @@ def _rows(
     R_1, R_2 = closing.T_master_flange[:, :3, :3], closing.T_follower_flange[:, :3, :3]
     tips_master = apply(T_mf, R_2 @ tip + closing.T_follower_flange[:, :3, 3])
     marks_flange = seen[closing.mark]
-    marks_master = np.einsum("nij,nj->ni", R_1, marks_flange) + closing.T_master_flange[:, :3, 3]
+    marks_master = apply_each(closing.T_master_flange, marks_flange)
     J_closing = np.zeros((len(closing.mark), 3, 15))
     J_closing[..., BASES] = point_slopes(T_mf, tips_master)
     J_closing[..., TIP] = T_mf[:3, :3] @ R_2
