@@ -166,7 +166,7 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning, tmp_path
 
 def test_an_arc_of_negative_radius_bends_to_the_right_of_its_direction(short):
     bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
-    way = master_motion(bent, short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
+    way = master_motion(bent.dual, (), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
     places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
     middle = places[0] + np.array([0.05, 0.0, 0.0])  # along y at first
     np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
@@ -249,5 +249,6 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
     ],
 )
 def test_settings_that_do_not_fit_are_refused(changes, said, short):
+    asked, chain = dual(*changes), short.frames.believed
     with pytest.raises(ConfigError, match=said):
-        master_motion(dual(*changes), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed)
+        master_motion(asked.dual, asked.part.pose, short.place.path, np.array([0.0, 0.0, 1.0]), chain)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array, norms
 from polish_sim.calibration.tables import Measured
-from polish_sim.config import Checked, DualConfig
+from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.errors import ConfigError, InputError
@@ -175,17 +175,18 @@ class MasterMotion(NamedTuple):
     T_start: Array = np.empty((0, 4, 4))
 
 
-def master_motion(scenario: Checked, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
-    """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the
-    believed chain.
+def master_motion(
+    config: DualConfig, pose: tuple[float, ...], path: ToolPath, up: Array, chain: ClosedChain
+) -> MasterMotion:
+    """The motion that is asked for along the follower's path, on the side ``up`` of the part, in the believed
+    chain; ``pose``: where the part is to be held, as ``part.pose``.
 
     Raises ConfigError if a direction is zero or two settings contradict each other, InputError if the file
     cannot be used.
     """
-    config = scenario.dual
     if config.master_path:
         _refuse_beside_file(config)
-        if scenario.part.pose:
+        if pose:
             raise ConfigError(
                 f"'{config.master_path}' (dual.master_path) says where the part is held: leave part.pose "
                 "(--part-pose) out."

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
-from polish_sim.config import Checked, DualConfig
+from polish_sim.config import Checked, DualConfig, PartConfig, PlanConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
@@ -87,7 +87,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     dual = scenario.dual
     use_arm(scenario.robot.arm)
     observer.stage("plan the path")
-    mesh, surface, region, path = _given_or_rim(scenario, plan)
+    mesh, surface, region, path = _given_or_rim(scenario.part, scenario.plan, plan)
     check_load(mesh, dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, dual.standoff_m)
@@ -171,20 +171,22 @@ def _visits(scenario: Checked, path: ToolPath, step: float | None = None) -> Vis
     return plan_visits(strokes, step or min(lasts / SAMPLES, SAMPLE_M / scenario.process.feed_m_s))
 
 
-def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
+def _given_or_rim(
+    part: PartConfig, asked: PlanConfig, plan: PlanResult | None
+) -> tuple[PartMesh, Surface, Region, ToolPath]:
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
         return plan.mesh, plan.surface, plan.region, plan.path
-    mesh = load_mesh(scenario.part)
-    asked = scenario.plan
+    mesh = load_mesh(part)
     surface = fit_surface(mesh, asked.feature_angle_rad)
     region = choose_region(mesh, surface, asked)
-    return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
+    return mesh, surface, region, rim_path(surface, region, asked.clearance_m)
 
 
 def _asked_of_both(job: PairJob, chain: ClosedChain) -> tuple[PairWork, MasterMotion]:
     """The work of both robots with a chain, and the master's motion in it."""
-    motion = master_motion(job.scenario, job.path, job.up, chain)
+    asked = job.scenario
+    motion = master_motion(asked.dual, asked.part.pose, job.path, job.up, chain)
     check_length(job.visits, motion)
     return PairWork(chain, job.visits, motion.way), motion
 

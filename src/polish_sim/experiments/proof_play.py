@@ -169,7 +169,7 @@ class Play:
         held = fed & (s > cell.kernel.stroke.start_s + SETTLED_M)
         ever, often = force_shares(force, wanted, path.largest_force(usual), held)
         used = np.maximum(SHAKEN * ever, often)
-        astray = np.where(fed, steps["tangential_error_m"], 0.0) / most_astray(self.scenario)
+        astray = np.where(fed, steps["tangential_error_m"], 0.0) / most_astray(self.scenario.robot)
         for name, shares in ((BAND, used), (ASTRAY, astray)):
             self._note(name, float(shares.max()), float(s[shares.argmax()]))
         stage, at = cell.state.sequence.stage, float(cell.state.target.s)

@@ -4,7 +4,7 @@ asked."""
 from __future__ import annotations
 
 from polish_sim.analysis.claim import FOLLOW_BAND_N, HOLD_BAND_N, PATH_DONE, Claim
-from polish_sim.config import PartConfig, Scenario, SimulationConfig, SpindleConfig
+from polish_sim.config import PartConfig, RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.experiments.registry import (
     FINISHED,
     PART_OPTIONS,
@@ -47,13 +47,13 @@ FORCE_CLAIMS = (
 )
 
 
-def most_astray(scenario: Scenario) -> float:
+def most_astray(robot: RobotConfig) -> float:
     """How far the tool may stray from its path on a part [m].
 
     That of an arm with gears strays by what the host does not see of them: as far as the accuracy of arms of
     its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
     """
-    return 6.5e-4 if scenario.robot.elastic else 3e-4
+    return 6.5e-4 if robot.elastic else 3e-4
 
 
 def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
@@ -69,7 +69,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
         Claim("force_error_median_n", "force error, median", "N"),
         Claim("curvature_peaks", "curvature peaks", "", "6"),
         Claim("contact_lost_s", "contact lost", "s", "0"),
-        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(scenario)),
+        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(scenario.robot)),
         Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant"),
         Claim("cycle_time_s", "cycle time", "s"),
         Claim("removal_cv", "removal, std / mean", "%"),

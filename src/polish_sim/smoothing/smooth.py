@@ -109,7 +109,9 @@ def prepare_smooth(scenario: Checked) -> SmoothTask:
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
     if scenario.plan.file:
-        chain, arm = _given(scenario)
+        placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
+        assert placed.arm is not None  # place_path lays every path before the robot
+        chain, arm = placed.chain, placed.arm
     else:
         chain = build_chain(*trial_path())
         arm = trial_arm(tool_on_flange(), _NEAR)
@@ -134,12 +136,6 @@ def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
 def marks_along(chain: Chain) -> Array:
     """Arc length of a chain's way points; a turn on the spot counts as a nanometre, so that marks rise."""
     return running_sums(np.maximum(chain.lengths, 1e-9))
-
-
-def _given(scenario: Checked) -> tuple[Chain, Arm]:
-    placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
-    assert placed.arm is not None  # place_path lays every path before the robot
-    return placed.chain, placed.arm
 
 
 class RulePlay(NamedTuple):
