@@ -20,9 +20,9 @@ from polish_sim.row_file import whole_file
 
 T = TypeVar("T")
 UNREADABLE = (
-    *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError),
-    *(zipfile.BadZipFile, zlib.error),
-)
+    OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile,
+    zlib.error,
+)  # fmt: skip
 """What reading a damaged npz may raise."""
 PHASES = ("approach", "touch_down", "process", "retract")
 APPROACH_PHASE, TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = range(len(PHASES))  #: Codes in the log
@@ -142,8 +142,12 @@ def row_width() -> int:
 
 def write_log(path: Path, log: RunLog) -> None:
     """Write the log; the file appears under its name only when it is whole."""
+    _write_npz(path, log.columns)
+
+
+def _write_npz(path: Path, columns: Mapping[str, Any]) -> None:
     with whole_file(path) as draft, draft.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **dict(log.columns))
+        np.savez_compressed(stream, allow_pickle=False, **columns)
 
 
 def read_log(path: Path) -> RunLog:
@@ -279,8 +283,7 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
         if name in RemovalMap.__dataclass_fields__
     }
     columns["triangles"] = removal.triangles.astype(np.int32)
-    with whole_file(file) as draft, draft.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **columns)
+    _write_npz(file, columns)
 
 
 def read_removal(file: Path) -> RemovalMap:

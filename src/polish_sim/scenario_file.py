@@ -20,29 +20,22 @@ PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name
 #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 AUTO = "auto"
 FILE_KEYS = (
-    *(
-        ("part", "file"),
-        ("part", "real_file"),
-        ("part", "fixture_file"),
-        ("payload", "file"),
-        ("drag", "follow"),
-    ),
-    *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal"), ("process", "learn")),
-    ("robot", "compensation"),
-)
-"""Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a
+    "part.file", "part.real_file", "part.fixture_file", "payload.file", "drag.follow",
+    "smoothing.limits_file", "dual.bases_file", "dual.tool_file", "dual.arms_file", "dual.master_path",
+    "guide.model_file", "plan.removal", "process.learn", "robot.compensation",
+)  # fmt: skip
+"""The keys that name a file; ``plan.file`` may be a folder, a controller's name and a
 region may hold one."""
 COUNTS = {2: "two", 3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
-    *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
-    *("joint_speed_limit_rad_s", "payload_error"),
-}
+    "command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s",
+    "joint_speed_limit_rad_s", "payload_error",
+}  # fmt: skip
 """All keys of [robot] in a run's config.toml of the time before robot.arm: its arm was the ideal one."""
 _RETIRED = (
-    *(("adaptive", "force_rate_n_s"), ("baselines", "mass_kg"), ("baselines", "damping_n_s_m")),
+    ("adaptive", "force_rate_n_s"), ("baselines", "mass_kg"), ("baselines", "damping_n_s_m"),
     ("baselines", "stiffness_n_m"),
-)
+)  # fmt: skip
 """Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed
 over."""
 
@@ -81,7 +74,7 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
 
 def with_files(scenario: Scenario, folder: Path) -> Scenario:
     """Give the whole path of every file a scenario names from a folder."""
-    for section, name in FILE_KEYS:
+    for section, name in (key.split(".") for key in FILE_KEYS):
         word = getattr(getattr(scenario, section), name)
         file = folder / word
         if word and file.exists():

@@ -457,12 +457,12 @@ class _Cluster:
                     continue
                 if result.trouble is not None:
                     tries[task] += 1
+                    end = ", again; it is left out"
                     if tries[task] < TRIES:
                         # Dask blames all tasks of a worker that dies: this one may not be what killed it.
                         waiting.append(task)
-                        result = Result(task, None, f"{result.trouble}; it is tried again")
-                    else:
-                        result = Result(task, None, f"{result.trouble}, again; it is left out")
+                        end = "; it is tried again"
+                    result = Result(task, None, result.trouble + end)
                 if waiting:
                     submit()
                 yield result

@@ -18,8 +18,7 @@ from polish_sim.control.signals import Controller
 from polish_sim.experiments import default_scenario
 from polish_sim.models import robot_model_path
 from polish_sim.motion import inverse_near
-from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.motion.trajectory import PathTable, TimedPath, build_path_table, time_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse, transform
 from tests.cell.fields import plane

@@ -10,7 +10,7 @@ from polish_sim.dual.master import PartWay, about_axis, along_arc
 from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.part_setup import PlacedTool
-from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.trajectory import TimedPath
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, from_pose, inverse

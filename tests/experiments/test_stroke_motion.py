@@ -16,7 +16,7 @@ from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
 from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise
-from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.trajectory import TimedPath
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import rotation_to_axis, transform

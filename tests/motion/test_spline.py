@@ -18,7 +18,7 @@ from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline import law as law_module
 from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, smooth_by_spline
-from polish_sim.motion.timed_path import time_schedule
+from polish_sim.motion.trajectory import time_schedule
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 from tests.planning.shapes import to_polyline
 

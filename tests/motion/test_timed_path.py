@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.motion import timed_path
+from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule, turning
 from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
-PACE = timed_path.Pace(0.01, 0.05, 1.25)
+PACE = trajectory.Pace(0.01, 0.05, 1.25)
 RADIUS = 0.02
 
 
@@ -32,13 +32,13 @@ def circle() -> PathTable:
     return build_path_table(points, Rotation.from_euler("z", angle[:, None]).as_matrix())
 
 
-def play(motion: timed_path.TimedPath, clock: Array) -> Sampled:
+def play(motion: trajectory.TimedPath, clock: Array) -> Sampled:
     out, place = (
         Sampled(*(np.empty((len(clock), *shape)) for shape in ((3,), (3,), (4,), (3,), (), ()))),
         np.empty(2),
     )
     for i, t in enumerate(clock):
-        timed_path.sample_motion(motion, float(t), *(rows[i] for rows in out[:4]), place)
+        trajectory.sample_motion(motion, float(t), *(rows[i] for rows in out[:4]), place)
         out.places[i], out.speeds[i] = place
     return out
 
@@ -46,7 +46,7 @@ def play(motion: timed_path.TimedPath, clock: Array) -> Sampled:
 @pytest.mark.parametrize("length", [1e-5, 4e-4, 0.1])
 def test_short_and_long_ways_keep_the_limits_and_arrive(length):
     table = build_path_table(np.array([[0.0, 0, 0], [length, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)))
-    motion = timed_path.time_path(table, PACE)
+    motion = trajectory.time_path(table, PACE)
     dt = motion.duration / 4000.0
     run = play(motion, np.arange(4001) * dt)
     assert run.places[-1] == pytest.approx(length, rel=1e-9)
@@ -57,7 +57,7 @@ def test_short_and_long_ways_keep_the_limits_and_arrive(length):
 
 
 def test_a_single_pose_is_a_motion_of_no_duration():
-    motion = timed_path.time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
+    motion = trajectory.time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
     assert motion.duration == 0.0
     run = play(motion, np.array([0.0, 1.0]))
     np.testing.assert_allclose(run.positions, 1.0)
@@ -66,7 +66,7 @@ def test_a_single_pose_is_a_motion_of_no_duration():
 
 def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
     table = circle()
-    motion = timed_path.time_path(table, PACE)
+    motion = trajectory.time_path(table, PACE)
     assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)  # and one ramp
     assert motion.playing_time == pytest.approx(motion.duration)
     t = np.linspace(0.3, 12.0, 500)
@@ -80,7 +80,7 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
 
 def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time():
     s, feed = np.array([0.0, 0.05, 0.06, 0.12]), np.array([2.0, 2.0, 0.5, 0.5])
-    motion = timed_path.time_path(with_feed_share(circle(), s, feed), PACE)
+    motion = trajectory.time_path(with_feed_share(circle(), s, feed), PACE)
     clock = np.arange(len(motion.places)) * motion.spacing
     fed = motion.rates * motion.speeds
     assert np.all(
@@ -91,7 +91,7 @@ def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time():
     assert slowing[20:-60].max() < 3.0 * PACE.acceleration
     assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
     for t in np.linspace(0.0, motion.duration, 777):
-        assert timed_path.sample_rate(motion, float(t)) == pytest.approx(np.interp(t, clock, motion.rates))
+        assert trajectory.sample_rate(motion, float(t)) == pytest.approx(np.interp(t, clock, motion.rates))
 
 
 # A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
@@ -103,7 +103,7 @@ MARKS = np.array([0.0, 0.02, 0.045, 0.07])
 
 
 def test_between_its_rows_it_is_where_the_schedule_is():
-    motion = timed_path.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     clock = np.linspace(0.0, SCHEDULE.end, 400)
     exact = sample_schedule(CHAIN, SCHEDULE, clock)
     run = play(motion, clock)
@@ -116,8 +116,8 @@ def test_between_its_rows_it_is_where_the_schedule_is():
 
 def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative():
     s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
-    np.testing.assert_array_equal(timed_path.marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
-    motion = timed_path.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    np.testing.assert_array_equal(trajectory.marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
+    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     assert motion.places[0] == 0.0
     assert motion.places[-1] == pytest.approx(0.07, abs=1e-12)
     assert np.all(np.diff(motion.places) >= 0.0)

@@ -131,7 +131,7 @@ def test_a_study_s_file_edited_wrongly_is_refused(tmp_path, text, told):
         read_study(tmp_path / "study.toml").check()
 
 
-@pytest.mark.parametrize("key", ["plan.file", *map(".".join, FILE_KEYS), "controller.name"])
+@pytest.mark.parametrize("key", ["plan.file", *FILE_KEYS, "controller.name"])
 def test_a_key_that_names_a_file_counts_by_the_file_s_content(key, tmp_path):
     hashes = []
     for folder, text in (("x", "a"), ("y", "a"), ("x", "b")):

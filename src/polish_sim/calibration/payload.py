@@ -189,12 +189,7 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
     count = len(up_sensor)
     X = np.zeros((count, 6, 10 if time is None else 16))
     X[:, :3, MASS] = gravity * up_sensor
-    x, y, z = gravity * up_sensor.T
-    X[:, 3, 2], X[:, 3, 3] = z, -y  # (m c) x u g
-    X[:, 4, 1] = -z
-    X[:, 4, 3] = x
-    X[:, 5, 1] = y
-    X[:, 5, 2] = -x
+    X[:, 3:, MOMENT] = np.cross(np.eye(3), gravity * up_sensor[:, None]).swapaxes(1, 2)  # (m c) x u g
     X[:, :, BIAS] = np.eye(6)
     if time is not None:
         X[:, :, DRIFT] = time[:, None, None] * np.eye(6)

@@ -11,8 +11,15 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Record, Vector2, Vector3, Vector4, kernel
-from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_rate
-from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
+from polish_sim.motion.trajectory import (
+    Pace,
+    PathTable,
+    TimedPath,
+    sample_column,
+    sample_motion,
+    sample_path,
+    sample_rate,
+)
 from polish_sim.spatial import rotation_from_quaternion
 
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, FEEDING, RETRACT, DONE = range(8)

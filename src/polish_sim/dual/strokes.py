@@ -18,8 +18,7 @@ from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
 from polish_sim.motion.rules.limits import SmoothingLimits
-from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import build_path_table, with_feed_share
+from polish_sim.motion.trajectory import TimedPath, build_path_table, time_path, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import apply, into_plane, matrices

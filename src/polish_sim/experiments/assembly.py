@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -178,7 +179,7 @@ def user_files(scenario: Scenario) -> list[Path]:
         scenario.plan.region.partition(":")[2],
         scenario.plan.file,
     ]
-    words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
+    words += [attrgetter(key)(scenario) for key in FILE_KEYS if not key.startswith("part.")]
     parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
     return [
         file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()

@@ -26,7 +26,7 @@ from polish_sim.experiments.part_setup import placed_strokes, placed_tool, unpla
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import ScanNoise
-from polish_sim.motion.timed_path import TimedPath
+from polish_sim.motion.trajectory import TimedPath
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
 

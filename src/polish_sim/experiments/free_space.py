@@ -32,8 +32,7 @@ from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 from polish_sim.motion import forward, use_arm
-from polish_sim.motion.timed_path import time_path
-from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.motion.trajectory import PathTable, build_path_table, time_path
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import matrices, wxyz
 

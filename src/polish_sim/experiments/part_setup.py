@@ -19,8 +19,14 @@ from polish_sim.experiments.stroke_motion import stroke_motion, stroke_path
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
-from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import PathTable, at_rows, build_path_table, with_feed_share
+from polish_sim.motion.trajectory import (
+    PathTable,
+    TimedPath,
+    at_rows,
+    build_path_table,
+    time_path,
+    with_feed_share,
+)
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, stretches
 from polish_sim.spatial import apply, matrices
 

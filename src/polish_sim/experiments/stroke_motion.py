@@ -21,8 +21,16 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, si
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import sampled_joints
-from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
-from polish_sim.motion.trajectory import build_path_table, with_feed_share
+from polish_sim.motion.trajectory import (
+    TimedPath,
+    build_path_table,
+    marks_on,
+    row_times,
+    time_path,
+    time_schedule,
+    with_feed,
+    with_feed_share,
+)
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke

@@ -31,6 +31,7 @@ from polish_sim.identification.estimate import (
     Estimate,
     base_of_rows,
     condition_number,
+    equilibrated,
     inverse_of,
     spread_of_sums,
 )
@@ -235,11 +236,10 @@ def fit_elastic(
     covariance = C @ (spread_of_sums(a * left[:, None], fit.blocks) + np.diag(fit.prior)) @ C
     of_period = periods * fit.information(x, sigma) + np.diag(fit.prior)
     spread = np.array([np.var(torque[moving, j]) for j, moving in enumerate(fit.moving.T)])
-    scale = 1.0 / np.sqrt(np.diag(H)[:r])
     estimate = Estimate(
         x[:r], covariance[:r, :r], math.sqrt(periods) * fit.noise, 1.0 - fit.noise**2 / spread,
         condition_number(fit.information(x, np.ones(n))[:r, :r]),
-        condition_number(H[:r, :r] * np.outer(scale, scale)), np.ones(n),
+        condition_number(equilibrated(H[:r, :r])), np.ones(n),
     )  # fmt: skip
     shown = slice(0, r + LOADS * n)
     std = np.sqrt(np.diag(covariance))[shown]

@@ -202,8 +202,7 @@ def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
             spent = np.array([np.sum(covariance * sums.squares[j]) / noise[j] ** 2 for j in range(n)])
             noise = np.sqrt(np.maximum(left, 1e-24) / np.maximum(sums.samples - spent, 1.0))
     total = sums.torque_squares - sums.torque_sum**2 / np.maximum(sums.samples, 1.0)
-    scale = 1.0 / np.sqrt(np.diag(H))
-    plain, equal = (condition_number(each) for each in (sums.squares.sum(0), H * np.outer(scale, scale)))
+    plain, equal = (condition_number(each) for each in (sums.squares.sum(0), equilibrated(H)))
     return Estimate(theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30), plain, equal)
 
 
@@ -220,6 +219,12 @@ def condition_number(H: Array) -> float:
     """Condition number of the stacked regressor whose information is H."""
     values = np.linalg.eigvalsh(H)
     return float(np.sqrt(values[-1] / max(float(values[0]), 1e-300)))
+
+
+def equilibrated(H: Array) -> Array:
+    """A positive definite matrix with rows and columns scaled to a diagonal of ones."""
+    scale = 1.0 / np.sqrt(np.diag(H))
+    return H * np.outer(scale, scale)
 
 
 def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> None:

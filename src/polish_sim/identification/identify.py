@@ -126,16 +126,11 @@ def run_identification(
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    gears = None
+    gears: GearFit | None = None
     truth = arm.truth.truth()
     if log.gears is not None and settings.terms == FULL:
         fitted = _fit_elastic(arm, log, other_log, drawing, settings)
-        found = fitted.found
-        full = fitted.full
-        base = fitted.base
-        gears = fitted.gears
-        against = fitted.against
-        predicted = fitted.predicted
+        base, found, full, gears, against, predicted = fitted
     else:
         found = estimate_widened(arm.truth, base, sums, states, log.torque)
         full = fit_consistent(arm.truth, base, found, drawing)

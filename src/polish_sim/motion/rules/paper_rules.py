@@ -106,7 +106,14 @@ def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
     low, high = speed[rows] / _SLOWEST, speed[rows]
     for count in (_COARSE, _FINE, _FINE):
         grid = high * (low / high) ** np.linspace(0.0, 1.0, count)[:, None]
-        times = np.stack([triples_at(row, rows).sum(axis=1) for row in grid])
+        # No more at once than a block of segments.
+        parts = np.array_split(grid, min(count, 1 + grid.size // BLOCK))
+        times = np.concatenate(
+            [
+                triples_at(part.ravel(), np.tile(rows, len(part))).sum(axis=1).reshape(part.shape)
+                for part in parts
+            ]
+        )
         best = np.argmin(times, axis=0)
         columns = np.arange(len(rows))
         high, low = grid[np.maximum(best - 1, 0), columns], grid[np.minimum(best + 1, count - 1), columns]

@@ -112,16 +112,11 @@ class Smoothed(NamedTuple):
 
     def stretched(self, factor: float) -> Smoothed:
         """See `SmoothMotion`."""
-        schedule = self.schedule
-        powers = factor ** -np.arange(4.0)
-        slower = Schedule(
-            schedule.segments,
-            schedule.starts * factor,
-            schedule.durations * factor,
-            schedule.coefficients * powers,
-            schedule.end * factor,
+        segments, starts, durations, coefficients, end = self.schedule
+        slower = coefficients * factor ** -np.arange(4.0)
+        return self._replace(
+            schedule=Schedule(segments, starts * factor, durations * factor, slower, end * factor)
         )
-        return self._replace(schedule=slower)
 
 
 @njit
@@ -130,8 +125,7 @@ def _mark(
 ) -> None:
     rates = np.empty(4)
     for i in range(len(clock)):
-        first = np.searchsorted(index.all_ended, clock[i], side="right")
-        stop = max(first, np.searchsorted(index.none_begun, clock[i], side="right"))
+        first, stop = _under_way(index, clock[i])
         places[i], speeds[i] = marks[first], 0.0
         for k in range(first, stop):
             progress_at(schedule, index, k, clock[i], rates)
@@ -146,6 +140,12 @@ class ScheduleIndex(NamedTuple):
     first_pieces: Indices
     all_ended: Array  #: When the segment and all before it have ended [s], shape (segments,)
     none_begun: Array  #: Until when neither the segment nor any after it has begun [s], shape (segments,)
+
+
+@njit(_nrt=False)
+def _under_way(index: ScheduleIndex, time: float) -> tuple[int, int]:
+    first = np.searchsorted(index.all_ended, time, side="right")
+    return first, max(first, np.searchsorted(index.none_begun, time, side="right"))
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
@@ -193,8 +193,7 @@ def _sample_all(
     rates, roll = room[0], room[1]
     for n in range(times.shape[0]):
         tip, R, spin = out.tips[n], out.rotations[n], out.spins[n]
-        first = np.searchsorted(index.all_ended, times[n], side="right")
-        stop = max(first, np.searchsorted(index.none_begun, times[n], side="right"))
+        first, stop = _under_way(index, times[n])
         roll[:] = 0.0
         for i in range(3):
             tip[0, i] = chain.tips[first, i]

@@ -17,6 +17,8 @@ from scipy.interpolate import BSpline
 from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot as dot3
+from polish_sim.kernels import minus, plus, scaled, set_to, turn_about
 from polish_sim.motion.rules.chain import Chain
 
 # Functions of one variable with their derivatives, carried along exactly.
@@ -97,6 +99,43 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
 
 
 DEGREE = 5
+
+
+@njit(_nrt=False)
+def _fill_jets(t: Array, controls: Array, u: Array, basis: Array, jets: Array) -> None:
+    """Write a spline and its first derivatives at places u (n,), jets (n, orders, 10), and into ``controls``
+    (orders, m, 10), where the first are given, their control points; ``basis`` is (6,). Cox and de Boor."""
+    orders, m = controls.shape[:2]
+    for order in range(orders - 1):
+        for k in range(m - 1 - order):
+            span = t[k + DEGREE + 1] - t[k + order + 1]
+            by = (DEGREE - order) / span if span > 0.0 else 0.0
+            for column in range(10):
+                controls[order + 1, k, column] = by * (
+                    controls[order, k + 1, column] - controls[order, k, column]
+                )
+    for n in range(u.shape[0]):
+        x = u[n]
+        i = min(max(np.searchsorted(t, x, side="right") - 1, DEGREE), m - 1)
+        basis[0] = 1.0
+        for d in range(1, DEGREE + 1):
+            carried = 0.0
+            for r in range(d):
+                above, below = t[i + r + 1] - x, x - t[i + 1 - d + r]
+                share = basis[r] / (above + below)
+                basis[r], carried = carried + above * share, below * share
+            basis[d] = carried
+            order = DEGREE - d
+            if order < orders:
+                jet = jets[n, order]
+                for column in range(10):
+                    jet[column] = 0.0
+                for r in range(d + 1):
+                    points = controls[order, i - DEGREE + r]
+                    for column in range(10):
+                        jet[column] += basis[r] * points[column]
+
+
 LONGEST_SPAN = 0.0025
 """Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where
 bends are that long the curve is within micrometres of the chain."""
@@ -116,20 +155,9 @@ class Polyline(NamedTuple):
 
     def at(self, u: Array) -> Array:
         """Tip (3), x axis (3) and z axis (3) of the tool, place on the path, shape (m, 10)."""
-        chain, k = self.chain, np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2)
-        share = (u - self.u[k]) / (self.u[k + 1] - self.u[k])
-        tips = chain.tips[k] + (share * chain.lengths[k])[:, None] * chain.directions[k]
-        R, roll = chain.rotations[k], (share * chain.rolls[k])[:, None]
-        rolled = np.cos(roll) * R[:, :, 0] + np.sin(roll) * R[:, :, 1]
-        n, angle = chain.turn_axes[k], (share * chain.angles[k])[:, None]
-        turned = [
-            np.cos(angle) * v
-            + np.sin(angle) * np.cross(n, v)
-            + (1.0 - np.cos(angle)) * n * (n * v).sum(1)[:, None]
-            for v in (rolled, R[:, :, 2])
-        ]
-        places = self.places[k] + share * (self.places[k + 1] - self.places[k])
-        return np.concatenate([tips, *turned, places[:, None]], axis=1)
+        out = np.empty((len(u), 10))
+        _fill_line(self.chain, self.u, self.places, u, out)
+        return out
 
     def slopes(self) -> tuple[Array, Array]:
         """Derivatives of `at` before and after every inner way point, shape (n - 1, 10) each."""
@@ -149,6 +177,20 @@ class Polyline(NamedTuple):
             axes = [np.cross(spin, R[:, :, 0]), np.cross(spin, R[:, :, 2])]
             sides.append(np.concatenate([tips[side], *axes, places[side]], axis=1))
         return sides[0], sides[1]
+
+
+@njit(_nrt=False)
+def _fill_line(chain: Chain, line: Array, places: Array, u: Array, out: Array) -> None:
+    for n in range(u.shape[0]):
+        k = min(max(np.searchsorted(line, u[n], side="right") - 1, 0), line.shape[0] - 2)
+        share, R = (u[n] - line[k]) / (line[k + 1] - line[k]), chain.rotations[k]
+        roll, angle = share * chain.rolls[k], share * chain.angles[k]
+        rolled = plus(scaled(math.cos(roll), R[:, 0]), scaled(math.sin(roll), R[:, 1]))
+        axis, c, s = chain.turn_axes[k], math.cos(angle), math.sin(angle)
+        set_to(out[n], plus(chain.tips[k], scaled(share * chain.lengths[k], chain.directions[k])))
+        set_to(out[n, 3:], turn_about(axis, c, s, 1.0 - c, rolled))
+        set_to(out[n, 6:], turn_about(axis, c, s, 1.0 - c, R[:, 2]))
+        out[n, 9] = places[k] + share * (places[k + 1] - places[k])
 
 
 class Curve(NamedTuple):
@@ -220,12 +262,7 @@ class Corner(NamedTuple):
     unit: float  #: [m]
     swing: Swing
     change: Array  #: Of the slopes, shape (10,)
-
-    @property
-    def knots(self) -> Array:
-        """From its beginning to its end [m]."""
-        half = self.unit * self.swing.knots
-        return self.place + np.concatenate([-half[:0:-1], half])
+    knots: Array  #: From its beginning to its end [m]
 
 
 def corner_units(before: Array, after: Array, tolerance: float, axis_tolerance: float) -> Array:
@@ -254,7 +291,8 @@ def _isolated(line: Polyline, k: int, unit: float, change: Array, least: float) 
     share, swing = max(zip(shares, SWINGS, strict=True), key=lambda fit: fit[1].gain * math.cbrt(fit[0]))
     if share < least:
         return None
-    return Corner(float(line.u[k]), share * unit, swing, change)
+    place, half = float(line.u[k]), share * unit * swing.knots
+    return Corner(place, share * unit, swing, change, place + np.concatenate([-half[:0:-1], half]))
 
 
 def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
@@ -295,13 +333,21 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
 
 def curve_rates(curve: Curve, u: Array) -> CurveRates:
     """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
-    jets, n = np.stack([curve.spline(u, k) for k in range(4)], axis=1), len(u)
+    jets, n = _jets(curve.spline, u, 4), len(u)
     axes, rotations = np.empty((n, 4, 3)), np.empty((n, 3, 3))
     spins, turns = np.zeros((2, n, 3, 3))
     _frames(jets, np.empty((4, 4, 3)), axes, rotations, spins, turns)
     first = (jets[..., :3], axes, spins, turns, jets[..., 9])
-    tips, axes, spins, turns, places = (np.ascontiguousarray(each.swapaxes(0, 1)) for each in first)
+    tips, axes, spins, turns, places = (each.swapaxes(0, 1) for each in first)
     return CurveRates(tips, axes, rotations, spins, turns, places)
+
+
+def _jets(spline: BSpline, u: Array, orders: int) -> Array:
+    """The spline and its first derivatives at places u (n,), shape (n, orders, 10)."""
+    controls, jets = np.empty((orders, *spline.c.shape)), np.empty((len(u), orders, 10))
+    controls[0] = spline.c
+    _fill_jets(spline.t, controls, np.ascontiguousarray(u), np.empty(DEGREE + 1), jets)
+    return jets
 
 
 def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
@@ -312,7 +358,9 @@ def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
     once = line.at(greville)
     # What a spline through these control points takes off a bend is put on them beforehand; corners have
     # their own.
-    missing = (once - BSpline(t, once, DEGREE)(greville)) * ~_inside(greville, corners)[:, None]
+    missing = (once - _jets(BSpline(t, once, DEGREE), greville, 1)[:, 0]) * ~_inside(greville, corners)[
+        :, None
+    ]
     for corner in corners:
         points = corner.swing.points
         middle, m = int(np.searchsorted(knots, corner.place - 1e-12)) + 2, len(points)
@@ -363,19 +411,28 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
     shares = np.linspace(0.0, 1.0, LOOKS, endpoint=False)
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
     u = np.union1d(looks, line.u)
-    drawn, wanted = spline(u), line.at(u)
-    tip = norms(drawn[:, :3] - wanted[:, :3])
-    turned = np.maximum(*(_angles(drawn[:, k : k + 3], wanted[:, k : k + 3]) for k in (3, 6)))
-    beyond = u[~((tip <= tolerances[0]) & (turned <= tolerances[1]))]
     off = np.zeros(len(knots) - 1, dtype=bool)
-    off[np.clip(np.searchsorted(knots, beyond, side="right") - 1, 0, len(off) - 1)] = True
+    _mark_off(_jets(spline, u, 1)[:, 0], line.at(u), tolerances, u, knots, off)
     return off
 
 
-def _angles(one: Array, two: Array) -> Array:
-    """Between vectors, not a number where one has no length [rad], shape (n,)."""
-    a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (one, two))
-    return 2.0 * np.arcsin(np.minimum(0.5 * norms(a - b), 1.0))
+@njit(_nrt=False)
+def _mark_off(
+    drawn: Array, wanted: Array, tolerances: tuple[float, float], u: Array, knots: Array, off: Bools
+) -> None:
+    for n in range(u.shape[0]):
+        aside = minus(drawn[n], wanted[n])
+        turned = max(_angle(drawn[n, 3:6], wanted[n, 3:6]), _angle(drawn[n, 6:9], wanted[n, 6:9]))
+        if not (math.sqrt(dot3(aside, aside)) <= tolerances[0] and turned <= tolerances[1]):
+            off[min(max(np.searchsorted(knots, u[n], side="right") - 1, 0), off.shape[0] - 1)] = True
+
+
+@njit(_nrt=False)
+def _angle(one: Array, two: Array) -> float:
+    """Between vectors, a half turn where one has no length [rad]."""
+    apart = minus(scaled(1.0 / math.sqrt(dot3(one, one)), one), scaled(1.0 / math.sqrt(dot3(two, two)), two))
+    sine = 0.5 * math.sqrt(dot3(apart, apart))
+    return 2.0 * math.asin(sine) if sine < 1.0 else math.pi
 
 
 def _halved(knots: Array, which: Bools) -> Array:

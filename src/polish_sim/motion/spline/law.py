@@ -1,9 +1,9 @@
 """The fastest law of time along a curve whose quantities keep their limits (Bounded -> u'^2).
 
 The unknown is b = u'^2, a quadratic spline of u. Acceleration is linear in b and its slope, jerk u' times
-something linear. The time is made least by an interior point method (Mehrotra, SIAM J. Optim. 2, 1992) on the
-squares of all norms, their curvature taken from the linear parts (Gauss and Newton): every step solves one
-matrix of five diagonals, so that the cost is proportional to the number of knots.
+something linear. The time is made least by a primal-dual interior point method on the squares of all norms,
+their curvature taken from the linear parts (Gauss and Newton): every step solves one matrix of five
+diagonals, so that the cost is proportional to the number of knots.
 """
 
 from __future__ import annotations
@@ -105,13 +105,17 @@ class Law(NamedTuple):
 MOST_STEPS = 80
 GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
 KEPT = 1e-3  #: Of the squares of norms over their limits: what rows may be off then
-ROWS = 25
+ROWS = 26
 """Rows of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it,
-and the cap."""
+the cap, and what keeps the unknown positive."""
 KINDS = 3
 LEAST_SLACK = 0.1
-FIRST, FIRST_NEAR = (0.5, 0.1), (0.95, 0.01)
-"""Share of the expected law at which the steps begin; products of slacks and weights then, by the time."""
+FIRST_SHARE, FIRST_WEIGHT = 0.9, 0.05
+"""Share of the expected law near which the steps begin; products of slacks and weights then, by the time."""
+NEARNESS = 100.0  #: What being off that share counts at first, beside the squares of norms
+LEAST_FIRST = 1e-6  #: Of the expected law
+CENTRED = 0.4  #: Share of the mean product of slack and weight that a step aims at
+TAKEN = 0.95  #: Share of a slack, weight or unknown that a step takes at most
 KEEP = 1e30  #: Diagonal of an unknown that stays
 
 
@@ -126,20 +130,16 @@ class Programme(NamedTuple):
 
 
 class LawRoom(NamedTuple):
-    """Room for rows (n, 25) and unknowns (n + 2,)."""
+    """Room for rows (n, 26) and unknowns (n + 2,)."""
 
     value: Array
-    rates: Array  #: Shape (n, 25, 3)
+    rates: Array  #: Shape (n, 3, 26)
     slack: Array
     weight: Array
     slack_step: Array
     weight_step: Array
-    both: Array
     bands: Array  #: Shape (n + 2, 3)
-    slope: Array
-    lower: Array  #: Weights of the unknowns' own bound, 0
-    lower_both: Array
-    step: Array
+    step: Array  #: Shape (n + 2,), at first the time's slope downwards
 
 
 def plan_law(
@@ -169,11 +169,10 @@ def plan_law(
     fixed[[0, 1, n - 1, n, n + 1]] = True
     size = np.append(size, 1.0)
     programme = _programme(squares, caps, bounded, size, fixed, shares)
-    share, weight = FIRST if near is None else FIRST_NEAR
-    unknowns, (r, m) = np.where(fixed, 1.0, share), ((n, ROWS), n + 2)
-    shapes = (r, (n, ROWS, 3), r, r, r, r, r, (m, 3), m, m, m, m)
+    unknowns, (r, m) = np.where(fixed, 1.0, FIRST_SHARE), ((n, ROWS), n + 2)
+    shapes = (r, (n, 3, ROWS), r, r, r, r, (m, 3), m)
     work = LawRoom(*(np.zeros(shape) for shape in shapes))
-    found = _solve(programme, work, unknowns, weight)
+    found = _solve(programme, work, unknowns)
     return Law(squares, (unknowns * size)[:-1], launch) if found else None
 
 
@@ -208,52 +207,52 @@ def _outer(stencils: Array, rates: Array) -> Array:
 
 
 @njit(_nrt=False)
-def _solve(programme: Programme, work: LawRoom, y: Array, weight: float) -> bool:
+def _solve(programme: Programme, work: LawRoom, y: Array) -> bool:
     """Bring the unknowns ``y`` (n + 2,) to the least time; whether that was reached."""
     n = programme.caps.shape[0]
+    _begin(programme, work, y)
     time = _evaluate(programme, work, y)
     for k in range(n):
         for i in range(ROWS):
             work.slack[k, i] = max(1.0 - work.value[k, i], LEAST_SLACK)
-            work.weight[k, i] = weight * time / n / work.slack[k, i]
-    for k in range(n + 2):
-        work.lower[k] = 0.0 if programme.fixed[k] else weight * time / n / y[k]
-    for step in range(MOST_STEPS):
+            work.weight[k, i] = FIRST_WEIGHT * time / n / work.slack[k, i]
+    for _ in range(MOST_STEPS):
         time = _evaluate(programme, work, y)
         total, worst = 0.0, 0.0
         for k in range(n):
             for i in range(ROWS):
                 total += work.slack[k, i] * work.weight[k, i]
                 worst = max(worst, abs(work.value[k, i] + work.slack[k, i] - 1.0))
-        for k in range(n + 2):
-            total += y[k] * work.lower[k]
         if not (math.isfinite(total) and math.isfinite(worst)):
             return False
         if total < GAP * time and worst < KEPT:
             return True
-        _weigh(programme, work, y)
-        _factor(work.bands)
-        _direct(programme, work, y, 0.0, 0.0)
-        by_y, by_weight = _longest(programme, work, y, 1.0)
-        left = 0.0
-        for k in range(n):
-            for i in range(ROWS):
-                left += (work.slack[k, i] + by_y * work.slack_step[k, i]) * (
-                    work.weight[k, i] + by_weight * work.weight_step[k, i]
-                )
-                work.both[k, i] = work.slack_step[k, i] * work.weight_step[k, i]
-        mean = total / (n * ROWS + n)
-        _direct(programme, work, y, max((left / total) ** 3, 1e-4) * mean, 1.0)
-        by_y, by_weight = _longest(programme, work, y, 0.9 if step < 4 else 0.98)
+        _direct(programme, work, CENTRED * total / (n * ROWS))
+        by_y, by_weight = _longest(work, y)
         for k in range(n):
             for i in range(ROWS):
                 work.slack[k, i] += by_y * work.slack_step[k, i]
                 work.weight[k, i] += by_weight * work.weight_step[k, i]
         for k in range(n + 2):
-            if not programme.fixed[k]:
-                y[k] += by_y * work.step[k]
-                work.lower[k] += by_weight * work.lower_both[k]
+            y[k] += by_y * work.step[k]
     return False
+
+
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _begin(programme: Programme, work: LawRoom, y: Array) -> None:
+    """Smooth the unknowns: least squares of norms, b but for its derivatives as it is, and of what they
+    change by."""
+    for k in range(work.weight.shape[0]):
+        for i in range(ROWS):
+            work.weight[k, i] = 1.0
+    _evaluate(programme, work, y)
+    for k in range(y.shape[0]):
+        own = KEEP if programme.fixed[k] else NEARNESS
+        work.bands[k, 0], work.step[k] = work.bands[k, 0] + own, own * y[k]
+    _factor(work.bands)
+    _substitute(work.bands, work.step)
+    for k in range(y.shape[0]):
+        y[k] = max(work.step[k], LEAST_FIRST * y[k])
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -261,7 +260,7 @@ def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
     """Write rows, their rates, slope and curvature of time and rows; the time."""
     n, H, time = programme.caps.shape[0], work.bands, 0.0
     for k in range(n + 2):
-        work.slope[k] = H[k, 0] = H[k, 1] = H[k, 2] = 0.0
+        work.step[k] = H[k, 0] = H[k, 1] = H[k, 2] = 0.0
     for k in range(n):
         y0, y1, y2 = y[k], y[k + 1], y[k + 2] if k < n - 1 else 0.0
         for kind in range(KINDS if k < n - 1 else 1):
@@ -277,13 +276,13 @@ def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
                     h11, h12, h22 = h11 + f1 * f1, h12 + f1 * f2, h22 + f2 * f2
                 row, part = 8 * kind + q, 1.0 if kind == 0 else b
                 own = 0.0 if kind == 0 else v
-                work.value[k, row], rate = part * v, work.rates[k, row]
+                work.value[k, row], rate = part * v, work.rates[k, :, row]
                 rate[0], rate[1] = 2.0 * part * e0 + own * c0, 2.0 * part * e1 + own * c1
                 rate[2] = 2.0 * part * e2 + own * c2
                 w = 2.0 * part * work.weight[k, row]
                 _add(H, k, w * h00, w * h01, w * h02, w * h11, w * h12, w * h22)
-        work.rates[k, ROWS - 1, 1] = programme.caps[k]
-        work.value[k, ROWS - 1] = programme.caps[k] * y1
+        work.rates[k, 1, ROWS - 2], work.rates[k, 1, ROWS - 1] = programme.caps[k], -1.0
+        work.value[k, ROWS - 2], work.value[k, ROWS - 1] = programme.caps[k] * y1, 1.0 - y1
         if k < n - 1:
             time += _add_time(programme, work, y, k)
     return time
@@ -305,9 +304,9 @@ def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
     w = math.sqrt(c0 * y[k] + c1 * y[k + 1] + c2 * y[k + 2])
     time = 2.0 * programme.spans[k] / (v + w)
     first, last = -0.5 * time / (v + w) / v, -0.5 * time / (v + w) / w
-    work.slope[k] += first * a0 + last * c0
-    work.slope[k + 1] += first * a1 + last * c1
-    work.slope[k + 2] += first * a2 + last * c2
+    work.step[k] -= first * a0 + last * c0
+    work.step[k + 1] -= first * a1 + last * c1
+    work.step[k + 2] -= first * a2 + last * c2
     m = 0.5 * time / (v + w) ** 2
     p, q, r = m / (v * v) - 0.5 * first / (v * v), m / (w * w) - 0.5 * last / (w * w), m / (v * w)
     _add(
@@ -320,18 +319,6 @@ def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
         p * a2 * a2 + q * c2 * c2 + 2.0 * r * a2 * c2,
     )  # fmt: skip
     return time
-
-
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _weigh(programme: Programme, work: LawRoom, y: Array) -> None:
-    """Add the rows' weights over their slacks to the curvature."""
-    n, H = programme.caps.shape[0], work.bands
-    for k in range(n):
-        for i in range(ROWS):
-            w, (a, b, c) = work.weight[k, i] / work.slack[k, i], work.rates[k, i]
-            _add(H, k, w * a * a, w * a * b, w * a * c, w * b * b, w * b * c, w * c * c)
-    for k in range(n + 2):
-        H[k, 0] = KEEP if programme.fixed[k] else (H[k, 0] + work.lower[k] / y[k]) * (1.0 + 1e-12)
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -349,23 +336,9 @@ def _factor(H: Array) -> None:
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _direct(programme: Programme, work: LawRoom, y: Array, target: float, corrected: float) -> None:
-    """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
-    n, H, r = programme.caps.shape[0], work.bands, work.step
-    m = n + 2
-    for k in range(m):
-        r[k] = -work.slope[k] + (target - corrected * work.lower_both[k]) / y[k]
-    for k in range(n):
-        for i in range(ROWS):
-            s = work.slack[k, i]
-            off = work.value[k, i] + s - 1.0
-            w = (target - corrected * work.both[k, i] + work.weight[k, i] * off) / s
-            r[k] -= w * work.rates[k, i, 0]
-            r[k + 1] -= w * work.rates[k, i, 1]
-            if k < n - 1:
-                r[k + 2] -= w * work.rates[k, i, 2]
-    for k in range(m):
-        r[k] = 0.0 if programme.fixed[k] else r[k]
+def _substitute(H: Array, r: Array) -> None:
+    """Solve for a right side (m,) in place, with the factors of `_factor`."""
+    m = r.shape[0]
     for k in range(m - 1):
         r[k + 1] -= H[k, 1] * r[k]
         if k + 2 < m:
@@ -376,38 +349,57 @@ def _direct(programme: Programme, work: LawRoom, y: Array, target: float, correc
             r[k] -= H[k, 1] * r[k + 1]
         if k + 2 < m:
             r[k] -= H[k, 2] * r[k + 2]
-    for k in range(n):
-        for i in range(ROWS):
-            s, z, rate = work.slack[k, i], work.weight[k, i], work.rates[k, i]
-            moved = rate[0] * r[k] + rate[1] * r[k + 1] + rate[2] * r[k + 2]
-            work.slack_step[k, i] = 1.0 - s - work.value[k, i] - moved
-            work.weight_step[k, i] = (
-                target - corrected * work.both[k, i] - z * work.slack_step[k, i]
-            ) / s - z
-    for k in range(m):
-        z = work.lower[k]
-        change = (target - corrected * work.lower_both[k] - z * r[k]) / y[k] - z
-        # First the product of both steps, for the correction; then the weight's own step.
-        work.lower_both[k] = change if corrected > 0.0 else r[k] * change
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _longest(programme: Programme, work: LawRoom, y: Array, part: float) -> tuple[float, float]:
-    """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is
-    positive."""
-    by_y, by_weight = 1.0 / part, 1.0 / part
-    for k in range(work.slack.shape[0]):
+def _direct(programme: Programme, work: LawRoom, target: float) -> None:
+    """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
+    n, H, r = programme.caps.shape[0], work.bands, work.step
+    for k in range(n):
+        value, slack, weight, rates = work.value[k], work.slack[k], work.weight[k], work.rates[k]
+        r0 = r1 = r2 = h00 = h01 = h02 = h11 = h12 = h22 = 0.0
         for i in range(ROWS):
-            if work.slack_step[k, i] < 0.0:
-                by_y = min(by_y, -work.slack[k, i] / work.slack_step[k, i])
-            if work.weight_step[k, i] < 0.0:
-                by_weight = min(by_weight, -work.weight[k, i] / work.weight_step[k, i])
+            a, b, c, w = rates[0, i], rates[1, i], rates[2, i], weight[i] / slack[i]
+            pull = target / slack[i] + w * (value[i] + slack[i] - 1.0)
+            r0, r1, r2 = r0 + pull * a, r1 + pull * b, r2 + pull * c
+            h00, h01, h02 = h00 + w * a * a, h01 + w * a * b, h02 + w * a * c
+            h11, h12, h22 = h11 + w * b * b, h12 + w * b * c, h22 + w * c * c
+        r[k], r[k + 1], r[k + 2] = r[k] - r0, r[k + 1] - r1, r[k + 2] - r2
+        _add(H, k, h00, h01, h02, h11, h12, h22)
+    for k in range(n + 2):
+        if programme.fixed[k]:
+            H[k, 0] = KEEP
+    _factor(H)
+    _substitute(H, r)
+    for k in range(n):
+        value, slack, weight, rates = work.value[k], work.slack[k], work.weight[k], work.rates[k]
+        slack_step, weight_step, y0, y1, y2 = (
+            work.slack_step[k],
+            work.weight_step[k],
+            r[k],
+            r[k + 1],
+            r[k + 2],
+        )
+        for i in range(ROWS):
+            moved = rates[0, i] * y0 + rates[1, i] * y1 + rates[2, i] * y2
+            slack_step[i] = 1.0 - slack[i] - value[i] - moved
+            weight_step[i] = (target - weight[i] * slack_step[i]) / slack[i] - weight[i]
+
+
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"nnan", "nsz"})
+def _longest(work: LawRoom, y: Array) -> tuple[float, float]:
+    """Largest shares, up to 1, of the steps of unknowns and of weights that leave enough of what is
+    positive."""
+    most_y = most_weight = 1.0
+    for k in range(work.slack.shape[0]):
+        slack, slack_step = work.slack[k], work.slack_step[k]
+        weight, weight_step = work.weight[k], work.weight_step[k]
+        for i in range(ROWS):
+            most_y = max(most_y, -slack_step[i] / slack[i] / TAKEN)
+            most_weight = max(most_weight, -weight_step[i] / weight[i] / TAKEN)
     for k in range(y.shape[0]):
-        if work.step[k] < 0.0:
-            by_y = min(by_y, -y[k] / work.step[k])
-        if part < 1.0 and work.lower_both[k] < 0.0 and not programme.fixed[k]:
-            by_weight = min(by_weight, -work.lower[k] / work.lower_both[k])
-    return min(part * by_y, 1.0), min(part * by_weight, 1.0)
+        most_y = max(most_y, -work.step[k] / y[k] / TAKEN)
+    return 1.0 / most_y, 1.0 / most_weight
 
 
 def squares_at(law: Law, u: Array) -> Array:
@@ -467,9 +459,9 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
 
 def fastest_law(
     knots: Array, look: Look, launch: Launch, slower: Callable[[Law], Indices]
-) -> tuple[Law, float] | None:
+) -> tuple[Law, float] | Indices | None:
     """The fastest law that keeps its limits between its knots too, and how much more time it still needs for
-    that.
+    that, or the way points to stop at.
 
     Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m]
     and the largest u' wanted there. A law is not improved where ``slower`` finds way points to stop at.
@@ -481,8 +473,8 @@ def fastest_law(
         law = plan_law(knots, caps[::LOOKS], at_knots, launch, shares, law)
         if law is None:
             break
-        if len(slower(law)):
-            return law, 1.0
+        if len(stopped := slower(law)):
+            return stopped
         factors = factors_of_spans(law, bounded)
         most = factors.max()
         if best is None or most < best[1]:
@@ -496,8 +488,21 @@ def fastest_law(
         if far.any():
             more = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])[far])
             shares, knots = np.interp(more, knots, shares), more
-            bounded, caps = look(divided(knots, LOOKS))
+            bounded, caps = _with_halved(knots, far, bounded, caps, look)
     return best
+
+
+def _with_halved(
+    knots: Array, halved: Bools, bounded: Bounded, caps: Array, look: Look
+) -> tuple[Bounded, Array]:
+    """What ``look`` gives at the knots ``divided``: as before but in the old spans that were halved."""
+    before = np.repeat(np.arange(len(halved)), 1 + halved)
+    rates = bounded.rates[:, :-1].reshape(3, -1, LOOKS, PARTS)[:, before]
+    wanted, new = caps[:-1].reshape(-1, LOOKS)[before], halved[before]
+    there, wanted_there = look(divided(knots, LOOKS)[:-1].reshape(-1, LOOKS)[new].ravel())
+    rates[:, new], wanted[new] = there.rates.reshape(3, -1, LOOKS, PARTS), wanted_there.reshape(-1, LOOKS)
+    rates = np.concatenate([rates.reshape(3, -1, PARTS), bounded.rates[:, -1:]], axis=1)
+    return bounded._replace(rates=rates), np.append(wanted, caps[-1])
 
 
 # Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
@@ -513,6 +518,8 @@ LAUNCH_SPEED = 0.6  #: Of the speed wanted at the ends, which the launch reaches
 LAUNCH_TIMES = 0.85 ** np.arange(40.0)[::-1]  #: Of the longest launch, which are tried
 LAUNCH_SHARE = 0.98  #: Of the largest jerk from rest
 BEFORE_LIMITS = 0.9999  #: Of the speed at which a limit would be met, in the launch
+STILL_USED, SHORT_PART = 0.993, 0.1
+"""The launch ends where its jerk uses less of the limits (as a time factor), not below this part of it."""
 Ends = Callable[[Array], Bounded]
 """What is bounded so far from the start (m,) [m], and then so far from the end."""
 LAUNCH_GROWTH = 1.12
@@ -531,13 +538,12 @@ def divided(knots: Array, parts: int) -> Array:
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
-def launch_of(length: float, slowest: float, ends: Ends) -> Launch:
+def launch_of(length: float, slowest: float, still: Bounded, ends: Ends) -> Launch:
     """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
 
     After it the speed still rises by as much again while the acceleration fades: that may not pass
     ``slowest``, the smaller speed wanted at the ends [m/s].
     """
-    still = ends(np.zeros(1))
     jerk = float((still.limits[2] / np.maximum(norms(still.rates[0]), SLOWEST_TURN)).min())
     longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
     jerk, times = LAUNCH_SHARE * jerk, longest * LAUNCH_TIMES
@@ -545,7 +551,9 @@ def launch_of(length: float, slowest: float, ends: Ends) -> Launch:
     moved = speed, np.concatenate([acceleration, -acceleration]), np.full(len(speed), jerk)
     factors = time_factors(ends(jerk * times**3 / 6.0), *moved).reshape(2, -1).max(axis=0)
     kept = int(np.count_nonzero(np.maximum.accumulate(factors) <= BEFORE_LIMITS))
-    return Launch(jerk, float(times[max(kept - 1, 0)]))
+    used = int(np.count_nonzero(np.minimum.accumulate(factors) >= STILL_USED))
+    longest = times[max(kept - 1, 0)]
+    return Launch(jerk, float(min(longest, max(times[max(used - 1, 0)], SHORT_PART * longest))))
 
 
 def with_bends(knots: Array, bounded: Bounded, caps: Array) -> Array:

@@ -224,7 +224,9 @@ MOST_ROUNDS = 12  #: Of stops added
 LAUNCH_SHARES = (0.5, 0.1)  #: Of the launch that are tried until a law is found
 SPARE = 1.0003  #: More time than the places looked at need
 STOP_STEP = 0.05  #: Between knots of a curve without corners [rad]
-FINAL_LOOKS = np.clip(chebyshev_nodes(17), 1e-6, 1.0 - 1e-6)  #: In every piece of a passage
+FINAL_LOOKS = np.clip(chebyshev_nodes(17), 1e-6, 1.0 - 1e-6)
+"""In every piece of a passage; those between every fourth only where they can be the worst."""
+BULGE = 0.5  #: Of second differences, what factors may be above their neighbours
 
 
 def plan_spline(
@@ -319,7 +321,8 @@ def _stretch(
 
     coarse = with_bends(coarse, *look(coarse))
     bounded, caps = look(coarse)
-    launch = launch_of(curve.length, float(caps[[0, -1]].min()), ends)
+    still = bounded._replace(rates=bounded.rates[:, [0, -1]])
+    launch = launch_of(curve.length, float(caps[[0, -1]].min()), still, ends)
     for share in LAUNCH_SHARES:
         begun = launch._replace(duration=share * launch.duration)
         found = fastest_law(
@@ -327,10 +330,10 @@ def _stretch(
         )
         if found is not None:
             break
+    if isinstance(found, np.ndarray):
+        return found
     if found is None or not math.isfinite(found[1]):
         return sharpest
-    if len(stopped := slower(found[0])):
-        return stopped
     passage = pass_by(found[0])
     passage.places[-1] = curve.length
     passage = _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a])
@@ -357,10 +360,18 @@ def _within_limits(
 ) -> Passage:
     """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its
     start."""
-    u, *moved = passage_at(
-        passage, (passage.times[:-1, None] + FINAL_LOOKS * np.diff(passage.times)[:, None]).ravel()
-    )
-    return slowed(passage, max(1.0, spare * float(time_factors(task.bounded(curve, u, q), *moved).max())))
+    looks = passage.times[:-1, None] + FINAL_LOOKS * np.diff(passage.times)[:, None]
+
+    def factors(times: Array) -> Array:
+        u, *moved = passage_at(passage, times.ravel())
+        return time_factors(task.bounded(curve, u, q), *moved).reshape(times.shape)
+
+    some = factors(looks[:, ::4])
+    bulge = np.abs(np.diff(some, 2, axis=1))[:, [0, 0, 1, 2, 2]]
+    could = some + BULGE * bulge
+    near = np.maximum(could[:, 1:], could[:, :-1]) > some.max()
+    others = factors(looks[:, :-1].reshape(-1, 4, 4)[near, 1:])
+    return slowed(passage, max(1.0, spare * float(max(some.max(), others.max(initial=0.0)))))
 
 
 def _joined(line: Polyline, parts: list[SplineMotion]) -> SplineMotion:

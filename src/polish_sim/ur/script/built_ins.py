@@ -72,9 +72,17 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
     **{
         function.__name__: function
         for function in (
-            *(values.pose_trans, values.pose_inv, values.pose_add, values.pose_sub, values.pose_dist),
-            *(values.point_dist, values.interpolate_pose, values.wrench_trans, values.norm),
-            *(values.rpy2rotvec, values.rotvec2rpy),
+            values.pose_trans,
+            values.pose_inv,
+            values.pose_add,
+            values.pose_sub,
+            values.pose_dist,
+            values.point_dist,
+            values.interpolate_pose,
+            values.wrench_trans,
+            values.norm,
+            values.rpy2rotvec,
+            values.rotvec2rpy,
         )
     },
 }
