@@ -144,8 +144,8 @@ class ScheduleIndex(NamedTuple):
 
 @njit(_nrt=False)
 def _under_way(index: ScheduleIndex, time: float) -> tuple[int, int]:
-    first = np.searchsorted(index.all_ended, time, side="right")
-    return first, max(first, np.searchsorted(index.none_begun, time, side="right"))
+    first = int(np.searchsorted(index.all_ended, time, side="right"))
+    return first, max(first, int(np.searchsorted(index.none_begun, time, side="right")))
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
