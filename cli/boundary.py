@@ -28,7 +28,7 @@ from polish_sim.cli.pictures import prepare_headless
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 from polish_sim.scenario_file import override
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
@@ -189,7 +189,7 @@ class Outcome:
     claims: Sequence[Claim]  #: The figures to show and what is asked of them
     title: str
     #: Of figures to show, by heading; the last one is what is checked
-    columns: Mapping[str, Figures]
+    columns: Mapping[str, Metrics]
     stops: tuple[str, ...] = ()  #: Protective stops, each with its reason
     interrupted: bool = False
     #: How to draw the pictures that are missing because of an interrupt after all was measured
@@ -246,7 +246,7 @@ class Outcome:
         return SHORT if check and (self.bad or shortfalls(self.claims, self._checked)) else DONE
 
     @property
-    def _checked(self) -> Figures:
+    def _checked(self) -> Metrics:
         return list(self.columns.values())[-1]
 
 
@@ -268,8 +268,8 @@ def other_conditions(scenario: Scenario) -> tuple[str, ...]:
 def show_figures(
     claims: Sequence[Claim],
     title: str,
-    columns: Mapping[str, Figures],
-    checked: Figures | None = None,
+    columns: Mapping[str, Metrics],
+    checked: Metrics | None = None,
     settings: Sequence[Sequence[str]] = (),
     caption: str = "",
 ) -> None:

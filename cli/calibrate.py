@@ -42,7 +42,7 @@ from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
-from polish_sim.row_file import Figures, save_plots, write_metrics
+from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
     )
 
 
-def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) -> Outcome:
+def budget_of(trial: PairBudgetTrial, drawn: Sequence[Metrics], folder: Path) -> Outcome:
     """Predict, compare with what was drawn, `LEAST_DRAWS` or more, and write."""
     import numpy as np
 
@@ -225,7 +225,7 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) ->
 
 
 def _write_budget(
-    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Figures
+    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Metrics
 ) -> None:
 
     sources = {name: share._asdict() for name, share in shares.items()}

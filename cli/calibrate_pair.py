@@ -17,7 +17,7 @@ from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import Figures, save_plots, whole_folder, write_metrics
+from polish_sim.row_file import Metrics, save_plots, whole_folder, write_metrics
 
 if TYPE_CHECKING:
     import numpy as np
@@ -242,22 +242,22 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
     return outcome.finish(folder.final, given["--check"])
 
 
-def _each(means: Means, folder: Path) -> Callable[[int], Figures]:
+def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
     """What calibrates with a seed, in any process."""
     place = folder.resolve()
 
-    def calibrated(seed: int) -> Figures:
+    def calibrated(seed: int) -> Metrics:
         found = means.run(seed)
         if means.folders:
             with whole_folder(seed_folder(place, seed)) as own:
                 means.write(found, own)
-        figures: Figures = found.figures
+        figures: Metrics = found.figures
         return figures
 
     return calibrated
 
 
-def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[str, Figure]) -> None:
+def write_found(folder: Path, figures: Metrics, residuals: str, plots: Mapping[str, Figure]) -> None:
     """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
 
     put(folder, "residuals.csv", residuals)

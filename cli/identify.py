@@ -17,7 +17,7 @@ from polish_sim.cli.output_folder import claimed
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import Figures, write_metrics
+from polish_sim.row_file import Metrics, write_metrics
 from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def many_seeds(settings: IdentifySettings, given: Given) -> int:
 
     use = None if given["--task"] is None else use_states(given["--task"])
 
-    def figures_of(seed: int) -> Figures:
+    def figures_of(seed: int) -> Metrics:
         return dict(run_identification(replace(settings, seed=seed), use=use).figures)
 
     depends = f"{replace(settings, seed=0)} {[bytes(states) for states in use or ()]}"

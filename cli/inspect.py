@@ -14,7 +14,7 @@ from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_set
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
-from polish_sim.row_file import Figures, save_plots, write_json
+from polish_sim.row_file import Metrics, save_plots, write_json
 from polish_sim.scenario_file import merge
 
 PathFile = Annotated[
@@ -76,7 +76,7 @@ def inspect(path: PathFile, given: Given) -> None:
     console.say(f"folder: {folder.final}")
 
 
-def _rows(m: Figures) -> list[list[str]]:
+def _rows(m: Metrics) -> list[list[str]]:
     mm = 1e3
     percent = 1e2
     mm2 = 1e6

@@ -19,7 +19,7 @@ from polish_sim.cli.run import check_part, plan_facts
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import save_page
-from polish_sim.row_file import Figures, whole_file, write_json
+from polish_sim.row_file import Metrics, whole_file, write_json
 
 if TYPE_CHECKING:
     from polish_sim.job.run_job import Row
@@ -163,7 +163,7 @@ PASS: Sequence[str] = (
 SHOWN = 7  #: Of them on the screen
 
 
-def pass_rows(passes: Sequence[Figures]) -> list[list[str]]:
+def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
     """The passes of job.json as rows of `PASS`."""
     return [
         [
@@ -182,7 +182,7 @@ def pass_rows(passes: Sequence[Figures]) -> list[list[str]]:
     ]
 
 
-def job_page(title: str, figures: Figures) -> Page:
+def job_page(title: str, figures: Metrics) -> Page:
     """The page of a job from what job.json says."""
     from polish_sim.page.page import tables_page
 

@@ -29,7 +29,7 @@ from polish_sim.page import save_page
 from polish_sim.row_file import (
     METRICS,
     ROWS,
-    Figures,
+    Metrics,
     Rows,
     read_json,
     save_plots,
@@ -53,9 +53,9 @@ QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 def asked_folder(
     given: Given,
     kind: str,
-    asked: Figures,
+    asked: Metrics,
     begin: Mapping[str, str] | None = None,
-    begun: Figures | None = None,
+    begun: Metrics | None = None,
 ) -> Iterator[Path]:
     """The folder of rows of what is ``asked``, by name: only the same is continued there, unless with
     ``--overwrite``, where the command has that.
@@ -82,7 +82,7 @@ def asked_folder(
         yield folder
 
 
-def _begun(folder: Path) -> Figures | None:
+def _begun(folder: Path) -> Metrics | None:
     """What the rows in a folder are of; None if there are none yet, nothing known if it cannot be read."""
     if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
         return None
@@ -92,7 +92,7 @@ def _begun(folder: Path) -> Figures | None:
         return {}
 
 
-def _difference(begun: Figures, asked: Figures) -> str:
+def _difference(begun: Metrics, asked: Metrics) -> str:
     """The first thing in which two works differ, in words."""
     if begun.get("of") != asked["of"]:
         return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
@@ -150,7 +150,7 @@ def at_work(
 def scored(
     given: Given,
     kind: str,
-    asked: Figures,
+    asked: Metrics,
     stage: str,
     entries: Sequence[Entry],
     work: Callable[[Scorer, Heard], T],
@@ -198,7 +198,7 @@ class Many(NamedTuple):
     what: str  #: For titles
     depends: str  #: All that a row depends on, but the seed
     #: From the folder, what makes a seed's figures, in any process
-    prepare: Callable[[Path], Callable[[int], Figures]]
+    prepare: Callable[[Path], Callable[[int], Metrics]]
     claims: Sequence[Claim]
     mean: str = "mean"  #: Or ``rms``
     usual: str = "local"  #: Where the work is done if nothing is said
@@ -207,7 +207,7 @@ class Many(NamedTuple):
 @contextmanager
 def seed_rows(
     many: Many, given: Given, seeds: Sequence[int], seed: str = "seed"
-) -> Iterator[tuple[Path, dict[int, Figures]]]:
+) -> Iterator[tuple[Path, dict[int, Metrics]]]:
     """The folder with a row of each seed, and those rows; an interrupt that left some out is raised behind
     the block.
 
@@ -235,7 +235,7 @@ def seed_rows(
 def run_seeds(
     many: Many,
     given: Given,
-    finish: Callable[[Path, dict[int, Figures], Outcome], Outcome] = lambda _folder, _runs, outcome: outcome,
+    finish: Callable[[Path, dict[int, Metrics], Outcome], Outcome] = lambda _folder, _runs, outcome: outcome,
 ) -> int:
     """Do the work for each of ``--seeds``, write their figures, mean and worst; what is checked is the worst.
 
@@ -262,8 +262,8 @@ def run_seeds(
 
 
 def aggregate(
-    claims: Sequence[Claim], runs: Sequence[Figures], mean: str = "mean"
-) -> tuple[Figures, Figures]:
+    claims: Sequence[Claim], runs: Sequence[Metrics], mean: str = "mean"
+) -> tuple[Metrics, Metrics]:
     """Mean (or rms) and worst value of each figure over the runs; what no run has is left out."""
     power, middle, worst = 2.0 if mean == "rms" else 1.0, {}, {}
     for claim in claims:
@@ -285,7 +285,7 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
     from polish_sim.experiments.assembly import config_hash
 
-    def prepare(folder: Path) -> Callable[[int], Figures]:
+    def prepare(folder: Path) -> Callable[[int], Metrics]:
         with console.progress() as observer:
             way, placed = plan_to_run(scenario, plan, observer, folder)
         return partial(_run_one, placed, way, folder.resolve())
@@ -298,13 +298,13 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     return run_seeds(many, given, partial(_finish_runs, scenario))
 
 
-def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Figures:
+def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Metrics:
 
     with whole_folder(seed_folder(folder, seed)) as own:
         return dict(simulate(replace(scenario, seed=seed), way, own).metrics)
 
 
-def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], outcome: Outcome) -> Outcome:
+def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Metrics], outcome: Outcome) -> Outcome:
     """Draw all seeds together, and say what went wrong in which."""
     from polish_sim.analysis.run_record import read_record
     from polish_sim.experiments.report import draw_seeds, write_seeds_page
@@ -318,7 +318,7 @@ def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], 
         undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
         write_json(folder / METRICS, read_json(folder / METRICS) | {PICTURES_MISSING: True})
 
-    def said(texts: Callable[[Figures], Sequence[str]]) -> tuple[str, ...]:
+    def said(texts: Callable[[Metrics], Sequence[str]]) -> tuple[str, ...]:
         return tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in texts(figures))
 
     return replace(

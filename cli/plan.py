@@ -26,7 +26,7 @@ from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
 from polish_sim.page import save_page
-from polish_sim.row_file import Figures, save_plots, write_json
+from polish_sim.row_file import Metrics, save_plots, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -329,7 +329,7 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
     return result
 
 
-def _rows(m: Figures) -> list[list[str]]:
+def _rows(m: Metrics) -> list[list[str]]:
     mm = 1e3
     cm2 = 1e4
     percent = 1e2

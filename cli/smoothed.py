@@ -23,7 +23,7 @@ from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.planning import PlanObserver
-from polish_sim.row_file import Figures, save_plots, write_metrics
+from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.smoothing.figures import (
     ORDERS,
     MeasuredMotion,
@@ -172,7 +172,7 @@ def _times_by_rule(
     return {rule: times[rule] for rule in RULES if rule in times}
 
 
-def show(name: str, figures: Figures) -> None:
+def show(name: str, figures: Metrics) -> None:
     """Print the table of figures."""
     columns = [figures] + ([figures["against"]] if "against" in figures else [])
     rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]

@@ -23,7 +23,7 @@ from polish_sim.errors import InputError, count_text, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, refuse_idle_options
 from polish_sim.page import save_page
-from polish_sim.row_file import ROWS, Figures, Row
+from polish_sim.row_file import ROWS, Metrics, Row
 
 if TYPE_CHECKING:
     from polish_sim.studies.study import Study
@@ -127,7 +127,7 @@ def check_values(study: Study) -> None:
             check_settings(study.with_value(axis, value))
 
 
-def sweep_of(study: Study) -> Figures:
+def sweep_of(study: Study) -> Metrics:
     """What a sweep's folder is of: whatever is varied, one experiment."""
     return {"of": f"sweep of '{study.base.experiment}'"}
 
@@ -194,7 +194,7 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     return DONE if facts["done"] else USAGE if facts["failed"] else STOPPED
 
 
-def _show(study: Study, table: RunTable, facts: Figures) -> None:
+def _show(study: Study, table: RunTable, facts: Metrics) -> None:
     from polish_sim.studies.page import sweep_page
     from polish_sim.studies.table import DONE as ENDED
     from polish_sim.studies.table import FAILED, read_rows

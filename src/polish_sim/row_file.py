@@ -27,7 +27,7 @@ ROWS = "rows.jsonl"
 METRICS = "metrics.json"
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 Row = dict[str, Any]
-Figures = Mapping[str, Any]  #: By name, as in metrics.json; an undefined one is None or NaN
+Metrics = Mapping[str, Any]  #: By name, as in metrics.json; an undefined one is None or NaN
 
 
 @contextmanager
@@ -67,12 +67,12 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 # Figures and pictures in a folder.
 
 
-def write_json(file: Path, figures: Figures) -> None:
+def write_json(file: Path, figures: Metrics) -> None:
     """Write figures as strict JSON: what is not a finite number becomes null."""
     file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_metrics(folder: Path, figures: Figures) -> None:
+def write_metrics(folder: Path, figures: Metrics) -> None:
     """Write a folder's metrics.json: figures, and the versions they depend on."""
     write_json(folder / METRICS, {**figures, "versions": package_versions()})
 
@@ -135,7 +135,7 @@ class Rows:
                 except (ValueError, KeyError, TypeError):
                     continue
 
-    def add(self, key: str, row: Figures) -> None:
+    def add(self, key: str, row: Metrics) -> None:
         """Append a row; the line is whole or, when next read, it is not there."""
         kept = plain(row)
         line = json.dumps({"key": key, "row": kept}, allow_nan=False) + "\n"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from polish_sim.errors import InputError, number_text
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 
 DEGREES = 180.0 / math.pi  #: Scale of an angle shown in degrees
 SCALES = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
@@ -50,7 +50,7 @@ HOLD_BAND_N, FOLLOW_BAND_N = 3.0, 4.0  #: About the set force, on one point and 
 PATH_DONE = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
 
 
-def figure_of(figures: Figures, name: str) -> float:
+def figure_of(figures: Metrics, name: str) -> float:
     """A figure of a run [SI]; NaN where it has none, or it is undefined.
 
     Raises:
@@ -81,7 +81,7 @@ def value_text(claim: Claim, value: float) -> str:
     return "-" if math.isnan(value) else number_text(float(value * claim.scale), 4)
 
 
-def claim_row(claim: Claim, columns: Sequence[Figures], checked: Figures | None) -> list[str]:
+def claim_row(claim: Claim, columns: Sequence[Metrics], checked: Metrics | None) -> list[str]:
     """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets
     it."""
     values = [value_text(claim, figure_of(metrics, claim.figure)) for metrics in columns]
@@ -98,13 +98,13 @@ def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
     return [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
 
 
-def figure_table(claims: Iterable[Claim], columns: Mapping[str, Figures]) -> list[list[str]]:
+def figure_table(claims: Iterable[Claim], columns: Mapping[str, Metrics]) -> list[list[str]]:
     """Figures by heading as a table of a page, its head first."""
     rows = named_rows(claim_row(claim, list(columns.values()), None) for claim in claims)
     return [["figure", *columns, "paper", "asked"], *rows]
 
 
-def shortfalls(claims: Iterable[Claim], figures: Figures) -> list[Claim]:
+def shortfalls(claims: Iterable[Claim], figures: Metrics) -> list[Claim]:
     """The claims that figures do not meet."""
     return [claim for claim in claims if not claim.met_by(figure_of(figures, claim.figure))]
 

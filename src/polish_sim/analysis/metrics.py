@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import FOLLOW_BAND_N
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, norms
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import stretches
 
@@ -135,8 +135,6 @@ def numbers(log: RunLog, name: str) -> Array:
     """A column in double precision, shape (n,) or (n, k)."""
     return log[name].astype(np.float64)
 
-
-Figures = dict[str, float | int]
 
 RAMP_UP_S = 1.0
 STEADY_AFTER_S = 0.5

@@ -17,7 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
 from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.row_file import METRICS, Figures, read_json, write_json
+from polish_sim.row_file import METRICS, Metrics, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
 
@@ -45,7 +45,7 @@ class RunRecord:
 
     name: str  #: What the run is called in titles and legends: its folder's name
     scenario: Scenario
-    metrics: Figures  #: Figures as in the contract; an undefined one is NaN
+    metrics: Metrics  #: Metrics as in the contract; an undefined one is NaN
     log: RunLog
     path: ToolPath | None  #: The path that was run; None for experiments without a part
     removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
@@ -72,7 +72,7 @@ class StopMark(NamedTuple):
         return np.array([np.interp(self.s, path.s, column) for column in path.positions_work.T])
 
 
-def stop_mark(metrics: Figures) -> StopMark | None:
+def stop_mark(metrics: Metrics) -> StopMark | None:
     """When and where a run with these figures stopped itself; None if it did not, or does not say (older
     runs)."""
     at = metrics.get("protective_stop_at")

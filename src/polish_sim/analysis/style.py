@@ -20,7 +20,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from polish_sim.analysis.claim import figure_of
 from polish_sim.arrays import Array, Bools
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 from polish_sim.spatial import unit
 
 P = ParamSpec("P")
@@ -186,7 +186,7 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
     axes.axhline(center, color=GREEN, lw=0.9, ls="--", zorder=1)
 
 
-def facts_of(metrics: Figures, *rows: tuple[str, str, float]) -> list[str]:
+def facts_of(metrics: Metrics, *rows: tuple[str, str, float]) -> list[str]:
     """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
     known = [(text, scale * figure_of(metrics, name)) for text, name, scale in rows]
     return [text.format(value) for text, value in known if not np.isnan(value)]

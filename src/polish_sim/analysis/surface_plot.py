@@ -34,7 +34,7 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array
 from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 
 NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their number
 
@@ -212,7 +212,7 @@ def _title(record: RunRecord) -> str:
     return f"{name}, {asked}{'' if end == WHOLE else f', {end}'}"
 
 
-def _at_peaks(m: Figures) -> str:
+def _at_peaks(m: Metrics) -> str:
     count = figure_of(m, "curvature_peaks")
     if not count > 0:
         return "no curvature peak on the way" if count == 0 else ""

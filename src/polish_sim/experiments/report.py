@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,11 +27,8 @@ from polish_sim.geometry import PartMesh
 from polish_sim.page import PAGE, save_page
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 from polish_sim.spatial import apply
-
-if TYPE_CHECKING:
-    pass
 
 
 def draw_plots(record: RunRecord) -> dict[str, Figure]:
@@ -116,7 +113,7 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Records) ->
         save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
-def write_seeds_page(folder: Path, records: Records, columns: Mapping[str, Figures]) -> None:
+def write_seeds_page(folder: Path, records: Records, columns: Mapping[str, Metrics]) -> None:
     """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
 
     if all(map(remade, records)):
@@ -296,7 +293,7 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
-def seeds_page(records: Records, columns: Mapping[str, Figures]) -> Page:
+def seeds_page(records: Records, columns: Mapping[str, Metrics]) -> Page:
     """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
     curves.
 

@@ -9,10 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, dots, norms, rms
+from polish_sim.arrays import Array, Figures, dots, norms, rms
 from polish_sim.planning.toolpath import ToolPath
-
-Figures = dict[str, float]
 
 COAST_S = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
 #: Compared with the classical mode, and how their figures begin

@@ -23,7 +23,7 @@ from polish_sim.analysis.metrics import (
 )
 from polish_sim.arrays import Array
 from polish_sim.log import RETRACT_PHASE, Trace
-from polish_sim.row_file import Figures, Row
+from polish_sim.row_file import Metrics, Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
 
 STEADY_AFTER_S = 0.5  #: The steady window of a hold begins this long after first contact [s]
@@ -309,7 +309,7 @@ def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[JudgedFigure]:
     return verdicts
 
 
-def _badness(asked: Asked, row: Figures) -> float:
+def _badness(asked: Asked, row: Metrics) -> float:
     value = row[asked.figure]
     if value is None:
         return math.inf

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, MARKS, SERIES, head, new_figure, styled
-from polish_sim.row_file import Figures
+from polish_sim.row_file import Metrics
 from polish_sim.scoring.figures import Asked
 
 
@@ -35,7 +35,7 @@ _FAR = 4.0
 
 
 @styled
-def plot_score(rows: Sequence[Figures], cases: Mapping[str, bool], asked: Sequence[Asked] = ()) -> Figure:
+def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequence[Asked] = ()) -> Figure:
     """Draw settling, RMS and largest error and overshoot of every run.
 
     A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``:
@@ -100,7 +100,7 @@ def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
 
 
 def _draw_panel(
-    axes: Axes, panel: _Panel, rows: Sequence[Figures], cases: Sequence[str], labels: Sequence[str]
+    axes: Axes, panel: _Panel, rows: Sequence[Metrics], cases: Sequence[str], labels: Sequence[str]
 ) -> None:
     known = [float(row[panel.figure]) for row in rows if row[panel.figure] is not None]
     right = 1.6 * max([*known, 10.0 * panel.least])

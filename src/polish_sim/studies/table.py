@@ -19,7 +19,7 @@ from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Figures, Row, Rows, package_versions, whole_file, whole_folder, write_metrics
+from polish_sim.row_file import Metrics, Row, Rows, package_versions, whole_file, whole_folder, write_metrics
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Heard, Workers, fill_rows, local_copy
@@ -127,7 +127,7 @@ class RunTable(Rows):
         """The runs that are to be done: those that were lost as well."""
         return [run for run, key in keys.items() if self.known.get(key, LOST) == LOST]
 
-    def add(self, key: str, row: Figures) -> None:
+    def add(self, key: str, row: Metrics) -> None:
         """Append a row, and write the table if that was long ago."""
         super().add(key, row)
         if time.monotonic() - self._written_at > max(_PAUSE_S, _SHARE * self._took_s):
@@ -215,7 +215,7 @@ def keys_of_runs(study: Study) -> Keys:
     return {(key, run): key for key, run in wanted.items()}
 
 
-def write_summary(table: RunTable, study: Study, total: int) -> Figures:
+def write_summary(table: RunTable, study: Study, total: int) -> Metrics:
     """Write metrics.json: how many runs ended how."""
     ended = Counter(table.known.values())
     facts = {

@@ -262,6 +262,5 @@ class AdaptiveController(CompiledController):
 
 
 def hybrid_adaptive(config: ControllerConfig) -> AdaptiveController:
-    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by
-    one."""
+    """For a real polishing cell: laws that `controller.adaptive.laws` can leave out one by one."""
     return AdaptiveController(config)
