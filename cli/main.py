@@ -6,13 +6,13 @@ Heavy libraries are imported inside the commands that need them, so that `--help
 from __future__ import annotations
 
 import atexit
+import io
 import os
 import signal
-import stat
 import sys
 from contextlib import suppress
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -100,10 +100,25 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)
-    for output in 1, 2:
-        if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):  # its terminal was closed
-            os.dup2(os.open(os.devnull, os.O_WRONLY), output)
     signal.raise_signal(signal.SIGINT)
+
+
+class _Terminal(io.FileIO):
+    """A terminal that may be closed while a command runs: what is written then is lost, and the signal that
+    comes with it ends the command."""
+
+    def write(self, content: Any, /) -> int:
+        """Write some bytes; how many."""
+        with suppress(OSError):
+            return super().write(content)
+        return len(content)
+
+
+def _outlive_terminal(stream: TextIO) -> TextIO:
+    if not (hasattr(signal, "SIGHUP") and stream and stream.isatty()):
+        return stream
+    raw = _Terminal(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=True)
 
 
 def app() -> None:
@@ -111,6 +126,7 @@ def app() -> None:
 
     ``kill``, ``timeout``, a batch system and a closed terminal end it as Ctrl-C does.
     """
+    sys.stdout, sys.stderr = _outlive_terminal(sys.stdout), _outlive_terminal(sys.stderr)
     for number in {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}:
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
             signal.signal(number, _interrupt)

@@ -148,6 +148,7 @@ def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path):
         while b"%" not in said.partition(b"simulate")[2]:
             said += os.read(ours, 1000)
         os.close(ours)
+        time.sleep(0.3)  # what is written before the signal is lost
         run.send_signal(signal.SIGHUP)
     assert run.returncode == 130
     assert metrics_of(tmp_path / "cut")["path_done"] < 1.0

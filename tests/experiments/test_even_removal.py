@@ -137,7 +137,7 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     problem = _Problem(EVEN, mended, again=True)
     feeds = mended.path.feed, again.path.feed
     stale, found = (1.0 / np.interp(problem.knot_s, path.s, feed) for feed in feeds)
-    low, high = problem.limits(EVEN, most)
+    low, high = problem.limits(most)
     by = np.sqrt(problem.weights * problem.importance) / problem.goal
     smooth = np.sqrt(SMOOTH / len(low)) * np.diff(np.eye(len(low)), axis=0) / np.sqrt(low * high).min()
     columns = np.concatenate([by[:, None] * problem.dwell_columns().toarray(), smooth])
