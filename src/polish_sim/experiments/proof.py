@@ -589,8 +589,8 @@ def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) 
     settings = _settings(scenario)
     if proof["settings"] != config_hash(settings, {}):
         words = {*_changed(settings)} ^ {*proof.get("changed", ())}
-        named = ", ".join(sorted({word.partition("=")[0] for word in words}))
-        return f"of other settings{f' ({named})' * bool(named)}"
+        names = sorted({word.partition("=")[0] for word in words}) or ["a file they name, or the version"]
+        return f"of other settings ({', '.join(names[:3])}{', ...' * (len(names) > 3)})"
     if proof["path"] != path_key(path):
         return "of another path"
     return "" if scenario.safety.proof in ("nominal", proof["proof"]) else f"with --proof {proof['proof']}"
