@@ -140,9 +140,10 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes_and_so_d
 
 def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path):
     ours, its = pty.openpty()
-    words = ["run", "arc", "--feed", "1", "--out", "cut"]
+    words = ["run", "arc", "--feed", "0.5", "--out", "cut"]
     start = [sys.executable, "-c", "from polish_sim.cli import start; start()", *words]
-    with subprocess.Popen(start, cwd=tmp_path, stdout=its, stderr=its) as run:
+    bar = os.environ | {"TERM": "xterm"}
+    with subprocess.Popen(start, cwd=tmp_path, env=bar, stdout=its, stderr=its) as run:
         os.close(its)
         said = b""
         while b"%" not in said.partition(b"simulate")[2]:
