@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import shutil
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
 
 from polish_sim.page import PAGE
 
@@ -64,6 +65,29 @@ def close_broken_pipe() -> int:
     """Close a stdout whose reader has ended (`polish-sim list | head -1`), without a message at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1
+
+
+class _Terminal(io.FileIO):
+    """A terminal that may be closed while a command runs: what is written then is lost, and the signal that
+    comes with it ends the command."""
+
+    def write(self, content: Any, /) -> int:
+        """Write some bytes; how many."""
+        with suppress(OSError):
+            return super().write(content)
+        return len(content)
+
+
+def outlive_terminal() -> None:
+    """Lose what is written to a terminal that was closed, instead of failing."""
+    sys.stdout, sys.stderr = map(_outliving, (sys.stdout, sys.stderr))
+
+
+def _outliving(stream: TextIO) -> TextIO:
+    if sys.platform == "win32" or not (stream and stream.isatty()):
+        return stream
+    raw = _Terminal(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=True)
 
 
 def table(

@@ -6,13 +6,12 @@ Heavy libraries are imported inside the commands that need them, so that `--help
 from __future__ import annotations
 
 import atexit
-import io
 import os
 import signal
 import sys
 from contextlib import suppress
 from types import FrameType
-from typing import Annotated, Any, TextIO
+from typing import Annotated
 
 import typer
 
@@ -26,13 +25,14 @@ from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
 from polish_sim.cli.job import job
 from polish_sim.cli.plan import plan
+from polish_sim.cli.report import report
 from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
 from polish_sim.cli.serve import serve
 from polish_sim.cli.smooth import smooth
 from polish_sim.cli.sweep import sweep
 from polish_sim.cli.tune import tune
-from polish_sim.cli.view import report, view
+from polish_sim.cli.view import view
 
 commands = typer.Typer(
     name="polish-sim",
@@ -103,30 +103,12 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-class _Terminal(io.FileIO):
-    """A terminal that may be closed while a command runs: what is written then is lost, and the signal that
-    comes with it ends the command."""
-
-    def write(self, content: Any, /) -> int:
-        """Write some bytes; how many."""
-        with suppress(OSError):
-            return super().write(content)
-        return len(content)
-
-
-def _outlive_terminal(stream: TextIO) -> TextIO:
-    if not (hasattr(signal, "SIGHUP") and stream and stream.isatty()):
-        return stream
-    raw = _Terminal(stream.fileno(), "w", closefd=False)
-    return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=True)
-
-
 def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract.
 
     ``kill``, ``timeout``, a batch system and a closed terminal end it as Ctrl-C does.
     """
-    sys.stdout, sys.stderr = _outlive_terminal(sys.stdout), _outlive_terminal(sys.stderr)
+    console.outlive_terminal()
     for number in {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}:
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
             signal.signal(number, _interrupt)

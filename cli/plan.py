@@ -288,7 +288,7 @@ def place(
         why = str(error)
     result.figures["smallest_singular_value"] = math.nan if reach is None else reach.smallest_singular_value
     if reach_map:
-        from polish_sim.experiments.report import plot_reach_map
+        from polish_sim.experiments.reach_plot import plot_reach_map
 
         T_base_work = None if reach is None else reach.T_base_work
         plots["reach_map.png"] = plot_reach_map(placing.map(), result.mesh, T_base_work)

@@ -202,7 +202,8 @@ def _case(given: Given) -> Task | None:
 
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.experiments.assembly import build_part, check
-    from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
+    from polish_sim.experiments.force import measure_hold, place_force
+    from polish_sim.experiments.surface import measure_run, prepare_surface
 
     if task is not None and not task.case.moving:
         scenario = check(task.scenario)

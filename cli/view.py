@@ -1,4 +1,4 @@
-"""`polish-sim report` and `view`: saved runs again; and where the pages of `--live` and `view` are served.
+"""`polish-sim view`: a saved run again; and where the pages of `--live` and `view` are served.
 
 This computer alone, unless asked otherwise. A saved run has its page already, which is served as it is.
 viser is imported when a live page is opened.
@@ -17,13 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import show_figures
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
-from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
-from polish_sim.errors import InputError, count_text
-from polish_sim.experiments.registry import claims_shown, setting_rows
-from polish_sim.row_file import save_plots, write_json
+from polish_sim.cli.options import Given, argument, takes
+from polish_sim.errors import InputError
 
 if TYPE_CHECKING:
     from http.server import HTTPServer
@@ -206,11 +201,10 @@ def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], giv
     """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked
     on."""
     # Lazy: --help must not wait for numpy.
-    from polish_sim.analysis.run_record import read_record
-    from polish_sim.experiments.report import saved_page
+    from polish_sim.experiments.report import saved_page, saved_records
     from polish_sim.page.page import page_html
 
-    saved = saved_page(run, read_record(run))
+    saved = saved_page(run, saved_records([run])[0])
     if saved is None or not len(saved.motion.time):
         raise InputError(
             f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again."
@@ -220,41 +214,3 @@ def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], giv
     with page_server(address, page_html(saved).encode()) as server, contextlib.suppress(KeyboardInterrupt):
         say_address(asked, address)
         server.serve_forever()
-
-
-# Pictures, page and tables again.
-
-
-Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
-
-
-@takes(*OUTPUT_OPTIONS)
-def report(runs: Runs, given: Given) -> None:
-    """Draw plots and tables again from saved runs; two or more are put side by side."""
-    refuse_taken(given)
-    # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.run_record import notes_of, read_records
-    from polish_sim.cli.run import draw_run
-    from polish_sim.experiments.report import cell_model, draw_comparison, remade, write_saved_page
-
-    records = read_records(runs)
-    first = records[0]
-    alone = len(records) == 1
-    name = first.scenario.experiment
-    with claimed(given, f"report-{name}") as folder:
-        if alone:
-            draw_run(first, folder.draft)
-            if remade(first) and not (runs[0] / CELL_PICTURE).exists():
-                save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))
-        else:
-            save_plots(folder.draft, draw_comparison(records))
-        write_saved_page(folder.draft, runs, records)
-        write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
-    columns = {record.name: record.metrics for record in records}
-    claims = claims_shown([record.scenario for record in records])
-    show_figures(
-        claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records)
-    )
-    for text in notes_of(records):
-        console.note(f"note: {text}")
-    console.say_folder(folder.final)

@@ -58,7 +58,6 @@ def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
         ("T_base_work", [[0.0] * 4] * 4),
         ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]),
         ("protective_stop", ["no text"]),
-        ("moves", [1, 2]),
         ("versions", "1.0"),
     ],
 )

@@ -65,7 +65,7 @@ def undrawn() -> Iterator[None]:
         left_out.setattr(Figure, "savefig", save)
         for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions"):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
-        for name in ("run", "view"):
+        for name in ("run", "report"):
             left_out.setattr(f"polish_sim.cli.{name}.save_cell_picture", save_cell)
         yield
 

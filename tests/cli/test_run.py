@@ -139,7 +139,7 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("tracking error, max")]
     assert row[3:5] == ["mm", "-"]
     Path("a/metrics.json").write_text(json.dumps(figures | {"tracking_error_max_m": "small"}))
-    refused(polish_sim("report", "a", "--out", "text"), "'tracking_error_max_m'", "not a number: 'small'")
+    refused(polish_sim("report", "a", "--out", "text"), "'tracking_error_max_m'", "'a/metrics.json'")
 
 
 @pytest.mark.pictures

@@ -1,12 +1,13 @@
 """`polish-sim run teach` as a user calls it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
-from tests.cli.conftest import UNPROVEN, done, metrics_of
+from tests.cli.conftest import UNPROVEN, done, metrics_of, refused
 
 SHORT = ("--set", "hand.off_s=2")
 
@@ -28,6 +29,8 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
     assert log["hand_force_n"].shape == (len(log["time_s"]), 3)
     assert "hand force" in out
     assert polish_sim("report", "out", "out", "--out", "beside")[0] == 0
+    Path("out/metrics.json").write_text(json.dumps(metrics | {"moves": [1]}))
+    refused(polish_sim("report", "out", "--out", "edited"), "'moves'", "'out/metrics.json'")
 
 
 def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):

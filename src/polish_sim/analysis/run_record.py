@@ -23,20 +23,14 @@ from polish_sim.toml_text import toml_value
 
 CONFIG, LOG, PATH = "config.toml", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
-AT_PEAK = (int, float, float, float)
 FORMS: Mapping[str, Any] = {
     "protective_stop": str,
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
     "T_base_work": ((float,) * 4,) * 4,
     "versions": {},
-    "moves": [str],
-    "rules": [str],
-    "joint_jerk_limits_rad_s3": (float,) * 6,
-    "spline_reduction_max": (float,) * 6,
-    "joint_jerk_at_peaks": [AT_PEAK],
-    "spline_at_peaks": [AT_PEAK],
 }
-"""What the figures that are not one number look like: text, numbers in tuples of a length, lists, entries."""
+"""What figures of every run that are not one number look like: text, numbers in tuples of a length, lists,
+entries."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +39,7 @@ class RunRecord:
 
     name: str  #: What the run is called in titles and legends: its folder's name
     scenario: Scenario
-    metrics: Metrics  #: Metrics as in the contract; an undefined one is NaN
+    metrics: Metrics  #: Figures as in the contract; an undefined one is NaN
     log: RunLog
     path: ToolPath | None  #: The path that was run; None for experiments without a part
     removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
@@ -109,14 +103,7 @@ def read_record(folder: Path) -> RunRecord:
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
     name = folder.resolve().name
     metrics = read_json(folder / METRICS)
-    for figure, form in FORMS.items():
-        value = metrics.get(figure)
-        turned = figure == "T_base_work" and value and _fits(value, form) and np.linalg.det(value) < 0.5
-        if turned or not (value is None or _fits(value, form)):
-            raise InputError(
-                f"'{figure}' in '{folder / METRICS}' is not as a run writes it. Delete the entry to see the "
-                "run without it."
-            )
+    check_forms(metrics, FORMS, folder / METRICS)
     log = read_log(folder / LOG)
     return RunRecord(name, scenario, metrics, log, path, removal)
 
@@ -138,6 +125,18 @@ def _path_of(columns: dict[str, Any]) -> ToolPath:
     if len(path.s) < 2:
         raise ValueError("it has fewer than two points")
     return path
+
+
+def check_forms(metrics: Metrics, forms: Mapping[str, Any], file: Path) -> None:
+    """Refuse figures that do not have their form, as in `FORMS`, naming the figure and the ``file``."""
+    for figure, form in forms.items():
+        value = metrics.get(figure)
+        turned = figure == "T_base_work" and value and _fits(value, form) and np.linalg.det(value) < 0.5
+        if turned or not (value is None or _fits(value, form)):
+            raise InputError(
+                f"'{figure}' in '{file}' is not as a run writes it. Delete the entry to see the run without "
+                "it."
+            )
 
 
 def _fits(value: Any, form: Any) -> bool:

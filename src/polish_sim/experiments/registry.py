@@ -116,6 +116,8 @@ class Experiment:
     only_with: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
     """Options that change something beside one of several others only, by those."""
     not_with: tuple[Excludes, ...] = ()  #: Options that change nothing beside another one
+    #: What its own figures that are not one number look like, beside `run_record.FORMS`
+    forms: Mapping[str, Any] = field(default_factory=dict)
     #: More pictures of many seeds, as ``comparisons``
     seeds_plots: Mapping[str, str] = field(default_factory=dict)
     title: Callable[[Scenario], str] = _usual_title

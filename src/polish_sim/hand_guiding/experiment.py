@@ -99,6 +99,7 @@ TEACH = Experiment(
     run="polish_sim.hand_guiding.drag:run_guiding",
     claims=lambda scenario: CLAIMS[kind_of(scenario)],
     plots=_plots,
+    forms={"moves": [str]},
     comparisons={"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding_runs"},
     settings=(
         Setting("along", "", lambda s: Path(s.drag.follow).name or "the trial's moves"),

@@ -45,6 +45,9 @@ CLAIMS = (
     PATH_DONE,
 )
 
+_JOINTS = (float,) * 6
+_PEAKS = [(int, float, float, float)]
+
 SMOOTH = Experiment(
     "smooth",
     "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
@@ -57,6 +60,13 @@ SMOOTH = Experiment(
     prepare="polish_sim.smoothing.smooth:check_smooth",
     claims=always(CLAIMS),
     plots=always({"tracking.png": "polish_sim.smoothing.tracking:plot_tracking"}),
+    forms={
+        "rules": [str],
+        "joint_jerk_limits_rad_s3": _JOINTS,
+        "spline_reduction_max": _JOINTS,
+        "joint_jerk_at_peaks": _PEAKS,
+        "spline_at_peaks": _PEAKS,
+    },
     comparisons={"tracking.png": "polish_sim.smoothing.tracking:plot_tracking_runs"},
     options=("--part-pose", "--path", *SEED_OPTIONS, "--dry-run", "--log-rate"),
     paper={"plan.file": "", "smoothing.limits_file": ""},

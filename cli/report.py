@@ -1,0 +1,55 @@
+"""`polish-sim report`: page, plots and tables again from saved runs, two or more over each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from polish_sim.cli import console
+from polish_sim.cli.boundary import show_figures
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
+from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
+from polish_sim.errors import count_text
+from polish_sim.experiments.registry import claims_shown, setting_rows
+from polish_sim.row_file import save_plots, write_json
+
+Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
+
+
+@takes(*OUTPUT_OPTIONS)
+def report(runs: Runs, given: Given) -> None:
+    """Draw plots and tables again from saved runs; two or more are put side by side."""
+    refuse_taken(given)
+    # Lazy: --help must not wait for matplotlib.
+    from polish_sim.analysis.run_record import notes_of
+    from polish_sim.cli.run import draw_run
+    from polish_sim.experiments.report import (
+        cell_model,
+        draw_comparison,
+        remade,
+        saved_records,
+        write_saved_page,
+    )
+
+    records = saved_records(runs)
+    first = records[0]
+    alone = len(records) == 1
+    name = first.scenario.experiment
+    with claimed(given, f"report-{name}") as folder:
+        if alone:
+            draw_run(first, folder.draft)
+            if remade(first) and not (runs[0] / CELL_PICTURE).exists():
+                save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))
+        else:
+            save_plots(folder.draft, draw_comparison(records))
+        write_saved_page(folder.draft, runs, records)
+        write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
+    columns = {record.name: record.metrics for record in records}
+    claims = claims_shown([record.scenario for record in records])
+    show_figures(
+        claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records)
+    )
+    for text in notes_of(records):
+        console.note(f"note: {text}")
+    console.say_folder(folder.final)
