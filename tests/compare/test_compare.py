@@ -167,9 +167,12 @@ def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
     assert files >= {"compare.png", "report.html", "config.toml"}
 
 
-def test_a_log_of_a_tool_that_pressed_is_said_to_be_replayed_without_the_force(logged, polish_sim, tmp_path):
+@pytest.mark.parametrize("column", ["actual_TCP_force", "wrench_measured_tool"])  # a robot's, our own
+def test_a_log_of_a_tool_that_pressed_is_said_to_be_replayed_without_the_force(
+    logged, polish_sim, tmp_path, column
+):
     wrench = np.zeros((len(logged["time_s"]), 6))
-    names = NAMES | {"wrench": "actual_TCP_force_{i}"}
+    names = NAMES | {"wrench": column + "_{i}"}
     free = write_csv(tmp_path / "free.csv", logged | {"wrench": wrench + 2.0}, ",", names)
     assert "pressed" not in polish_sim("compare", free, "--arm", "ur10e", "--out", "free").err
     wrench[:300, 2] = 20.0

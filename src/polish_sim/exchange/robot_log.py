@@ -59,6 +59,7 @@ NAMES: Mapping[str, str] = MappingProxyType(
         "actual_current_as_torque": "torque_nm",
         "actual_tcp_force": "wrench",
         "tcp_force": "wrench",
+        "wrench_measured_tool": "wrench",
     }
 )  #: What recorders call them, in small letters
 UNITS: Mapping[str, float] = MappingProxyType(
