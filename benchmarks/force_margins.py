@@ -14,7 +14,7 @@ from polish_sim.config import Scenario
 from polish_sim.config.cell import ARM_PRESETS
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import Bench, Rest, build_bench, press
+from polish_sim.scoring.border import Bench, Rest, build_bench, press_bench
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")
 ACCURACY = 1.02  # to which a gain margin is sought
@@ -60,12 +60,12 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
     """
 
     def louder(gain: float) -> Rest:
-        return press(bench, scenario, gain, friction)
+        return press_bench(bench, scenario, gain, friction)
 
     def later(factor: float) -> Rest:
         delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
         late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
-        return press(bench, late, 1.0, friction)
+        return press_bench(bench, late, 1.0, friction)
 
     gain, gain_rest = _seek(louder, ACCURACY)
     factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))

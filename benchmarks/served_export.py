@@ -29,7 +29,7 @@ from polish_sim.log import Trace
 from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, to_pose
-from polish_sim.ur.controller import Controller
+from polish_sim.ur.controller import RobotController
 from polish_sim.ur.robot import PLAYING, SimulatedRobot
 from polish_sim.ur.script import Machine
 
@@ -63,7 +63,7 @@ def main() -> None:
         say(part, "held", held.figures)
         real = build_part(scenario, task.place)
         robot = SimulatedRobot(build_cell(scenario, task.place, real))
-        controller = Controller(robot, "5.11", Machine)
+        controller = RobotController(robot, "5.11", Machine)
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(T_base_work))
         text = urscript_text(plan, setup).replace("part_is_placed = False", "part_is_placed = True")
         controller.run(text.rstrip("\n") + "\n", "")

@@ -36,7 +36,7 @@ from polish_sim.cli.options import (
     chosen,
     takes,
 )
-from polish_sim.cli.output_folder import put
+from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
@@ -155,7 +155,7 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
     estimate, readings = found.estimate, found.readings
     write_calibration(folder / CALIBRATION, estimate)
     if found.scenario is not None:
-        put(folder, CONFIG, to_toml(found.scenario))
+        put_file(folder, CONFIG, to_toml(found.scenario))
     left = readings.time, estimate.residuals, estimate.noise, estimate.used
     plots = {"residuals.png": plot_residuals(*left, found.scenario is not None, _facts(found))}
     if found.long_run is not None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.many import Many, run_seeds, seed_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
-from polish_sim.cli.output_folder import claimed, put
+from polish_sim.cli.output_folder import claimed, put_file
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
@@ -260,7 +260,7 @@ def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
 def write_found(folder: Path, figures: Metrics, residuals: str, plots: Mapping[str, Figure]) -> None:
     """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
 
-    put(folder, "residuals.csv", residuals)
+    put_file(folder, "residuals.csv", residuals)
     write_metrics(folder, figures)
     save_plots(folder, plots)
 

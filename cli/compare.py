@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, refuse_beside, refuse_without, takes
-from polish_sim.cli.output_folder import claimed, put
+from polish_sim.cli.output_folder import claimed, put_file
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
 from polish_sim.page import save_page
@@ -137,7 +137,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         found = compare_joints(scenario.robot, log, payload)
         observer.stage("draw")
         title = f"{real.name} beside {scenario.robot.arm}"
-        put(draft, "config.toml", to_toml(scenario))
+        put_file(draft, "config.toml", to_toml(scenario))
         write_json(draft / FIGURES, found.figures)
         plot_joint_torques(found, title).savefig(draft / PICTURE)
         save_page(draft, joint_page(found, build_scene(scenario), title))
@@ -153,14 +153,14 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
 
 
 def _center(text: str) -> tuple[float, ...]:
-    numbers = numbers_of(text, 3)
-    if not numbers or max(map(abs, numbers)) > 1000.0:
+    column_of = numbers_of(text, 3)
+    if not column_of or max(map(abs, column_of)) > 1000.0:
         raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60, at most 1000 each.")
-    return tuple(1e-3 * number for number in numbers)
+    return tuple(1e-3 * number for number in column_of)
 
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
-    from polish_sim.analysis.metrics import numbers
+    from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import read_record
     from polish_sim.compare.figures import compare_steps, from_contact
     from polish_sim.compare.replay import FIGURES, PICTURE, plot_steps, step_page, step_rows
@@ -172,7 +172,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
         force = log.values["wrench"][:, 2:3]
     asked = given["--asked"] or record.scenario.process.contact_force_n
     measured = from_contact(log.time, force[:, 0], asked)
-    simulated = from_contact(numbers(record.log, "time_s"), numbers(record.log, "normal_force_n"), asked)
+    simulated = from_contact(column_of(record.log, "time_s"), column_of(record.log, "normal_force_n"), asked)
     found = compare_steps(measured, simulated)
     title = f"{real.name} {given['--run'] or ''} beside {record.name}"
     write_json(draft / FIGURES, found)

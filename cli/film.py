@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureQuality
@@ -89,7 +89,7 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     curves."""
     time = clock(record.log)
     band = experiment(record.scenario.experiment).band_n
-    kept = shown_rows(time, numbers(record.log, "q_rad"))
+    kept = shown_rows(time, column_of(record.log, "q_rad"))
     plot = run_plots(record, run_motion(record, model, kept), kept)[0]
     figure = new_figure(*CURVE_INCH)
     figure.set_dpi(DPI)
@@ -142,7 +142,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
 
     time = clock(record.log)
     q = joint_columns(record, model)
-    pads = numbers(record.log, "tcp_position_m")
+    pads = column_of(record.log, "tcp_position_m")
     length = float(time[-1] - time[0])
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)

@@ -153,7 +153,7 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
         found = run_identification(settings, observer, use)
         observer.stage("draw")
         write_folder(draft, found)
-    show(found)
+    show_identification(found)
     return Outcome(
         asked_of(settings, task is not None),
         f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}",
@@ -214,7 +214,7 @@ def from_logs(given: Given, draft: Path) -> Outcome:
             observer.stage("draw")
             write_folder(draft, found, robot.source)
     if found is not None:
-        show(found)
+        show_identification(found)
         claims = IDENTIFY["data" if robot.model.load is None else "gears"]
         return Outcome(
             claims, f"identification from {file.name}", {"this robot": found.figures}, notes=doubts(found)
@@ -253,7 +253,7 @@ def show_identifiable(robot: LoggedRobot) -> None:
     console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
 
 
-def show(found: Identification) -> None:
+def show_identification(found: Identification) -> None:
     """Print friction, rotors and offsets, how well the rest is known, and the payload."""
     from polish_sim.identification.folder import rows_of
     from polish_sim.identification.regressor import WAVES

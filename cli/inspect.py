@@ -17,7 +17,7 @@ from polish_sim.experiments.registry import REGION_OPTIONS
 from polish_sim.row_file import Metrics, save_plots, write_json
 from polish_sim.scenario_file import merge
 
-PathFile = Annotated[
+InspectedFile = Annotated[
     Path,
     argument("PATH", "Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), or APT/CLDATA."),
 ]
@@ -27,7 +27,7 @@ PathFile = Annotated[
     *("--part", "--fixture", "--units", "--up", *REGION_OPTIONS, "--stepover", "--overlap"),
     *("--pad-diameter", "--contact-force", "--feed", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
 )
-def inspect(path: PathFile, given: Given) -> None:
+def inspect(path: InspectedFile, given: Given) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
 
     A plan of ours is measured with its own settings, on its own part unless --part names it; else the

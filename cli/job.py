@@ -14,7 +14,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
-from polish_sim.cli.output_folder import RESULTS, occupied, put, refuse_taken, room_for, unused
+from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
 from polish_sim.cli.run import check_part, plan_facts
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
@@ -22,21 +22,21 @@ from polish_sim.page import save_page
 from polish_sim.row_file import Metrics, whole_file, write_json
 
 if TYPE_CHECKING:
-    from polish_sim.job.run_job import Row
+    from polish_sim.job.run_job import PassRow
     from polish_sim.page.page import Page
 
 INIT = "init"
 COPY = "job.toml"  #: Of the job's file, in its folder
 LOCK = ".lock"
-What = Annotated[str, argument("JOB.toml|init", "A job's file, or init PART.")]
-PartFile = Annotated[str | None, argument("PART", "For init: the part.")]
+JobFile = Annotated[str, argument("JOB.toml|init", "A job's file, or init PART.")]
+JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
 
 
 @takes(
     Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed.", bool),
     *OUTPUT_OPTIONS,
 )
-def job(what: What, given: Given, part: PartFile = None) -> int:
+def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
     if what == INIT:
         return _init(part, given)
@@ -59,7 +59,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
             made_on = plan_facts(plan)["part"]
             again = "Do the job anew with --overwrite."
             check_part(plan, asked.passes[0].scenario.part.file, made_on, again)
-    rows: list[Row] = []
+    rows: list[PassRow] = []
     with occupied(folder, LOCK, "job"):
         try:
             with console.progress() as observer:
@@ -67,7 +67,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
                     shutil.rmtree(draft, ignore_errors=True)
                     draft.mkdir()
                     _replace(folder, draft, next(run_job(asked, draft, observer)).folder)
-                put(folder, COPY, copy)
+                put_file(folder, COPY, copy)
                 rows.extend(run_job(asked, folder, observer))
         except KeyboardInterrupt:
             console.note(
@@ -85,7 +85,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
             shutil.rmtree(draft, ignore_errors=True)
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
-        put(folder, f"setup_{number}.script", text)
+        put_file(folder, f"setup_{number}.script", text)
     save_page(folder, job_page(f"job {file.stem}: {asked.head.part}", figures))
     write_json(folder / "job.json", figures)
     console.table("job", PASS[:SHOWN], [row[:SHOWN] for row in pass_rows(figures["passes"])], left=2)

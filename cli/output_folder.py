@@ -161,7 +161,7 @@ def rows_folder(
         try:
             refuse(folder)
             for name, text in begin.items():
-                put(folder, name, text)
+                put_file(folder, name, text)
             console.note(f"folder: {folder} ({SAME} --out {folder} resumes it)")
             yield folder
         except BaseException as error:
@@ -189,7 +189,7 @@ def occupied(folder: Path, lock: str, what: str) -> Iterator[None]:
             yield
 
 
-def put(folder: Path, name: str, content: str | bytes) -> None:
+def put_file(folder: Path, name: str, content: str | bytes) -> None:
     """Write a file; it appears when it is whole."""
     with whole_file(folder / name) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -158,7 +158,7 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
-    from polish_sim.analysis.metrics import numbers
+    from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import stop_mark
     from polish_sim.experiments.run_page import clock, joint_columns
 
@@ -170,7 +170,7 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     )
     data.qpos[:] = joint_columns(record, model)[row]
     mujoco.mj_forward(model, data)
-    pad = numbers(record.log, "tcp_position_m")[row]
+    pad = column_of(record.log, "tcp_position_m")[row]
     try:
         picture = Picture(model, CELL)
     except Exception as error:

@@ -131,7 +131,7 @@ def plan_once(
     reach = None
     unreached = ""
     if not dual:
-        reach, unreached = place(scenario, result, plots, wanted.reach_map, observer)
+        reach, unreached = find_place(scenario, result, plots, wanted.reach_map, observer)
     if unreached and not forced:
         return result, unreached
     if reach is not None and scenario.safety.proof != "none":
@@ -267,7 +267,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
 
 
-def place(
+def find_place(
     scenario: Checked, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
 ) -> tuple[Reach | None, str]:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked

@@ -26,7 +26,7 @@ from polish_sim.cli.options import (
     refuse_without,
     takes,
 )
-from polish_sim.cli.output_folder import claimed, put, refuse_taken
+from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
@@ -134,7 +134,7 @@ def run(row: Experiment, given: Given) -> int:
 
         check_film()
     scenario = build_scenario(row.defaults, given)
-    plan, scenario = checked(scenario, given)
+    plan, scenario = checked_run(scenario, given)
     if given.get("--dry-run"):
         check_reach(scenario, plan)
         return DONE
@@ -180,7 +180,7 @@ def run_into(
         return outcome.finish(folder.final, given.get("--check"))
 
 
-def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Checked]:
+def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Checked]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.experiments.assembly import check
     from polish_sim.planning import PATTERNS
@@ -298,7 +298,7 @@ def simulate(
         record = replace(record, scenario=sink.as_run(record.scenario))
     write_record(folder, record)
     for name, text in result.files.items():
-        put(folder, name, text)
+        put_file(folder, name, text)
     return record
 
 

@@ -14,7 +14,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, SHORT
 from polish_sim.cli.many import scored
 from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
-from polish_sim.cli.output_folder import put
+from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import default_scenario
@@ -143,7 +143,7 @@ def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
     ):
         task = max(rows, key=lambda task: size_of(rows[task], figure))
         drawn, figures[name] = task.scenario, size_of(rows[task], figure)
-        put(folder, f"{name}.toml", to_toml(drawn))
+        put_file(folder, f"{name}.toml", to_toml(drawn))
         where = (
             f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, "
             f"{1e3 * drawn.process.feed_m_s:.3g} mm/s"
@@ -202,9 +202,9 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
         **facts, "cases": cases, "asked": asked, "rows": list(score.rows), "versions": package_versions(),
         "definitions": dict(DEFINITIONS),
     }  # fmt: skip
-    put(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
+    put_file(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
     write_json(folder / METRICS, facts | {"asked": asked})
-    put(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
+    put_file(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
     save_page(folder, _page(score, verdicts))
     moving = {case.name: case.moving for case in score.cases}
     save_plots(folder, {

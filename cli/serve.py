@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import BUG, DONE, exit_code
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
-from polish_sim.cli.output_folder import claimed, put, refuse_taken
-from polish_sim.cli.run import checked, draw_run, plan_to_run
+from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
+from polish_sim.cli.run import checked_run, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from polish_sim.experiments.assembly import Workplace
     from polish_sim.experiments.result import RunResult
     from polish_sim.scoring import Task
-    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.controller import RobotController
 
 SPEEDS = ("1", "max")
 POLYSCOPES = ("5.11", "5.23", "5.26")
@@ -138,7 +138,7 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
                 for process in beside:
                     process.terminate()
         folders[0].mkdir(exist_ok=True)
-        put(folders[0], LOG, "".join(f"{line}\n" for line in controller.log))
+        put_file(folders[0], LOG, "".join(f"{line}\n" for line in controller.log))
         _write_run(job, controller, folders[0])
         for process in beside:
             process.join()
@@ -216,7 +216,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
             task=task,
             most_s=scenario.process.hold_s,
         )
-    path, scenario = checked(task.scenario if task else build_scenario(ROW.defaults, given), given)
+    path, scenario = checked_run(task.scenario if task else build_scenario(ROW.defaults, given), given)
     check_flange(scenario, "serve")
     if scenario.robot.compensation != "none":
         raise InputError("robot.compensation is of a host inside: leave it out of 'serve'.")
@@ -251,9 +251,9 @@ def _reader() -> Executor:
     return reader
 
 
-def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any) -> Controller:
+def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any) -> RobotController:
     from polish_sim.experiments.assembly import build_cell
-    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.physics import clear_away
     from polish_sim.ur.robot import SimulatedRobot
     from polish_sim.ur.script import Machine
@@ -264,7 +264,7 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
         clear_away(cell)
     robot = SimulatedRobot(cell)
     robot.step()  # compiles what it needs before a client waits
-    return Controller(robot, given["--polyscope"] or POLYSCOPES[0], Machine, reader)
+    return RobotController(robot, given["--polyscope"] or POLYSCOPES[0], Machine, reader)
 
 
 # Serving.
@@ -274,7 +274,7 @@ def _serve(
     job: _Job,
     given: Given,
     address: str,
-    controller: Controller,
+    controller: RobotController,
     real_time: bool,
     beside: Sequence[BaseProcess],
 ) -> bool:
@@ -365,7 +365,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 # What is left of it.
 
 
-def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
+def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
     """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
     from polish_sim.analysis.run_record import write_record
     from polish_sim.experiments.report import write_page

@@ -91,11 +91,11 @@ def smooth(path: PathFile, given: Given) -> None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
     refuse_taken(given)
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.cli.smoothed import show, smooth_file
+    from polish_sim.cli.smoothed import show_smoothing, smooth_file
 
     with claimed(given, "smooth") as folder, console.progress() as observer:
         figures, notes = smooth_file(path, given, folder.draft, observer)
     for text in notes:
         console.note(f"note: {text}")
-    show(path.name, figures)
+    show_smoothing(path.name, figures)
     console.say(f"folder: {folder.final}")

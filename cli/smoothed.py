@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
-from polish_sim.cli.output_folder import put
+from polish_sim.cli.output_folder import put_file
 from polish_sim.cli.run import plan_facts
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
@@ -86,7 +86,7 @@ def smooth_file(
     first = motions[0]
     times = even_times(first.motion.end, given["--rate"] or 500.0)
     write_trajectory(folder, sample_in_blocks(first.motion, times, task.placed.arm))
-    put(folder, LIMITS, limits_toml(task.limits))
+    put_file(folder, LIMITS, limits_toml(task.limits))
     write_metrics(folder, {**figures, "notes": notes})
     observer.stage("draw")
     save_plots(folder, draw_smoothing(task, motions, path.name))
@@ -172,7 +172,7 @@ def _times_by_rule(
     return {rule: times[rule] for rule in RULES if rule in times}
 
 
-def show(name: str, figures: Metrics) -> None:
+def show_smoothing(name: str, figures: Metrics) -> None:
     """Print the table of figures."""
     columns = [figures] + ([figures["against"]] if "against" in figures else [])
     rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]

@@ -17,7 +17,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import asked_folder, at_work, duration, say_lost
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
-from polish_sim.cli.run import checked
+from polish_sim.cli.run import checked_run
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
@@ -27,7 +27,7 @@ from polish_sim.row_file import ROWS, Metrics, Row
 
 if TYPE_CHECKING:
     from polish_sim.studies.study import Study
-    from polish_sim.studies.table import RunTable, Task
+    from polish_sim.studies.table import RunTable, StudyTask
 
 SHOWN = 3  #: Reasons of runs that failed
 MOST_CHECKED = 100  #: Values of an axis that are tried before the start
@@ -59,7 +59,7 @@ def sweep(what: What, given: Given) -> int:
     if find_spec("pyarrow") is None:
         raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.studies.study import STUDY, read_study, to_text
+    from polish_sim.studies.study import STUDY, read_study, study_text
     from polish_sim.studies.table import RunTable, keys_of_runs, run_time
     from polish_sim.workers import check_engine
 
@@ -73,7 +73,7 @@ def sweep(what: What, given: Given) -> int:
         first = time_first(study, missing) if known is None else None
         announce(study, len(missing), len(keys), given, known if first is None else run_time(first))
         return DONE
-    kind, begin = f"sweep-{study.base.experiment}", {STUDY: to_text(study)}
+    kind, begin = f"sweep-{study.base.experiment}", {STUDY: study_text(study)}
     held = sweep_of(read_study(out / STUDY)) if out is not None and (out / STUDY).is_file() else None
     with asked_folder({"--out": out}, kind, sweep_of(study), begin, held) as folder:
         return run_and_show(study, RunTable(folder), given)
@@ -107,7 +107,7 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     else:
         raise unknown_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
     study.check()
-    _, base = checked(study.base, given if what in EXPERIMENTS else {})
+    _, base = checked_run(study.base, given if what in EXPERIMENTS else {})
     plan = Path(base.plan.file)
     if base.plan.file and plan.is_dir():
         base = replace(base, plan=replace(base.plan, file=str(plan / "path.json")))
@@ -151,7 +151,7 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
     )
 
 
-def time_first(study: Study, missing: Sequence[Task]) -> Row | None:
+def time_first(study: Study, missing: Sequence[StudyTask]) -> Row | None:
     """Do the first run that is missing here: its row; None if there is none."""
     from polish_sim.studies.table import run_row
 

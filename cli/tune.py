@@ -13,7 +13,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import scored
 from polish_sim.cli.options import OWN, Given, Own, argument, takes
-from polish_sim.cli.output_folder import put
+from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.experiments.registry import default_scenario
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 TUNED = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
-Controller = Annotated[
+ControllerName = Annotated[
     str,
     argument("CONTROLLER", "A shipped controller or FILE.py:CLASS."),
 ]
@@ -87,7 +87,7 @@ Controller = Annotated[
         Path,
     ),
 )
-def tune(controller: Controller, given: Given) -> int:
+def tune(controller: ControllerName, given: Given) -> int:
     """Search the parameters that make a figure of the score small, and write them as tuned.toml.
 
     Shipped and found values are compared in the end on seeds and cases the search did not see.
@@ -118,8 +118,8 @@ def tune(controller: Controller, given: Given) -> int:
     stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"
     entries = [search.entry(None)]
     with scored(given, "tune", _facts(search), stage, entries, found) as (folder, (best, verdicts)):
-        put(folder, TUNED, tuned_toml(search, best))
-        show(search, best, verdicts, folder)
+        put_file(folder, TUNED, tuned_toml(search, best))
+        show_search(search, best, verdicts, folder)
     return DONE
 
 
@@ -186,7 +186,7 @@ def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
     return toml_text(table, {}, ["polish-sim run force --config tuned.toml, or run surface"])
 
 
-def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
+def show_search(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
     """Write metrics.json and the page, print the tables."""
     from polish_sim.page.page import tables_page
 

@@ -103,6 +103,15 @@ def test_the_house_keeps_its_size(capsys):
     assert sum(rooms.values()) <= MOST_TOKENS
 
 
+def test_a_public_class_or_function_has_a_name_of_its_own():
+    places: dict[str, set[str]] = {}
+    for file in (*ROOT.glob("src/**/*.py"), *ROOT.glob("cli/**/*.py")):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, set()).add(str(file.relative_to(ROOT)))
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}
+
+
 def test_texts_use_none_of_the_banned_phrases():
     """They are riddles or read as translated; CONTRIBUTING.md says how to write."""
     files = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]

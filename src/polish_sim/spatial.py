@@ -130,6 +130,17 @@ def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
     return np.stack([x_axis, y_axis, z_axis], axis=2)
 
 
+STEEPEST = 0.99  #: The steady x axis stays this far off every z axis (cosine): 8 deg
+
+
+def steady_rotations(z_axes: Array) -> Array | None:
+    """Rotations (n, 3, 3) with unit z axes (n, 3) and x as near as can be to that one of their frame's axes
+    which suits all of them best; None if z axes point along all three."""
+    along = np.abs(z_axes).max(axis=0)
+    best = int(along.argmin())
+    return rotation_to_axis(z_axes, np.eye(3)[best]) if along[best] <= STEEPEST else None
+
+
 def skew(v: Array) -> Array:
     """Matrix S with S w = v x w, shape (3, 3)."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -118,7 +118,7 @@ def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> 
     try:
         values = np.array(texts, dtype=np.float64)
     except ValueError:
-        values = np.array([number(text) for text in texts])
+        values = np.array([number_in(text) for text in texts])
     wrong = np.flatnonzero(~(np.abs(values) <= LARGEST))
     if len(wrong):
         row = int(wrong[0])
@@ -129,7 +129,7 @@ def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> 
     return values
 
 
-def number(text: str) -> float:
+def number_in(text: str) -> float:
     """The number a text is; NaN if it is none."""
     try:
         return float(text)

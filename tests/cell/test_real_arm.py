@@ -9,7 +9,7 @@ import pytest
 
 from polish_sim.cell import build_scene
 from polish_sim.cell.gears import elastic_torque, slip, update_twist
-from polish_sim.cell.playback import JointTargets, Played, play_joints
+from polish_sim.cell.playback import JointTargets, PlayedBack, play_joints
 from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, ReachError
@@ -166,7 +166,7 @@ def swing(amplitude: float, dt: float = 1e-3) -> JointTargets:
     return JointTargets(HOME + amplitude * way[:, None] * np.ones(6), amplitude * speed[:, None] * np.ones(6))
 
 
-def played(scenario: Scenario, targets: JointTargets) -> Played:
+def played(scenario: Scenario, targets: JointTargets) -> PlayedBack:
     """Targets played on a scenario's arm."""
     return play_joints(build_scene(scenario), scenario.robot, scenario.seed, targets)
 

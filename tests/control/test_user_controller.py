@@ -10,7 +10,7 @@ import pytest
 from polish_sim.analysis.run_record import once_more
 from polish_sim.config import ControllerConfig
 from polish_sim.control import build_controller
-from polish_sim.control.laws import own_parameters
+from polish_sim.control.laws import law_parameters
 from polish_sim.errors import ConfigError, InputError, PolishSimError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import load_scenario, merge, override, to_toml
@@ -82,7 +82,7 @@ def tuned(file: Path, **own: float | str) -> object:
 def test_a_class_declares_its_parameters_and_is_made_with_those_given(file):
     made = tuned(file, gain=0.02, mode="glide", late=True)
     assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
-    known = own_parameters(f"{file}:Tuned")
+    known = law_parameters(f"{file}:Tuned")
     assert list(known) == ["gain", "sign", "mode", "late"]
     assert known["gain"] == ("gain", 0.01, 0.001, 0.1)
     assert known["sign"][1:] == (1, -math.inf, math.inf)

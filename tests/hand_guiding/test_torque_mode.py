@@ -31,7 +31,10 @@ def guide(
     motion = HandMotion(positions, np.zeros((n, 3)), np.tile(T[:3, :3], (n, 1, 1)), 1.0 - servos)
     model = arm.torque_arm(scenario)
     return run_guided(
-        arm.guided_arm(scenario, mode, model, arm.believe(scenario), hand), np.array(arm.HOME), motion, servos
+        arm.guided_arm(scenario, mode, model, arm.believe_arm(scenario), hand),
+        np.array(arm.HOME),
+        motion,
+        servos,
     )
 
 

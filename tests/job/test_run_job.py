@@ -13,7 +13,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.job.job_file import Job, read_job
-from polish_sim.job.run_job import Row, job_figures, programs, run_job
+from polish_sim.job.run_job import PassRow, job_figures, programs, run_job
 from polish_sim.log import read_removal
 from polish_sim.row_file import locked
 from tests.kept import plate_file
@@ -53,7 +53,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 @pytest.fixture(scope="module")
-def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
+def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PassRow]]:
     folder = tmp_path_factory.mktemp("whole")
     return folder, list(run_job(job, folder, Silent()))
 

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from polish_sim.cell.dwell import exposure_rates
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.tools import ORBITAL, Tool, read_tools
+from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
 from tests.cell.test_dwell import FORCE, pressed_at
 from tests.cell.test_removal import STIFFNESS, R, level_nodes
@@ -24,7 +24,7 @@ def test_every_shipped_tool_is_a_scenario_and_the_spindle_pad_that_of_run_surfac
 
 def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
     """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| over the orbit is w for a slow feed u."""
-    tool = Tool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
+    tool = JobTool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
     slide, feed = tool.slide_m_s, 0.05
     exact = (
         quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)[0]
@@ -38,10 +38,10 @@ def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
 
 
 def test_a_worn_abrasive_takes_off_half_after_its_wear():
-    tool = Tool(wear_nm=1000.0)
+    tool = JobTool(wear_nm=1000.0)
     assert tool.left(0.0) == 1.0
     assert tool.left(1000.0) == pytest.approx(0.5)
-    assert Tool().left(1e9) == 1.0
+    assert JobTool().left(1e9) == 1.0
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline import law as law_module
-from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
+from polish_sim.motion.spline.curve import SplineCurve, curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, smooth_by_spline
 from polish_sim.motion.trajectory import time_schedule
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
@@ -49,7 +49,7 @@ def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
     return stroke(np.cumsum(steps, axis=0), np.cumsum(turns, axis=0))
 
 
-def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLERANCES) -> Curve:
+def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLERANCES) -> SplineCurve:
     return fit_curve(polyline_of(chain, places), *tolerances)
 
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, response_of
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import build_bench, press
+from polish_sim.scoring.border import build_bench, press_bench
 from polish_sim.scoring.loop_model import (
     build_plant,
     contour,
@@ -48,8 +48,8 @@ def test_the_border_of_stability_is_where_the_linear_model_says(settings):
     scenario = override(FORCE, [*SPRINGS_ONLY, *HELD, *settings])
     response, bench = linear_loop(scenario, swing=1.0)(contour(0.001)), build_bench(scenario)
     border = next(gain for gain in np.geomspace(0.1, 10.0, 461) if turns_about_minus_one(gain * response) > 0)
-    assert press(bench, scenario, 0.92 * border).resting
-    beyond = press(bench, scenario, 1.08 * border)
+    assert press_bench(bench, scenario, 0.92 * border).resting
+    beyond = press_bench(bench, scenario, 1.08 * border)
     assert not beyond.resting
     assert 16.0 < beyond.frequency / (2.0 * math.pi) < 20.0
 
@@ -61,7 +61,7 @@ def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the
     response = response_of(linear_loop(scenario), 0.001)(omega)
     turned_round = int(np.argmin(np.abs(np.angle(-response))))
     assert abs(response[turned_round]) > 2.0
-    rest = press(build_bench(scenario), scenario, 1.5)
+    rest = press_bench(build_bench(scenario), scenario, 1.5)
     assert not rest.resting
     assert rest.frequency == pytest.approx(omega[turned_round], rel=0.1)
 

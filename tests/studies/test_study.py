@@ -14,7 +14,7 @@ from polish_sim.experiments.registry import default_scenario
 from polish_sim.row_file import locked
 from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
-from polish_sim.studies.study import Axis, Study, read_axis, read_study, to_text
+from polish_sim.studies.study import Axis, Study, read_axis, read_study, study_text
 from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, keys_of_runs, read_rows, run_study
 from polish_sim.workers import Result
 
@@ -107,7 +107,7 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path):
         f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2
     )
     asked = replace(asked, base=replace(asked.base, seed=7))
-    (tmp_path / "study.toml").write_text(to_text(asked))
+    (tmp_path / "study.toml").write_text(study_text(asked))
     again = read_study(tmp_path / "study.toml")
     assert list(again.runs()) == list(asked.runs())
     assert again.base == asked.base

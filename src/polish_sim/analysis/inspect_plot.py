@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 BARE = (213, 94, 0)  #: Colour of places it never reaches
 
 #: Columns of a PLY file by name: numpy type and values, (v,)
-Columns = Mapping[str, tuple[str, NDArray[Any]]]
+PlyColumns = Mapping[str, tuple[str, NDArray[Any]]]
 COMMENT = "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path"
 
 
@@ -49,7 +49,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s and strict."""
     mesh = found.ground.mesh
     times = found.quality.exposure.times
-    columns: Columns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict)}
+    columns: PlyColumns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict)}
     write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times), columns)
 
 
@@ -61,13 +61,17 @@ def _colors(times: Array) -> NDArray[np.uint8]:
 
 
 def write_ply(
-    file: Path, comment: str, mesh: tuple[Array, Array, Indices], colors: NDArray[np.uint8], columns: Columns
+    file: Path,
+    comment: str,
+    mesh: tuple[Array, Array, Indices],
+    colors: NDArray[np.uint8],
+    columns: PlyColumns,
 ) -> None:
     """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per
     vertex."""
     points, normals, corners = mesh
     places = np.hstack([1e3 * points, normals]).T
-    every: Columns = {
+    every: PlyColumns = {
         **{name: ("<f4", row) for name, row in zip(("x", "y", "z", "nx", "ny", "nz"), places, strict=True)},
         **{name: ("u1", row) for name, row in zip(("red", "green", "blue"), colors.T, strict=True)},
         **columns,

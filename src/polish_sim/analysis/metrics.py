@@ -131,7 +131,7 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
     return (sums[samples:] - sums[:-samples]) / samples
 
 
-def numbers(log: RunLog, name: str) -> Array:
+def column_of(log: RunLog, name: str) -> Array:
     """A column in double precision, shape (n,) or (n, k)."""
     return log[name].astype(np.float64)
 

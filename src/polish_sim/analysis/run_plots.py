@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, figure_of, value_text
 from polish_sim.analysis.metrics import (
     PAPER_ARC,
+    column_of,
     distance_to_circle,
     first_contact,
     moving_average,
-    numbers,
     steady_feed,
 )
 from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
@@ -50,12 +50,14 @@ def plot_arc(record: RunRecord) -> Figure:
     speed = figure.add_subplot(grid[0, 0])
     error = figure.add_subplot(grid[1, 0])
     process = record.log.fed
-    time = numbers(record.log, "time_s")[process]
-    positions = numbers(record.log, "tcp_position_m")[process]
+    time = column_of(record.log, "time_s")[process]
+    positions = column_of(record.log, "tcp_position_m")[process]
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
-    counted = steady_feed(process, numbers(record.log, "time_s"), numbers(record.log, "path_s_m"))[process]
+    counted = steady_feed(process, column_of(record.log, "time_s"), column_of(record.log, "path_s_m"))[
+        process
+    ]
     _draw_error(error, time - start, distance_to_circle(positions, PAPER_ARC), counted)
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
@@ -87,8 +89,8 @@ def plot_arc_runs(records: Records) -> Figure:
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
         process = record.log.fed
-        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], PAPER_ARC)
-        return numbers(record.log, "path_s_m")[process], error * 1e6
+        error = distance_to_circle(column_of(record.log, "tcp_position_m")[process], PAPER_ARC)
+        return column_of(record.log, "path_s_m")[process], error * 1e6
 
     return compare_runs(
         records,
@@ -127,7 +129,7 @@ def compare_runs(
 def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
     process = record.log.fed
     feed = record.scenario.process.feed_m_s * 1e3
-    value = numbers(record.log, "tcp_speed_m_s")[process] * 1e3
+    value = column_of(record.log, "tcp_speed_m_s")[process] * 1e3
     smooth = moving_average(time, value, 0.05)
     offset = len(value) - len(smooth)
     axes.plot(time, value, color=GREY, lw=0.5, alpha=0.5, label="every sample")
@@ -189,7 +191,7 @@ def plot_force(record: RunRecord) -> Figure:
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
     time, force = response(record)
-    measured = numbers(record.log, "wrench_measured_tool")[_shown(record.log), 2]
+    measured = column_of(record.log, "wrench_measured_tool")[_shown(record.log), 2]
     touched = first_contact(force) is not None
     shade_band(axes, target, HOLD_BAND_N, f"{target:g} ± {HOLD_BAND_N:g} N, the paper's band")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.8, label="as the controller measures it")
@@ -254,16 +256,16 @@ def response(record: RunRecord) -> tuple[Array, Array]:
     """Time since first contact, without one since the start [s], force [N], up to the retract, each shape
     (n,)."""
     held = _shown(record.log)
-    time = numbers(record.log, "time_s")[held]
-    force = numbers(record.log, "normal_force_n")[held]
+    time = column_of(record.log, "time_s")[held]
+    force = column_of(record.log, "normal_force_n")[held]
     return time - _origin(record.log), force
 
 
 def _origin(log: RunLog) -> float:
     """When first contact is, without one the start [s]."""
     held = _shown(log)
-    contact = first_contact(numbers(log, "normal_force_n")[held])
-    return float(numbers(log, "time_s")[held][contact or 0])
+    contact = first_contact(column_of(log, "normal_force_n")[held])
+    return float(column_of(log, "time_s")[held][contact or 0])
 
 
 def _shown(log: RunLog) -> Bools:

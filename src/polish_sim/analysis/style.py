@@ -24,7 +24,7 @@ from polish_sim.row_file import Metrics
 from polish_sim.spatial import unit
 
 P = ParamSpec("P")
-Drawn = TypeVar("Drawn", Figure, Figure | None)
+FigureT = TypeVar("Drawn", Figure, Figure | None)
 
 # Colours of Okabe and Ito: distinguishable with every common kind of colour blindness.
 BLUE = "#0072B2"
@@ -86,11 +86,11 @@ def _fonts() -> list[str]:
     return ["DejaVu Sans", *(name for name in OTHER_SCRIPTS if name in known)]
 
 
-def styled(plot: Callable[P, Drawn]) -> Callable[P, Drawn]:
+def styled(plot: Callable[P, FigureT]) -> Callable[P, FigureT]:
     """Draw a figure in the house style; matplotlib's own settings are back as they were afterwards."""
 
     @wraps(plot)
-    def draw(*args: P.args, **kwargs: P.kwargs) -> Drawn:
+    def draw(*args: P.args, **kwargs: P.kwargs) -> FigureT:
         with matplotlib.rc_context(_RC | {"font.family": _fonts()}):
             return plot(*args, **kwargs)
 

@@ -12,8 +12,8 @@ from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadRead
 from polish_sim.calibration.tables import (
     JOINTS,
     QUATERNION,
-    Kind,
     Measured,
+    Quantity,
     quaternions_of,
     read_table,
     write_table,
@@ -21,7 +21,7 @@ from polish_sim.calibration.tables import (
 from polish_sim.errors import InputError
 from polish_sim.tables import csv_text
 
-PAYLOAD = Kind(
+PAYLOAD = Quantity(
     "payload",
     "a payload",
     "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings "

@@ -133,7 +133,7 @@ def mm_texts(lengths: Iterable[float]) -> list[str]:
     return [f"{1e3 * length:.9g}" for length in lengths]
 
 
-class Kind(NamedTuple):
+class Quantity(NamedTuple):
     """A kind of calibration.toml."""
 
     name: str  #: The command that makes it, ``calibrate NAME``
@@ -141,13 +141,13 @@ class Kind(NamedTuple):
     head: str  #: Comment at the top of the file: quantities, units, axes
 
 
-def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
+def write_table(file: Path, kind: Quantity, figures: Mapping[str, Any]) -> None:
     """Write a calibration as one flat table under its comment."""
     text = toml_text({"kind": kind.name} | dict(figures), head=wrap(kind.head, 116))
     file.write_text(text, encoding="utf-8")
 
 
-def read_table(file: Path, kind: Kind) -> Calibration:
+def read_table(file: Path, kind: Quantity) -> Calibration:
     """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something
     else."""
     values = read_toml(file, "calibration", InputError)

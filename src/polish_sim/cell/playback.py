@@ -29,7 +29,7 @@ class JointTargets(NamedTuple):
     qd: Array  #: Speeds [rad/s], shape (n, 6)
 
 
-class Played(NamedTuple):
+class PlayedBack(NamedTuple):
     """What the joints did, one row a step, at the moment its target is given."""
 
     q: Array  #: [rad], shape (n, 6)
@@ -41,7 +41,7 @@ class Played(NamedTuple):
     table: Array  #: Of the arm as built, shape (4, 6)
 
 
-def play_joints(model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: JointTargets) -> Played:
+def play_joints(model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: JointTargets) -> PlayedBack:
     """Play joint targets, from rest to rest and one row a step, on a scene's robot in free space, spindle at
     rest.
 
@@ -58,7 +58,7 @@ def play_joints(model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: J
     data.qpos[:JOINTS] = targets.q[0]
     still = round(SETTLE_S / model.opt.timestep)
     wanted = JointTargets(*map(np.ascontiguousarray, targets))
-    played = Played._make((*np.empty((5, *wanted.q.shape)), NOMINAL.copy()))
+    played = PlayedBack._make((*np.empty((5, *wanted.q.shape)), NOMINAL.copy()))
     arm = RealArm()
     if robot.elastic:
         played.table[:] = built_table(robot.real, seed, model, wanted.q[0])
@@ -80,7 +80,7 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
 
 
 @njit(_nrt=False)
-def _play(arm: RealArm, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
+def _play(arm: RealArm, e: EngineViews, targets: JointTargets, played: PlayedBack, still: int) -> None:
     for step in range(-still, len(targets.q)):
         row = max(step, 0)
         for j in range(JOINTS):

@@ -179,7 +179,7 @@ def _forget(memory: loops.PiMemory) -> None:
 
 
 @kernel
-def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
+def press_hybrid(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
     """In contact, replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10).
 
     The loop's speed into the part stays below that at which the stiffest springs would be struck, and its
@@ -213,7 +213,7 @@ def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: igno
     c = carray(context, 1, _CONTEXT)[0]
     m, t, out = records_at(measurement, target, answer)
     position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
-    press(m, t, c.gains, c.memory, out.twist)
+    press_hybrid(m, t, c.gains, c.memory, out.twist)
 
 
 @cfunc(LAW_SIGNATURE)
@@ -224,7 +224,7 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
     loops.position_pd(
         m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3]
     )
-    press(m, t, c.gains, c.memory, out.twist)
+    press_hybrid(m, t, c.gains, c.memory, out.twist)
 
 
 @cfunc(LAW_SIGNATURE)

@@ -104,7 +104,7 @@ class Parameter(NamedTuple):
     high: float = math.inf
 
 
-def own_parameters(name: str) -> dict[str, Parameter]:
+def law_parameters(name: str) -> dict[str, Parameter]:
     """The parameters of the class ``FILE.py:CLASS``, by name: the arguments of its ``__init__``.
 
     A class attribute ``ranges``, e.g. ``{"gain": (0.001, 0.1)}``, bounds them.

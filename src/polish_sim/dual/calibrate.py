@@ -165,7 +165,7 @@ def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
     }
 
 
-Gears = Mapping[str, RestingArm]
+RestingArms = Mapping[str, RestingArm]
 """Both arms behind their gears, robot by robot."""
 
 
@@ -177,7 +177,7 @@ class ArmTrial:
     noise: float = 3e-5  #: Of one coordinate of the tracker [m]
     poses: int = 60  #: Of each arm
     seed: int = 0
-    gears: Gears | None = None  #: None: rigid
+    gears: RestingArms | None = None  #: None: rigid
 
 
 ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
@@ -230,7 +230,7 @@ def wrong_table(tolerance: Tolerance, rng: np.random.Generator, table: Array = N
 
 
 def simulate_tracked(
-    true: PairTables, poses: int, noise: float, rng: np.random.Generator, gears: Gears | None = None
+    true: PairTables, poses: int, noise: float, rng: np.random.Generator, gears: RestingArms | None = None
 ) -> dict[str, TrackedArm]:
     """Each arm holds its target still in poses all over its workspace before the tracker; with gears it comes
     there from both sides, and the mean of the two readings is taken."""
@@ -243,7 +243,7 @@ def simulate_tracked(
 
 
 def _relative_error(
-    found: PairTables, there: Mapping[str, Array], q: Mapping[str, Array], gears: Gears | None = None
+    found: PairTables, there: Mapping[str, Array], q: Mapping[str, Array], gears: RestingArms | None = None
 ) -> float:
     weight = {robot: gears[robot].weight(q[robot]) if gears else None for robot in ROBOTS}
     off = {robot: found.arms[robot].target_at(q[robot], weight[robot]) - there[robot] for robot in ROBOTS}

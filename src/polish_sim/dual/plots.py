@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_plots import compare_runs
 from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
 from polish_sim.analysis.style import (
@@ -57,7 +57,7 @@ def plot_dual(record: RunRecord) -> Figure | None:
         return None
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
     panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
-    time = numbers(record.log, "time_s")[rows]
+    time = column_of(record.log, "time_s")[rows]
     _draw_error(panels[0], time - time[0], _while_fed(record, "relative_error_m"))
     if pressing:
         _draw_force(panels[1], time - time[0], record)
@@ -97,7 +97,7 @@ def _from_first_feed_to_last(record: RunRecord) -> slice:
 def _while_fed(record: RunRecord, name: str) -> Array:
     """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
     rows = _from_first_feed_to_last(record)
-    values = numbers(record.log, name)[rows]
+    values = column_of(record.log, name)[rows]
     values[~record.log.fed[rows]] = np.nan
     return values
 

@@ -26,7 +26,7 @@ from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begi
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Checked, Scenario
 from polish_sim.control.signals import Course, Measurement, Target
-from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedCell
+from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, Numbers, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, check, course_for, strokes_for
 from polish_sim.experiments.registry import default_scenario, experiment
@@ -49,7 +49,6 @@ ASKED = {
 """Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface``
 within 3 N."""
 TRUTH = TraceStep.dtype.names
-Numbers = NDArray[np.float32]
 _LIVE = (
     *(
         "sensor.",

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import hybrid_gains
 from polish_sim.control.laws import build_controller, tell_error
 from polish_sim.control.signals import CompiledController, Measurement, Target
-from polish_sim.envs.stepping import ACTIONS, SEEN, ActionContext, observe_law
+from polish_sim.envs.stepping import ACTIONS, SEEN, ActionContext, Numbers, observe_law
 from polish_sim.errors import InputError, PolishSimError, unknown_name
 from polish_sim.workers import local_copy
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from polish_sim.envs.env import PolishEnv
 
 _log = logging.getLogger(__name__)
-Numbers = NDArray[np.float32]
 Policy = Callable[[Numbers], Numbers]
 """From an observation to an action, each number within -1 to 1."""
 

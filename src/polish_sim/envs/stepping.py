@@ -48,6 +48,7 @@ OBSERVATION = {
 }
 """Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force,
 planned pose less the encoders', velocities. The last action follows."""
+Numbers = NDArray[np.float32]
 SEEN = sum(width for width, _ in OBSERVATION.values())
 LARGEST = 1000.0  #: A number of an observation is cut off here
 _SCALES = np.repeat(
@@ -109,7 +110,7 @@ def _force_and_feed_law(context, _course, measurement, target, answer):  # type:
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
     t.force = max(planned + c.command[0], 0.0)
     hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
-    hybrid.press(m, t, c.gains, c.memory, out.twist)
+    hybrid.press_hybrid(m, t, c.gains, c.memory, out.twist)
     out.feed, t.force = c.feed, planned  # the guards go by the plan
 
 

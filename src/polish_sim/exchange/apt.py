@@ -24,7 +24,7 @@ from polish_sim.exchange.strokes import (
 from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
-from polish_sim.tables import number
+from polish_sim.tables import number_in
 
 # The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
 
@@ -190,8 +190,8 @@ def _rapid(machine: _Machine, statement: Statement) -> None:
 
 
 def _feed_rate(machine: _Machine, statement: Statement) -> None:
-    words = [word for word in statement.arguments if math.isnan(number(word))]
-    values = [number(word) for word in statement.arguments if word not in words]
+    words = [word for word in statement.arguments if math.isnan(number_in(word))]
+    values = [number_in(word) for word in statement.arguments if word not in words]
     if any(word in PER_TURN for word in words):
         said = f"a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute."
         raise machine.error(statement, said)
@@ -221,7 +221,7 @@ def _tool_axis(machine: _Machine, statement: Statement) -> None:
 
 def _frame(machine: _Machine, statement: Statement) -> None:
     """A frame of the machine's is taken only where it is that of the part."""
-    numbers = [number(word) for word in statement.arguments]
+    numbers = [number_in(word) for word in statement.arguments]
     if numbers not in [list(frame[: len(numbers)]) for frame in OWN_FRAME] or len(numbers) not in (3, 9):
         raise _refusal(machine, statement)
 
@@ -248,7 +248,7 @@ def _take_note(machine: _Machine, statement: Statement) -> None:
 
 
 def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
-    value = number(machine.noted.get(name, ""))
+    value = number_in(machine.noted.get(name, ""))
     if name in machine.noted and math.isnan(value):
         raise InputError(
             f"'{machine.file}', before line {statement.line}: {name} is noted as "
@@ -266,9 +266,9 @@ def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> 
         )
         raise machine.error(statement, said)
     for word in statement.arguments:
-        if not math.isfinite(number(word)):
+        if not math.isfinite(number_in(word)):
             raise machine.error(statement, f"{statement.word}: '{word}' is not a number. Correct the line.")
-    return tuple(number(word) for word in statement.arguments)
+    return tuple(number_in(word) for word in statement.arguments)
 
 
 # Paths for CAM systems and postprocessors: APT/CLDATA text (plan -> GOTO points).

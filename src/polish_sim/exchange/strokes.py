@@ -16,7 +16,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
-from polish_sim.spatial import into_plane, rotation_to_axis, unit
+from polish_sim.spatial import into_plane, steady_rotations, unit
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
@@ -124,7 +124,6 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
 
 #: A feed direction with a smaller part across the tool axis says nothing: the tool moves along its axis
 ACROSS = 0.05
-STEEPEST = 0.99  #: The steady x axis must stay this far off every tool axis (cosine): 8 deg
 
 
 def feed_frames(path: ToolPath) -> Array:
@@ -156,14 +155,13 @@ def steady_frames(path: ToolPath) -> Array:
     feed every turn of a spiral would wind it once round. Raises PlanError if tool axes point along all three
     axes of the work frame, so that no x axis is clear of them all.
     """
-    along = np.abs(path.axes_work).max(axis=0)
-    best = int(along.argmin())
-    if along[best] > STEEPEST:
+    rotations = steady_rotations(-path.axes_work)
+    if rotations is None:
         raise PlanError(
             "tool axes point all around: along x, y and z of the work frame. One robot pass cannot reach "
             "that; plan a region that looks one way, e.g. --region top."
         )
-    return rotation_to_axis(-path.axes_work, np.eye(3)[best])
+    return rotations
 
 
 # Fewer points for the same line: robots and viewers need no more than its shape asks for (ToolPath -> rows).

@@ -19,7 +19,7 @@ import numpy as np
 
 from polish_sim import calibration
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import differences, read_record
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
@@ -253,10 +253,10 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
             "it had one, and --learn."
         )
     beliefs = scenario.controller.adaptive
-    time, s = (numbers(record.log, name) for name in ("time_s", "path_s_m"))
+    time, s = (column_of(record.log, name) for name in ("time_s", "path_s_m"))
     wanted = path.force_at(s, scenario.process.contact_force_n)
-    reading = numbers(record.log, "wrench_measured_tool")[:, 2]
-    height = numbers(record.log, "host_depth_m") + (wanted - reading) / beliefs.stiffness_n_m
+    reading = column_of(record.log, "wrench_measured_tool")[:, 2]
+    height = column_of(record.log, "host_depth_m") + (wanted - reading) / beliefs.stiffness_n_m
     rate = 1.0 / np.median(np.diff(time))
     highest = math.sqrt(beliefs.stiffness_n_m / beliefs.tool_mass_kg) / (2.0 * math.pi)
     low = butter(2, min(highest, 0.2 * rate), fs=rate, output="sos")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import Claim, figure_table, named_rows, shortfalls
-from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import Records, RunRecord, check_forms, notes_of, read_records, stop_mark
 from polish_sim.analysis.style import add_line, say_stop
 from polish_sim.arrays import Array
@@ -250,7 +250,7 @@ def seeds_page(records: Records, columns: Mapping[str, Metrics]) -> Page:
     curves: dict[tuple[str, str], list[Array]] = {}
     for record in records:
         time = clock(record.log)
-        kept = shown_rows(time, numbers(record.log, "q_rad"))
+        kept = shown_rows(time, column_of(record.log, "q_rad"))
         for plot in run_plots(record, run_motion(record, model, kept), kept):
             for line in (line for line in plot.lines if line.label in ALIKE):
                 values = np.interp(page.motion.time, time[kept], line.values, right=np.nan)

@@ -27,7 +27,7 @@ from polish_sim.geometry.orientation import SIDES, UP_CONE, side_name
 from polish_sim.geometry.regions.patches import facing, middle_points
 from polish_sim.geometry.regions.region import SLIVER_SHARE, patches_of
 from polish_sim.planning.feasibility import check_asked
-from polish_sim.planning.moves.travel import nearest_neighbours, turned
+from polish_sim.planning.moves.travel import nearest_neighbours, turn_between
 from polish_sim.planning.part_plan import load_mesh, prepare_region
 from polish_sim.planning.quality.tool_room import Tool
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
@@ -203,7 +203,7 @@ def _way_over(mesh: PartMesh, patches: Sequence[Patch], clearance: float) -> Too
     middle = mesh.vertices.mean(axis=0)
     points, axes = [patches[0].points], [patches[0].axes]
     for patch in patches[1:]:
-        ways = turned(axes[-1][-1], patch.axes[0], np.linspace(0.0, 1.0, AROUND))
+        ways = turn_between(axes[-1][-1], patch.axes[0], np.linspace(0.0, 1.0, AROUND))
         high = ((mesh.vertices - middle) @ ways.T).max(axis=0) + clearance
         points += [middle + high[:, None] * ways, patch.points]
         axes += [ways, patch.axes]

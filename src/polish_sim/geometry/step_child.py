@@ -6,7 +6,7 @@ Arguments: the file, the file for the triangles, chord error [mm], angle [rad], 
 import sys
 
 
-def triangulate(source: str, target: str, chord_mm: float, angle_rad: float, memory: int) -> None:
+def triangulate_step(source: str, target: str, chord_mm: float, angle_rad: float, memory: int) -> None:
     """Write the triangles of a STEP file [m], shape (m, 3, 3), as a npy file."""
     try:
         import resource
@@ -26,4 +26,4 @@ def triangulate(source: str, target: str, chord_mm: float, angle_rad: float, mem
 
 
 if __name__ == "__main__":
-    triangulate(sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]))
+    triangulate_step(sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]))

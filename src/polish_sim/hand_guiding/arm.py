@@ -117,7 +117,7 @@ DIRECTIONS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 """Unit vectors in the base frame."""
 
 
-def believe(scenario: Scenario) -> Belief:
+def believe_arm(scenario: Scenario) -> Belief:
     """The model the arm's controller uses: without the payload, or a file's, scaled by the scenario's errors.
 
     Friction is a file's only where the joints are elastic: what it is there, no rigid model says exactly.

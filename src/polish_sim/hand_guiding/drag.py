@@ -25,7 +25,7 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.geometry.surface import ClosestPoints
-from polish_sim.hand_guiding.arm import LaidPart, believe, guided_arm, hand_of, torque_arm
+from polish_sim.hand_guiding.arm import LaidPart, believe_arm, guided_arm, hand_of, torque_arm
 from polish_sim.hand_guiding.cell import HandMotion, run_guided
 from polish_sim.hand_guiding.figures import distance_to_chord, measure_taught
 from polish_sim.hand_guiding.teach import (
@@ -33,9 +33,9 @@ from polish_sim.hand_guiding.teach import (
     HOLD_S,
     MOVING,
     RELEASE_S,
-    Move,
     MoveTable,
     PlayedMove,
+    TaughtMove,
     figures_of_moves,
     move_columns,
     run_teach,
@@ -317,7 +317,7 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         turn_damping_nm_s_rad=scenario.drag.turn_damping_nm_s_rad,
     )  # fmt: skip
     model = torque_arm(scenario, LaidPart(task.mesh, task.reach.T_base_work))
-    arm = guided_arm(scenario, mode, model, believe(scenario), hand_of(grip))
+    arm = guided_arm(scenario, mode, model, believe_arm(scenario), hand_of(grip))
     dragged = drag_table(
         task.positions_base, task.rotations, scenario.drag, scenario.hand, scenario.simulation.timestep_s,
         np.random.default_rng(scenario.seed),
@@ -325,7 +325,7 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     observer.stage("drag by hand")
     started = time.perf_counter()
     run = run_guided(arm, task.reach.q_start, dragged.table.motion, dragged.table.servos, observer)
-    move = Move(mode, "rim" if scenario.drag.follow == "rim" else "file", math.nan, 0.0)
+    move = TaughtMove(mode, "rim" if scenario.drag.follow == "rim" else "file", math.nan, 0.0)
     play = PlayedMove(move, dragged.table, run)
     figures = figures_of_moves(scenario, [play], 1, time.perf_counter() - started)
     figures["T_base_work"] = task.reach.T_base_work.tolist()

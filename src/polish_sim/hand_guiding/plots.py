@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import numbers
+from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
@@ -118,9 +118,9 @@ def _draw_paper(axes: Axes, modes: set[str]) -> None:
 def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     """Time from the move's start and norm of the hand's force, from just before the move to just after."""
     log = record.log
-    of_case = numbers(log, "case") == case
-    time = numbers(log, "time_s")[of_case]
-    force = norms(numbers(log, "hand_force_n")[of_case])
+    of_case = column_of(log, "case") == case
+    time = column_of(log, "time_s")[of_case]
+    force = norms(column_of(log, "hand_force_n")[of_case])
     moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)
@@ -147,8 +147,8 @@ def plot_taught(record: RunRecord) -> Figure:
     T_base_work = np.array(record.metrics["T_base_work"])
     R = T_base_work[:3, :3]
     origin = T_base_work[:3, 3]
-    meant = (numbers(record.log, "target_position_m")[moving] - origin) @ R
-    recorded = (numbers(record.log, "tcp_position_m")[moving] - origin) @ R
+    meant = (column_of(record.log, "target_position_m")[moving] - origin) @ R
+    recorded = (column_of(record.log, "tcp_position_m")[moving] - origin) @ R
     taught = record.path.positions_work
     figure = new_figure(11.0, 4.8)
     above, along = figure.subplots(1, 2, width_ratios=(1.0, 1.2))

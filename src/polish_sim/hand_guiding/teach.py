@@ -19,7 +19,7 @@ from polish_sim.experiments.result import PartOf, RunResult
 from polish_sim.hand_guiding.arm import (
     DIRECTIONS,
     HOME,
-    believe,
+    believe_arm,
     guided_arm,
     hand_of,
     home_pose,
@@ -44,7 +44,7 @@ HELD, MOVING, OFF = (
 )  #: Phases of the log: the hand holds still, moves, is off
 
 
-class Move(NamedTuple):
+class TaughtMove(NamedTuple):
     """One move of the hand in one mode."""
 
     mode: str
@@ -68,7 +68,7 @@ class MoveTable(NamedTuple):
     phase: NDArray[np.int8]  #: Shape (n,)
 
 
-def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
+def moves_of(guide: GuideConfig, hand: HandConfig) -> list[TaughtMove]:
     """The moves a scenario asks for; only the last one is followed for long after the hand has released
     it."""
     if guide.mode and guide.mode not in MODES:
@@ -85,7 +85,7 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
             f"guide.joint_speed_limit_rad_s that help fades. Set --duration {shortest:.3f} or longer."
         )
     durations = [guide.duration_s] if guide.duration_s else [FAST_S, SLOW_S]
-    moves = [Move(m, d, s, 0.0) for m in modes for d in directions for s in durations]
+    moves = [TaughtMove(m, d, s, 0.0) for m in modes for d in directions for s in durations]
     # An arm that does not carry itself is not released.
     return [*moves[:-1], moves[-1]._replace(off=hand.off_s if MODES[moves[-1].mode].gravity else 0.0)]
 
@@ -102,7 +102,7 @@ def minimum_jerk(share: Array) -> tuple[Array, Array]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
 
 
-def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
+def move_table(move: TaughtMove, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
     """Where the hand wants the tool at every step of a move, centred on the pose ``T_base_home``."""
     begin = HOLD_S + RELEASE_S + hand.before_s
     duration = move.duration
@@ -124,7 +124,7 @@ def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> M
 def least_duration(direction: str, guide: GuideConfig, hand: HandConfig) -> float:
     """Of the hand's move, so that neither the tool nor a joint gets to where the compensation fades [s]."""
     T_base_tool, dt = home_pose(), 0.01
-    table = move_table(Move("", direction, 1.0, 0.0), hand, T_base_tool, dt)
+    table = move_table(TaughtMove("", direction, 1.0, 0.0), hand, T_base_tool, dt)
     q = [np.array(HOME)]
     for T_base_tool[:3, 3] in table.motion.positions[table.phase == MOVING]:
         q.append(joints_for(T_base_tool, q[-1]))
@@ -139,7 +139,7 @@ def least_duration(direction: str, guide: GuideConfig, hand: HandConfig) -> floa
 class PlayedMove(NamedTuple):
     """A move and its result."""
 
-    move: Move
+    move: TaughtMove
     table: MoveTable
     run: GuidingRun
 
@@ -220,7 +220,7 @@ def _is_whole(play: PlayedMove) -> bool:
     return len(moving) > 0 and guided > int(moving[-1])
 
 
-def _name(move: Move) -> str:
+def _name(move: TaughtMove) -> str:
     return f"{move.mode}_{move.direction}_{move.pace}"
 
 
@@ -236,7 +236,7 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     observer.stage("guide by hand")
     started = time.perf_counter()
     model = torque_arm(scenario)
-    belief = believe(scenario)
+    belief = believe_arm(scenario)
     T_base_home = home_pose()
     played: list[PlayedMove] = []
     for count, move in enumerate(moves):

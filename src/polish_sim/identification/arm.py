@@ -63,7 +63,7 @@ class SimulatedArm:
         return KnownArm(self.truth, self.robot.real, self.head, self.bent, drawing.parameters)
 
 
-def build_arm(
+def build_simulated_arm(
     terms: tuple[str, ...],
     robot: RobotConfig = SCENARIO.robot,
     seed: int = 0,
@@ -203,7 +203,7 @@ class LoggedRobot:
 
 def cell_arm() -> LoggedRobot:
     """The cell's UR5e with sensor, spindle and head."""
-    arm = build_arm(FULL)
+    arm = build_simulated_arm(FULL)
     return LoggedRobot(arm.truth, arm.carried)
 
 

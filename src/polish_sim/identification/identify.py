@@ -17,7 +17,7 @@ from polish_sim.identification.arm import (
     LoggedRobot,
     SimulatedArm,
     believe,
-    build_arm,
+    build_simulated_arm,
     motion_limits,
     play_motion,
 )
@@ -105,7 +105,9 @@ def run_identification(
     # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
-    arm = build_arm(settings.terms, settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD)
+    arm = build_simulated_arm(
+        settings.terms, settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD
+    )
     base = base_of(arm.truth)
     sigma = np.array(settings.sigma)
     drawing = believe(arm, streams[0])

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Indices, rms
-from polish_sim.identification.arm import LoggedRobot, build_arm, play_motion
+from polish_sim.identification.arm import LoggedRobot, build_simulated_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
     JointSums,
@@ -169,7 +169,7 @@ def weigh_block(
     """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run
     without it."""
     load = random_block(settings.payload, rng)
-    arm = build_arm(settings.terms, settings.robot, settings.seed, load)
+    arm = build_simulated_arm(settings.terms, settings.robot, settings.seed, load)
     sigma = np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
     log = with_noise(log, settings.encoder_step, sigma, rng)

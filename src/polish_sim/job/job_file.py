@@ -15,7 +15,7 @@ from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.tools import Tool, at, naming_line, read_tools
+from polish_sim.job.tools import JobTool, named_place, naming_line, read_tools
 from polish_sim.scenario_file import merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml
 
@@ -74,7 +74,7 @@ class Pass(NamedTuple):
     number: int
     setup_head: SetupHead
     head: PassHead
-    tool: Tool
+    tool: JobTool
     zones: tuple[Zone, ...]
     scenario: Checked
 
@@ -115,9 +115,9 @@ def read_job(file: Path) -> Job:
     return Job(file, head, passes, hashlib.sha256(file.read_bytes()).hexdigest())
 
 
-def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: Path) -> Iterator[Pass]:
+def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, JobTool], file: Path) -> Iterator[Pass]:
     for s, setup in enumerate(setups, 1):
-        with at(f"setup {s}"):
+        with named_place(f"setup {s}"):
             found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"))
             regions = inner.get("regions", ["auto"])
             passes = inner.get("pass", [])
@@ -131,7 +131,7 @@ def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: 
             clamped = merge(base, {"part": part}, "")
         for r, region in enumerate(regions, 1):
             for p, asked in enumerate(passes, 1):
-                with at(f"setup {s}, pass {p}"):
+                with named_place(f"setup {s}, pass {p}"):
                     one = _pass(clamped, (s, r, p), found, region, asked, tools, file.parent)
                 yield one
 
@@ -142,7 +142,7 @@ def _pass(
     setup: SetupHead,
     region: str,
     asked: Any,
-    tools: Mapping[str, Tool],
+    tools: Mapping[str, JobTool],
     folder: Path,
 ) -> Pass:
     head, inner = _split(asked, PassHead(), ("zone", *SECTIONS))

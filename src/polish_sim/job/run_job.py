@@ -32,7 +32,7 @@ from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
-from polish_sim.job.tools import at, naming_line
+from polish_sim.job.tools import named_place, naming_line
 from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
@@ -48,7 +48,7 @@ READERS = {METRICS: read_json, "log.npz": read_log, "removal.npz": read_removal}
 ON_ZONE_M = 1e-4  #: Points of a path so near a zone are in it [m]
 
 
-class Row(NamedTuple):
+class PassRow(NamedTuple):
     """One pass that is done: what job.json says of it."""
 
     folder: str
@@ -67,18 +67,18 @@ def check_regions(job: Job) -> None:
     for one in job.passes:
         asked = one.scenario.plan
         key = (one.scenario.part, one.scenario.plan.feature_angle_rad)
-        with naming_line(job.file), at(f"{one.folder}, '{asked.region}'"):
+        with naming_line(job.file), named_place(f"{one.folder}, '{asked.region}'"):
             if key not in parts:
                 mesh = load_mesh(one.scenario.part)
                 parts[key] = mesh, fit_surface(mesh, asked.feature_angle_rad)
             mesh, surface = parts[key]
             choose_region(mesh, surface, asked)
         for zone in one.zones:
-            with naming_line(job.file), at(f"{one.folder}, zone '{zone.region}'"):
+            with naming_line(job.file), named_place(f"{one.folder}, zone '{zone.region}'"):
                 select_region(surface, mesh, zone.region, asked.feature_angle_rad)
 
 
-def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
+def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
     """Do what is not done yet; each pass is given when it is on disk.
 
     Raises:
@@ -93,7 +93,7 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
             observer.stage(here)
             if not (target / "run").is_dir():
                 seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
-                with naming_line(job.file), at(here):
+                with naming_line(job.file), named_place(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
             for name, read in READERS.items():
                 try:
@@ -105,7 +105,7 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} in run/{METRICS}")
             worn[abrasive] = figures["sliding_work_after_nm"]
-            yield Row(here, part, one, figures)
+            yield PassRow(here, part, one, figures)
 
 
 def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
@@ -217,7 +217,7 @@ def _read_pieces(folder: Path) -> list[Played]:
     return found
 
 
-def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
+def summed_maps(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
     """What several runs took off together, on the nodes of the first, times what is ``left`` of the
     abrasive."""
     first = maps[0]
@@ -231,7 +231,7 @@ def _write(
     last = parts[-1]
     maps = [result.removal for result in parts if result.removal is not None]
     scenario = last.scenario
-    removal = summed(maps, left)
+    removal = summed_maps(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
     fed = sum(float(result.trace.fed.sum()) for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
@@ -262,9 +262,9 @@ def removal_work(maps: list[RemovalMap]) -> float:
     return sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
 
 
-def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
+def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
     """What job.json says: passes, times, and the removal of each region summed over its passes."""
-    regions: dict[str, list[Row]] = {}
+    regions: dict[str, list[PassRow]] = {}
     operator = 0.0
     before = None
     for row in rows:
@@ -277,7 +277,7 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
         before = (row.part, one.setup, one.head.tool, one.head.grit)
     sums = []
     for name, those in regions.items():
-        found = summed([read_removal(folder / row.folder / "run" / "removal.npz") for row in those])
+        found = summed_maps([read_removal(folder / row.folder / "run" / "removal.npz") for row in those])
         sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
     total = {
         name: sum(row.figures[name] for row in rows)

@@ -32,7 +32,7 @@ def naming_line(file: Path) -> Iterator[None]:
 
 
 @contextmanager
-def at(place: str) -> Iterator[None]:
+def named_place(place: str) -> Iterator[None]:
     """Put a place of the job before the errors of the block."""
     try:
         yield
@@ -70,7 +70,7 @@ KINDS = (SPINDLE, ORBITAL, BELT)
 
 
 @dataclass(frozen=True)
-class Tool:
+class JobTool:
     """A tool."""
 
     kind: str = key(
@@ -144,7 +144,7 @@ class Tool:
             )
 
 
-def read_tools(file: Path | None = None) -> Mapping[str, Tool]:
+def read_tools(file: Path | None = None) -> Mapping[str, JobTool]:
     """The shipped tools by name, and those of a file.
 
     Raises:
@@ -153,7 +153,7 @@ def read_tools(file: Path | None = None) -> Mapping[str, Tool]:
     return _tools(SHIPPED) | (_tools(file) if file is not None else {})
 
 
-def choose_tool(words: str) -> Tool:
+def choose_tool(words: str) -> JobTool:
     """A tool by its name, ``NAME`` or ``FILE.toml:NAME``.
 
     Raises:
@@ -166,14 +166,14 @@ def choose_tool(words: str) -> Tool:
     return tools[name]
 
 
-def _tools(file: Path) -> dict[str, Tool]:
+def _tools(file: Path) -> dict[str, JobTool]:
     tools = {}
     tables = read_toml(file, "tool file", ConfigError)
     with naming_line(file):
         for name, table in tables.items():
             if not isinstance(table, dict):
                 raise ConfigError(f"'{name}' is no tool: write [{name}] and its keys below.")
-            tool = merge(Tool(), table, f"{name}.")
+            tool = merge(JobTool(), table, f"{name}.")
             if tool.kind not in KINDS:
                 raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
             if tool.kind != SPINDLE and tool.slide_m_s == 0.0:

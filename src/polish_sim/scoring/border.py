@@ -153,7 +153,7 @@ class LouderLaw:
         return answer
 
 
-def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
+def press_bench(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
     """Press on the part, hold, and see whether the force settles; a protective stop counts as unstable.
 
     Noise and part errors of the scenario are taken out. ``gain``: on the controller's answer along the tool
@@ -219,7 +219,7 @@ def border_row(task: Task) -> Row:
         return {"longest_s": longest_stable(task.scenario)}
     softest = replace(task.scenario, head=replace(task.scenario.head, spring_scale=SCALES[0]))
     bench = _BENCHES.get(place_key(softest), lambda: build_bench(softest))
-    return press(bench, task.scenario)._asdict()
+    return press_bench(bench, task.scenario)._asdict()
 
 
 def measure_border(

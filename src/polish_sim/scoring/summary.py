@@ -99,7 +99,7 @@ _FIGURES = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_error_n")
 NONE = "-"
 
 
-def number(value: float | None) -> str:
+def figure_text(value: float | None) -> str:
     """Three significant digits; a dash where there is none."""
     return NONE if value is None else f"{value:.3g}"
 
@@ -141,9 +141,9 @@ def verdict_table(verdicts: Sequence[JudgedFigure]) -> Table:
         worst = (
             f"{100.0 * (v.worst or 0.0):.4g}%"
             if shares
-            else ("never" if v.worst is None else number(v.worst))
+            else ("never" if v.worst is None else figure_text(v.worst))
         )
-        mean = NONE if shares else number(v.mean)
+        mean = NONE if shares else figure_text(v.mean)
         last = [str(v.runs), v.worst_case or NONE, "yes" if v.met else "NO"]
         rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
     return Table(headings, rows)
@@ -155,7 +155,7 @@ def worst_line(score: Score, entry: Entry) -> str:
     if worst is None:
         return f"{entry.label}: no rows"
     how = "" if worst["stable"] else f", {worst['protective_stop'] or 'not stable'}"
-    error = "" if worst["max_error_n"] is None else f", error up to {number(worst['max_error_n'])} N"
+    error = "" if worst["max_error_n"] is None else f", error up to {figure_text(worst['max_error_n'])} N"
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
@@ -203,7 +203,7 @@ def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
     rows = []
     for figure, label in SHOWN.items():
         spreads = [s.figures.get(figure, Spread(None, None)) for s in own]
-        cells = [number(s.mean) for s in spreads] + [_worst(s, figure, case.moving) for s in spreads]
+        cells = [figure_text(s.mean) for s in spreads] + [_worst(s, figure, case.moving) for s in spreads]
         rows.append([label, *cells, *([_delta(*spreads)] if len(own) == 2 else [])])
     rows.append(["stable", *("" for _ in own), *(_stable(s) for s in own), *([""] if len(own) == 2 else [])])
     headings += ["worst, change"] if len(own) == 2 else []
@@ -218,7 +218,7 @@ def _cell(summary: Summary, figure: str, means: bool) -> str:
     spread = summary.figures.get(figure, Spread(None, None))
     worst = _worst(spread, figure, summary.case.moving)
     return (
-        f"{number(spread.mean)} / {worst}"
+        f"{figure_text(spread.mean)} / {worst}"
         if means and spread.mean is not None and len(summary.rows) > 1
         else worst
     )
@@ -227,7 +227,7 @@ def _cell(summary: Summary, figure: str, means: bool) -> str:
 def _worst(spread: Spread, figure: str, moving: bool) -> str:
     """The worst value; ``never`` where one is missing that is missing only in failed runs."""
     if spread.worst is not None or (figure == "settling_1n_s" and moving):
-        return number(spread.worst)
+        return figure_text(spread.worst)
     return "never" if figure == "settling_1n_s" else NONE
 
 
@@ -246,7 +246,7 @@ def _stable(summary: Summary) -> str:
 def _weakness(summary: Summary) -> str:
     lost = summary.figures["contact_lost_s"].mean or 0.0
     swing = summary.figures["oscillation_n"].worst or 0.0
-    return f"contact lost for {number(lost)} s on average, oscillation up to {number(swing)} N"
+    return f"contact lost for {figure_text(lost)} s on average, oscillation up to {figure_text(swing)} N"
 
 
 # What each law of a composed controller is worth: the battery with one of them left out at a time.
@@ -333,7 +333,7 @@ def _told(changes: dict[str, float], places: bool) -> str:
 
 
 def _signed(value: float) -> str:
-    return ("+" if value >= 0.0 else "") + number(value if abs(value) >= _NOTHING else 0.0)
+    return ("+" if value >= 0.0 else "") + figure_text(value if abs(value) >= _NOTHING else 0.0)
 
 
 def _laws(entry: Entry) -> list[str]:

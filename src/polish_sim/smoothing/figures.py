@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Figures, Indices
+from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation
+from polish_sim.motion.rules.deviation import Deviation, LargestAt, measure_deviation
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
@@ -24,7 +25,6 @@ SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left 
 BLOCK = 100_000
 NPZ, CSV = "trajectory.npz", "trajectory.csv"
 TOOL = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
-JOINTS = tuple(f"q{j}_rad" for j in range(1, 7))
 TIP_UNITS = ("m_s", "m_s2", "m_s3")
 TURN_UNITS = ("rad_s", "rad_s2", "rad_s3")
 
@@ -232,7 +232,7 @@ def axis_limits(limits: LimitValues) -> tuple[float, float, float]:
     return limits.axis_speed, limits.axis_acceleration, limits.axis_jerk
 
 
-def _deviation(place: Place, unit: str, locate: Locate) -> Figures:
+def _deviation(place: LargestAt, unit: str, locate: Locate) -> Figures:
     return {f"value_{unit}": place.value, "time_s": place.time} | locate(place.time)
 
 

@@ -93,7 +93,7 @@ def distinct_rows(points: WayPoints) -> Indices:
     return rows
 
 
-class Way(NamedTuple):
+class PlacedWay(NamedTuple):
     """Way points with more between them."""
 
     positions: Array  #: [m], shape (m, 3)
@@ -101,7 +101,7 @@ class Way(NamedTuple):
     ends: Indices  #: The way point each row is, or is on the way to, shape (m,)
 
 
-def way_between(positions: Array, axes: Array) -> Way:
+def way_between(positions: Array, axes: Array) -> PlacedWay:
     """Add points so that the arm can be followed from each way point to the next.
 
     Args:
@@ -122,7 +122,7 @@ def way_between(positions: Array, axes: Array) -> Way:
     old, new = (1.0 - u) * np.sinc((1.0 - u) * share), u * np.sinc(u * share)
     turned = (old[:, None] * axes[k] + new[:, None] * axes[k + 1]) / np.sinc(share)[:, None]
     ends = np.concatenate([[0], k + 1])
-    return Way(np.concatenate([positions[:1], on_way]), np.concatenate([axes[:1], turned]), ends)
+    return PlacedWay(np.concatenate([positions[:1], on_way]), np.concatenate([axes[:1], turned]), ends)
 
 
 def _turns(axes: Array) -> Array:
@@ -133,7 +133,7 @@ def _turns(axes: Array) -> Array:
 
 def follow_path(
     points: WayPoints, rows: Indices, placements: Iterator[Array], otherwise: str, cure: str
-) -> tuple[Reach, Way, Array]:
+) -> tuple[Reach, PlacedWay, Array]:
     """Lay a path before the robot at the first placement that reaches it, and follow all of it with the
     joints.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Figures, norms, running_sums
 from polish_sim.cell import SILENT, Observer, tool_on_flange
-from polish_sim.cell.playback import JointTargets, Played, play_joints
+from polish_sim.cell.playback import JointTargets, PlayedBack, play_joints
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Checked
 from polish_sim.errors import ReachError, place_in_mm
@@ -143,7 +143,7 @@ class RulePlay(NamedTuple):
 
     seen: PlayedRule  #: What rules are compared by
     targets: JointRates
-    played: Played
+    played: PlayedBack
 
 
 def trace_of_rule(play: RulePlay) -> Trace:

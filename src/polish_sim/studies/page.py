@@ -21,10 +21,10 @@ from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError, InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, default_scenario
 from polish_sim.page.page import Page, tables_page
-from polish_sim.studies.study import Run, Study
+from polish_sim.studies.study import Study, StudyRun
 from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 
-Columns = Mapping[str, Sequence[Any]]  #: Values of all runs, by name
+RunValues = Mapping[str, Sequence[Any]]  #: Values of all runs, by name
 WORST = 10  #: Runs that are shown with the command that repeats them
 MOST_LINES = 1500  #: Of parallel coordinates
 PREFERRED = (
@@ -41,7 +41,7 @@ PREFERRED = (
 MOST_BINS = 40  #: More values of a setting than this are put together by twentieths of its range
 
 
-def sweep_page(study: Study, columns: Columns) -> Page:
+def sweep_page(study: Study, columns: RunValues) -> Page:
     """The page of a sweep's rows; ``columns`` by name, of runs of this study and of others in its
     folder."""
     outcomes, axes = list(columns["outcome"]), [axis.key for axis in study.axes if axis.key in columns]
@@ -78,7 +78,7 @@ def sweep_page(study: Study, columns: Columns) -> Page:
     return tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts)
 
 
-def _differing(study: Study, columns: Columns) -> dict[str, Claim]:
+def _differing(study: Study, columns: RunValues) -> dict[str, Claim]:
     """The experiment's figures that are not the same in all runs."""
     claims = {claim.figure: claim for claim in claims_shown([study.base]) if claim.figure in columns}
     values = {name: _numbers(columns[name]) for name in claims}
@@ -93,7 +93,7 @@ def _numbers(values: Sequence[Any]) -> Array:
     return np.array([math.nan if value is None else float(value) for value in values])
 
 
-def worst_runs(study: Study, columns: Columns, goals: Sequence[Claim]) -> list[Sequence[str]]:
+def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> list[Sequence[str]]:
     """Runs that failed or stopped, then those with the largest figure, each with the command that repeats
     it."""
     rank = {FAILED: 3.0, LOST: 3.0, STOPPED: 2.0}
@@ -105,7 +105,7 @@ def worst_runs(study: Study, columns: Columns, goals: Sequence[Claim]) -> list[S
     for k in order[:WORST]:
         values = tuple(columns[axis.key][k] if axis.key in columns else None for axis in study.axes)
         try:
-            scenario = study.scenario(Run(values, columns["seed"][k]))
+            scenario = study.scenario(StudyRun(values, columns["seed"][k]))
             command = once_more(scenario, default_scenario(scenario.experiment))
         except (ConfigError, InputError):  # of another study in this folder
             command = "-"
@@ -116,7 +116,7 @@ def worst_runs(study: Study, columns: Columns, goals: Sequence[Claim]) -> list[S
 
 
 def pareto(
-    columns: Columns, axes: Sequence[str], goals: Sequence[Claim]
+    columns: RunValues, axes: Sequence[str], goals: Sequence[Claim]
 ) -> list[tuple[tuple[Any, ...], Array, bool]]:
     """Every point's values, the mean of each goal over its seeds, and whether no other is as good in both.
 
@@ -179,7 +179,7 @@ def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple
 
 
 @styled
-def plot_parallel(columns: Columns, axes: Sequence[str], claims: Sequence[Claim]) -> Figure:
+def plot_parallel(columns: RunValues, axes: Sequence[str], claims: Sequence[Claim]) -> Figure:
     """Every run as a line across settings and figures, coloured by the first figure."""
     columns_shown = [(axis, columns[axis], 1.0) for axis in axes]
     columns_shown += [(f"{c.label} [{c.unit}]", columns[c.figure], c.scale) for c in claims]
@@ -216,7 +216,7 @@ def plot_parallel(columns: Columns, axes: Sequence[str], claims: Sequence[Claim]
 
 
 @styled
-def plot_responses(columns: Columns, axes: Sequence[str], claim: Claim) -> Figure:
+def plot_responses(columns: RunValues, axes: Sequence[str], claim: Claim) -> Figure:
     """A figure over each setting: the mean of all other settings and seeds, with a band from 10 to 90%."""
     values = claim.scale * _numbers(columns[claim.figure])
     known = np.isfinite(values)

@@ -45,7 +45,7 @@ class Axis(NamedTuple):
         return float(self.low + (self.high - self.low) * share)
 
 
-class Run(NamedTuple):
+class StudyRun(NamedTuple):
     """One run of a study."""
 
     values: tuple[Any, ...]  #: In the order of the axes
@@ -68,13 +68,13 @@ class Study:
             return list(itertools.product(*(axis.values for axis in self.axes)))
         return [tuple(axis.at(u) for axis, u in zip(self.axes, row, strict=True)) for row in self._shares()]
 
-    def runs(self) -> Iterator[Run]:
+    def runs(self) -> Iterator[StudyRun]:
         """Every point with every seed; neighbours share a seed, and so the part it draws."""
         points = self.points()
         for seed in range(self.base.seed, self.base.seed + self.seeds):
-            yield from (Run(values, seed) for values in points)
+            yield from (StudyRun(values, seed) for values in points)
 
-    def scenario(self, run: Run) -> Scenario:
+    def scenario(self, run: StudyRun) -> Scenario:
         """The complete scenario of a run.
 
         Raises:
@@ -196,7 +196,7 @@ def _frozen(value: Any) -> Any:
 # A study as a file.
 
 
-def to_text(study: Study) -> str:
+def study_text(study: Study) -> str:
     """The study as study.toml."""
     usual = default_scenario(study.base.experiment)
     words = changed_words(replace(study.base, seed=0), replace(usual, seed=0))

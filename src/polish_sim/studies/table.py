@@ -21,7 +21,7 @@ from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.row_file import Metrics, Row, Rows, package_versions, whole_file, whole_folder, write_metrics
 from polish_sim.source_stamp import package_hash
-from polish_sim.studies.study import Run, Study
+from polish_sim.studies.study import Study, StudyRun
 from polish_sim.workers import Heard, Workers, fill_rows, local_copy
 
 RUNS = "runs.parquet"
@@ -39,11 +39,11 @@ _PAUSE_S = 60.0  #: Between two writings of the table, at least
 _SHARE = 50.0  #: Pause over the time one takes, at least
 
 _PLANS = Memory()
-Task = tuple[str, Run]  #: The hash of a run's config, and the run
-Keys = dict[Task, str]
+StudyTask = tuple[str, StudyRun]  #: The hash of a run's config, and the run
+Keys = dict[StudyTask, str]
 
 
-def run_row(study: Study, logs: Path | None, task: Task) -> Row:
+def run_row(study: Study, logs: Path | None, task: StudyTask) -> Row:
     """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder
     goes."""
     key, run = task
@@ -82,7 +82,7 @@ def run_row(study: Study, logs: Path | None, task: Task) -> Row:
     }
 
 
-def begun_row(study: Study, task: Task) -> Row:
+def begun_row(study: Study, task: StudyTask) -> Row:
     """What is known of a run before it is done."""
     key, run = task
     values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
@@ -200,9 +200,9 @@ def run_study(
     @cache
     def group_of_point(values: tuple[Any, ...]) -> int:
         """Of runs with one plan; found once for each point."""
-        return hash(place_key(study.scenario(Run(values, study.base.seed))))
+        return hash(place_key(study.scenario(StudyRun(values, study.base.seed))))
 
-    def lost(task: Task, trouble: str) -> Row:
+    def lost(task: StudyTask, trouble: str) -> Row:
         return begun_row(study, task) | {"outcome": LOST, "reason": trouble}
 
     return fill_rows(keys, table, work, lambda task: group_of_point(task[1].values), workers, heard, lost)[1]

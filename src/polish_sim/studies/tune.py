@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
-from polish_sim.control.laws import own_parameters
+from polish_sim.control.laws import law_parameters
 from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
@@ -141,7 +141,7 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
         if shipped
         else {
             name: (p.default, p.low, p.high)
-            for name, p in own_parameters(controller).items()
+            for name, p in law_parameters(controller).items()
             if _is_number(p.default)
         }
     )

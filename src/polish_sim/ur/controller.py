@@ -80,11 +80,11 @@ PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was 
 KEPT = 1000  #: Lines of the controller's log that are kept, and messages of a tick
 UNREAD = 8  #: Programmes that may wait to be read
 
-Start = Callable[["Program", "Controller", str], "Machine"]
+Start = Callable[["Program", "RobotController", str], "Machine"]
 """Makes a machine of a programme, for a client's address."""
 
 
-class Controller:
+class RobotController:
     """What all ports of one robot share."""
 
     def __init__(
@@ -352,7 +352,7 @@ class Programs:
     LONGEST: Final = 2_000_000  #: Characters of a programme
     _number = itertools.count(1)
 
-    def __init__(self, controller: Controller, client: str) -> None:
+    def __init__(self, controller: RobotController, client: str) -> None:
         self._controller = controller
         self._client = client
         self._buffer = b""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from polish_sim.ur.controller import UNLOCK_TICKS, Controller
+from polish_sim.ur.controller import UNLOCK_TICKS, RobotController
 from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING, STOPPED
 
 GREETING = "Connected: Universal Robots Dashboard Server"
@@ -16,31 +16,31 @@ LONGEST = 4096  #: Of a line
 BYE = "Disconnected"
 
 
-def _power(mode: int, said: str) -> Callable[[Controller, str], str]:
-    def command(controller: Controller, _: str) -> str:
+def _power(mode: int, said: str) -> Callable[[RobotController, str], str]:
+    def command(controller: RobotController, _: str) -> str:
         controller.power(mode)
         return said
 
     return command
 
 
-def _stop(controller: Controller, _: str) -> str:
+def _stop(controller: RobotController, _: str) -> str:
     controller.stop("by the dashboard")
     return "Stopped"
 
 
-def _play(controller: Controller, _: str) -> str:
+def _play(controller: RobotController, _: str) -> str:
     return "Starting program" if controller.play() else "Failed to execute: play"
 
 
-def _pause(controller: Controller, _: str) -> str:
+def _pause(controller: RobotController, _: str) -> str:
     if controller.robot.runtime == STOPPED:
         return "Failed to execute: pause"
     controller.pause()
     return "Pausing program"
 
 
-def _unlock(controller: Controller, _: str) -> str:
+def _unlock(controller: RobotController, _: str) -> str:
     if controller.unlock(UNLOCK_TICKS):
         return "Protective stop releasing"
     return (
@@ -49,27 +49,27 @@ def _unlock(controller: Controller, _: str) -> str:
     )
 
 
-def _popup(controller: Controller, text: str) -> str:
+def _popup(controller: RobotController, text: str) -> str:
     controller.popup(text, "Message", False, False, False)
     return "showing popup"
 
 
-def _close_popup(controller: Controller, _: str) -> str:
+def _close_popup(controller: RobotController, _: str) -> str:
     controller.close_popup()
     return "closing popup"
 
 
-def _log(controller: Controller, text: str) -> str:
+def _log(controller: RobotController, text: str) -> str:
     controller.note(text)
     return "Added log message" if text else "No log message to add"
 
 
-def _version(controller: Controller, _: str) -> str:
+def _version(controller: RobotController, _: str) -> str:
     major, minor, bugfix, build = controller.version
     return f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2026)"
 
 
-COMMANDS: Mapping[str, Callable[[Controller, str], str]] = {
+COMMANDS: Mapping[str, Callable[[RobotController, str], str]] = {
     "load": lambda c, name: f"File not found: {name}",
     "play": _play,
     "stop": _stop,
@@ -104,7 +104,7 @@ COMMANDS: Mapping[str, Callable[[Controller, str], str]] = {
 """What each command does and answers, by its words in lower case."""
 
 
-def answer(controller: Controller, line: str) -> str:
+def answer(controller: RobotController, line: str) -> str:
     """The answer to a line; the longest command that it begins with counts."""
     words = line.split()
     for count in range(len(words), 0, -1):

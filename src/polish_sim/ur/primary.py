@@ -12,7 +12,7 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import used_arm
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.controller import RobotController
 
 ROBOT_STATE, ROBOT_MESSAGE = 16, 20
 TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
@@ -25,7 +25,7 @@ def message(kind: int, stamp_us: int, body: bytes) -> bytes:
     return _framed(ROBOT_MESSAGE, struct.pack(">QbB", stamp_us, -2, kind) + body)
 
 
-def version_message(controller: Controller) -> bytes:
+def version_message(controller: RobotController) -> bytes:
     """The first message a client receives."""
     major, minor, bugfix, build = controller.version
     name = b"URControl"
@@ -38,7 +38,7 @@ def version_message(controller: Controller) -> bytes:
     return message(VERSION, int(1e6 * controller.robot.time_s), body)
 
 
-def robot_state(controller: Controller, configuration: bool) -> bytes:
+def robot_state(controller: RobotController, configuration: bool) -> bytes:
     """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not
     change."""
     r = controller.robot
@@ -122,7 +122,7 @@ def robot_state(controller: Controller, configuration: bool) -> bytes:
     return _framed(ROBOT_STATE, b"".join(parts))
 
 
-def _joints(controller: Controller) -> bytes:
+def _joints(controller: RobotController) -> bytes:
     r = controller.robot
     joints = []
     for q, target, qd, torque in zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques, strict=True):
@@ -132,7 +132,7 @@ def _joints(controller: Controller) -> bytes:
     return _framed(1, b"".join(joints))
 
 
-def realtime_state(controller: Controller) -> bytes:
+def realtime_state(controller: RobotController) -> bytes:
     """The 1220 bytes of port 30003."""
     r = controller.robot
     still = np.zeros(6)

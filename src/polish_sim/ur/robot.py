@@ -34,7 +34,7 @@ from polish_sim.ur.motion import (
 from polish_sim.ur.physics import TICK_S, Rig
 
 Side = Literal["in", "out"]
-Kind = Literal["int", "double", "bool"]
+SignalType = Literal["int", "double", "bool"]
 
 CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
@@ -489,13 +489,13 @@ class SimulatedRobot:
 
     # Registers and IO.
 
-    def register(self, side: Side, kind: Kind, index: int) -> float | int | bool:
+    def register(self, side: Side, kind: SignalType, index: int) -> float | int | bool:
         """Read a general-purpose register of RTDE: 48 integers, 48 doubles, 128 bits each way."""
         if side == "in":
             self.inputs_read.add(f"input_{'bit' if kind == 'bool' else kind}_register_{index}")
         return self.registers[side][kind][index]  # type: ignore[index, no-any-return]
 
-    def set_register(self, kind: Kind, index: int, value: float | bool) -> None:
+    def set_register(self, kind: SignalType, index: int, value: float | bool) -> None:
         """Write an output register."""
         convert = {"int": int, "double": float, "bool": bool}[kind]
         self.registers["out"][kind][index] = convert(value)  # type: ignore[index]

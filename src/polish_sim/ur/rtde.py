@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.controller import RobotController
 
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
@@ -30,13 +30,13 @@ class ProtocolError(Exception):
     """A client sent what no RTDE client sends: it is dropped."""
 
 
-def _registers(side: str) -> dict[str, tuple[str, Callable[[Controller], Any]]]:
-    found: dict[str, tuple[str, Callable[[Controller], Any]]] = {}
+def _registers(side: str) -> dict[str, tuple[str, Callable[[RobotController], Any]]]:
+    found: dict[str, tuple[str, Callable[[RobotController], Any]]] = {}
 
-    def value(kind: str, index: int) -> Callable[[Controller], Any]:
+    def value(kind: str, index: int) -> Callable[[RobotController], Any]:
         return lambda c: c.robot.registers[side][kind][index]
 
-    def packed(first: int) -> Callable[[Controller], Any]:
+    def packed(first: int) -> Callable[[RobotController], Any]:
         return lambda c: sum(
             bit << k for k, bit in enumerate(c.robot.registers[side]["bool"][first : first + 32])
         )
@@ -88,7 +88,7 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
 """What the cell does not have, by type, at its value of a robot at rest."""
 
 
-def _still(value: Any) -> Callable[[Controller], Any]:
+def _still(value: Any) -> Callable[[RobotController], Any]:
     return lambda c: value
 
 
@@ -136,7 +136,7 @@ READ: Mapping[str, Mapping[str, str]] = {
     },
 }
 """What the controller has as it is, by type."""
-FIELDS: Mapping[str, tuple[str, Callable[[Controller], Any]]] = {
+FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
     "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
     "speed_scaling": ("DOUBLE", lambda c: float(c.robot.runtime == 2)),
     "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
@@ -204,7 +204,7 @@ class Recipe:
         return values
 
 
-def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
+def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None:
     """Set registers, slider and outputs as a client's package says."""
     robot = controller.robot
     robot.written.update(dict.fromkeys(values, robot.ticks))
@@ -235,7 +235,7 @@ def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
 class RtdeSession:
     """One client of the port: feed it bytes, it answers; see ``package`` for what it gets each tick."""
 
-    controller: Controller
+    controller: RobotController
     send: Callable[[bytes], None]
     client: str = ""  #: Its address
     version: int = 1

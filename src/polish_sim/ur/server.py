@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from polish_sim.errors import InputError
-from polish_sim.ur.controller import Controller, Programs
+from polish_sim.ur.controller import Programs, RobotController
 from polish_sim.ur.dashboard import BYE, GREETING, LONGEST, answer
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import STATE_HZ, realtime_state, robot_state, version_message
@@ -37,7 +37,7 @@ class Session:
 
 
 class _Dashboard(Session):
-    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
+    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
         self._controller = controller
         self._send = send
         self._buffer = b""
@@ -57,7 +57,7 @@ class _Dashboard(Session):
 class _Script(Session):
     """A port that takes programmes."""
 
-    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
+    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
         self._controller = controller
         self._programs = Programs(controller, client)
         self._states = 0
@@ -113,7 +113,7 @@ class _Rtde(RtdeSession):
         super().close()
 
 
-PORTS: dict[int, Callable[[Controller, Callable[[bytes], None], str], Any]] = {
+PORTS: dict[int, Callable[[RobotController, Callable[[bytes], None], str], Any]] = {
     DASHBOARD: _Dashboard,
     PRIMARY: _Primary,
     SECONDARY: _Secondary,
@@ -161,7 +161,9 @@ def listening(address: str, port: int) -> socket.socket:
 class Server:
     """A controller at an address; ``offset`` is added to every port."""
 
-    def __init__(self, controller: Controller, address: str, real_time: bool = True, offset: int = 0) -> None:
+    def __init__(
+        self, controller: RobotController, address: str, real_time: bool = True, offset: int = 0
+    ) -> None:
         self._controller = controller
         self._real_time = real_time
         self.pace = TickClock()

@@ -96,14 +96,14 @@ def laws_of(config: AdaptiveConfig) -> frozenset[str]:
 # The memory of ``hybrid-adaptive`` along tool z, all zero after a reset.
 
 LINE = 64  #: Cycles the delay lines hold
-Line = Annotated[Array, (LINE,)]
+GainLine = Annotated[Array, (LINE,)]
 
 
 class SensorCopy(Record):
     """A copy of the sensor's filter for what the host knows."""
 
-    paths: Line  #: Travel into the part as the sensor's filter leaves it, the last cycles [m]
-    forces: Line  #: The tool's own forces as the sensor's filter leaves them, the last cycles [N]
+    paths: GainLine  #: Travel into the part as the sensor's filter leaves it, the last cycles [m]
+    forces: GainLine  #: The tool's own forces as the sensor's filter leaves them, the last cycles [N]
     at: int  #: Place in both
     path: float  #: Filtered travel [m]
     force: float  #: Filtered own force [N]
@@ -124,7 +124,7 @@ class CommandDelay(Record):
     behind: float  #: Commanded less done travel [m]
     slowed: float  #: Low-passed command [m/s]
     last_command: float  #: [m/s]
-    sent: Line  #: Commanded speeds, the last cycles [m/s]
+    sent: GainLine  #: Commanded speeds, the last cycles [m/s]
     at: int  #: Place in ``sent``
 
 

@@ -50,7 +50,7 @@ class AdaptiveMemory(Record):
     """All zero after a reset."""
 
     hybrid: HybridMemory
-    press: PressMemory
+    press_adaptive: PressMemory
     path: PathMemory
 
 
@@ -58,7 +58,7 @@ class AdaptiveContext(Record):
     """What the law reads and writes besides the course."""
 
     hybrid: HybridGains
-    press: AdaptiveGains
+    press_adaptive: AdaptiveGains
     path: PathGains
     spacing: float  #: Of the course's rows [m]
     rows: int  #: Of the course; 0 without one
@@ -82,7 +82,7 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
     expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
     expected_then = expected_rate(p, ahead, path, m, t, press_memory.delay.delay, ratio, 0.0)
     arm_mode = drawing.at(ahead.rows.arm_mode, ahead.spacing, t.s) if c.rows > 1 else g.arm_mode
-    speed = press(g, press_memory, m, t, by_position, expected, expected_then, arm_mode, dt)
+    speed = press_adaptive(g, press_memory, m, t, by_position, expected, expected_then, arm_mode, dt)
     replace_along_z(m, speed, twist)
     force_loop.remember_command(press_memory, speed)
     out.feed = look_back(p, press_memory, ahead, path, m, t, ratio, dt)
@@ -154,7 +154,7 @@ def look_back(
 
 
 @kernel
-def press(
+def press_adaptive(
     g: AdaptiveGains,
     memory: PressMemory,
     m: Measurement,

@@ -24,8 +24,8 @@ from polish_sim.calibration.tables import (
     JOINTS,
     XYZ_MM,
     Calibration,
-    Kind,
     Measured,
+    Quantity,
     mm_texts,
     read_table,
     write_table,
@@ -36,7 +36,7 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.tables import csv_text
 
 FOLDS = 5  #: Parts of the poses that are predicted from the others in turn
-ARM = Kind(
+ARM = Quantity(
     "arm",
     "two arms",
     "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six "

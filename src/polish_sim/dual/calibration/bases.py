@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Figures, norms, rms
 from polish_sim.calibration.matched_points import relative_frame
-from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
+from polish_sim.calibration.tables import XYZ_MM, Measured, Quantity, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
     SweptCircle,
@@ -25,7 +25,7 @@ from polish_sim.tables import csv_text
 T = TypeVar("T")
 
 ROBOTS = ("master", "follower")
-BASE = Kind(
+BASE = Quantity(
     "base",
     "two bases",
     "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the "

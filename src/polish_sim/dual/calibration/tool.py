@@ -20,8 +20,8 @@ from polish_sim.calibration.poses import check_poses
 from polish_sim.calibration.tables import (
     QUATERNION,
     XYZ_MM,
-    Kind,
     Measured,
+    Quantity,
     mm_texts,
     quaternions_of,
     read_table,
@@ -41,7 +41,7 @@ from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
 LEAST_SINE = 0.1  #: Least sine of the angle between the two moves
-TCP = Kind(
+TCP = Quantity(
     "tcp",
     "a tool frame",
     "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), "

@@ -75,7 +75,7 @@ def coverable(kept: Clipped, up: Array) -> list[Clipped]:
     return patches
 
 
-def join(patches: Sequence[Clipped]) -> Clipped:
+def join_patches(patches: Sequence[Clipped]) -> Clipped:
     """Put patches into one surface, unconnected."""
     if len(patches) == 1:
         return patches[0]

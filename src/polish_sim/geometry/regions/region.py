@@ -17,7 +17,7 @@ from polish_sim.geometry.mesh import PartMesh, check_unit
 from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.regions.choice import CHOICES, PLAIN, WITH_ARGUMENT, Whole, pick_all
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
-from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
+from polish_sim.geometry.regions.patches import connected, facing, join_patches, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
 from polish_sim.models import part_path
 
@@ -92,7 +92,7 @@ def select_region(
     if max(edge_margin, hole_margin) > 0.0:
         patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
         notes += further
-    kept = join(patches)
+    kept = join_patches(patches)
     return _build_region(kept.surface, kept.parents, mesh.up, notes)
 
 
@@ -112,7 +112,7 @@ def cut_region(region: Region, room: Room, margin: float) -> Region | None:
     left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)[0]]
     if not left:
         return None
-    kept = join(_without_slivers(left)[0])
+    kept = join_patches(_without_slivers(left)[0])
     return _build_region(kept.surface, kept.parents, region.up, region.notes)
 
 
@@ -158,7 +158,7 @@ def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, .
 
 def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...] = ()) -> Region:
     """Make one region of several unconnected ones of a part; they are its components."""
-    kept = join([Clipped(component.surface, component.facets) for component in components])
+    kept = join_patches([Clipped(component.surface, component.facets) for component in components])
     return _build_region(kept.surface, kept.parents, up, notes)
 
 

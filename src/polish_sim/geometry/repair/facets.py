@@ -14,7 +14,7 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
-from polish_sim.geometry.repair.skin import Skin, number_rows, place
+from polish_sim.geometry.repair.skin import Skin, middle_in_mm, number_rows
 
 SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meaningful normal
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle
@@ -50,7 +50,7 @@ def drop_bad_facets(skin: Skin, path: Path) -> Skin:
         return skin
     double = np.bincount(number)[number[first]] > 1
     twice = len(skin.faces) - len(first)
-    where = place(skin.vertices[skin.faces[first[double][0]]])
+    where = middle_in_mm(skin.vertices[skin.faces[first[double][0]]])
     skin = skin.keep(first.astype(np.int32), f"dropped {twice} facets that occur twice, the first at {where}")
     return _drop_walls(skin, double)
 
@@ -133,7 +133,7 @@ def flip_needles(skin: Skin) -> Skin:
             break
     if not flipped:
         return skin
-    where = place(skin.vertices[faces[flipped[0]]])
+    where = middle_in_mm(skin.vertices[faces[flipped[0]]])
     note = f"flipped the long edge of {len(flipped)} needles, the first at {where}"
     return skin.noted(note, faces=faces)
 
@@ -227,7 +227,7 @@ def split_t_junctions(skin: Skin) -> Skin:
     faces, source, split = _split_facets(skin, edge, vertex, along)
     if topology.find_edge_faults(faces).open >= len(border):
         return skin
-    where = place(skin.vertices[[start[edge[0]], end[edge[0]]]])
+    where = middle_in_mm(skin.vertices[[start[edge[0]], end[edge[0]]]])
     note = f"split {split} facets at T-junctions (vertices on their edges), the first at {where}"
     return skin.noted(note, faces=faces, source=source)
 

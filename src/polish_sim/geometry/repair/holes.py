@@ -12,7 +12,7 @@ from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
-from polish_sim.geometry.repair.skin import Skin, place
+from polish_sim.geometry.repair.skin import Skin, middle_in_mm
 
 SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]
@@ -119,7 +119,9 @@ def _contained(rows: Ints, among: Ints) -> Bools:
 
 
 def _describe(holes: list[Hole]) -> str:
-    shown = "; ".join(f"{1e3 * hole.width:.3g} mm wide at {place(hole.middle)}" for hole in holes[:_SHOWN])
+    shown = "; ".join(
+        f"{1e3 * hole.width:.3g} mm wide at {middle_in_mm(hole.middle)}" for hole in holes[:_SHOWN]
+    )
     return shown + (f"; and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else "")
 
 
@@ -146,8 +148,8 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
     if faults.crowded:
         raise MeshError(
             f"{path}: the mesh is broken: {faults.crowded} edges are shared by more than two facets, the "
-            f"first at {place(skin.vertices[faults.first_crowded])}, so inside and outside are not defined. "
-            "Repair the part (make it one manifold solid) and export it again."
+            f"first at {middle_in_mm(skin.vertices[faults.first_crowded])}, so inside and outside are not "
+            "defined. Repair the part (make it one manifold solid) and export it again."
         )
     return skin
 
@@ -166,7 +168,7 @@ def _drop_fins(skin: Skin) -> Skin:
     if not fins.any():
         return skin
     gone = fins[labels]
-    where = place(skin.vertices[skin.faces[np.argmax(gone)]])
+    where = middle_in_mm(skin.vertices[skin.faces[np.argmax(gone)]])
     return skin.keep(
         ~gone,
         f"dropped {gone.sum()} facets of {fins.sum()} loose fins on edges of other facets, the first at "
@@ -180,7 +182,7 @@ def _part_vertices(skin: Skin) -> Skin:
     new, counts = topology.equal_runs(key)
     pairs = [np.column_stack(topology.paired_half_edges(order, key))]
     crowded = [order[i : i + n] for i, n in zip(new[counts > 2], counts[counts > 2], strict=True)]
-    where = place(skin.vertices[[start[crowded[0][0]], end[crowded[0][0]]]])
+    where = middle_in_mm(skin.vertices[[start[crowded[0][0]], end[crowded[0][0]]]])
     inward = _volume(skin) < 0.0
     pairs += [_wedges(skin, group, start, end, inward) for group in crowded]
     links = np.concatenate(pairs)

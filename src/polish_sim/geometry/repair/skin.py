@@ -60,7 +60,7 @@ class Skin(NamedTuple):
         return self._replace(**changed, notes=(*self.notes, note))
 
 
-def place(points: Array) -> str:
+def middle_in_mm(points: Array) -> str:
     """The middle of points (k, 3) [m], for messages."""
     return place_in_mm(points.reshape(-1, 3).mean(axis=0))
 
@@ -252,7 +252,7 @@ def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
     pairs = find_crossing_facets(skin.vertices, skin.faces)
     if len(pairs) == 0:
         return ()
-    where = place(skin.vertices[skin.faces[pairs[:, 0].min()]])
+    where = middle_in_mm(skin.vertices[skin.faces[pairs[:, 0].min()]])
     count = f"{len(pairs)}" if len(pairs) < _MOST_PAIRS else f"at least {len(pairs)}"
     return (
         f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as "

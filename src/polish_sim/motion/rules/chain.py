@@ -11,7 +11,7 @@ from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to
-from polish_sim.spatial import rotation_to_axis, unit
+from polish_sim.spatial import steady_rotations, unit
 
 
 class Chain(NamedTuple):
@@ -36,7 +36,6 @@ class Chain(NamedTuple):
 SAME_PLACE = 1e-14  #: Way points closer than this are one [m]: rounding of lengths of the size of a robot
 SAME_AXIS = 1e-13  #: Tool axes closer than this are one [rad]
 HALF_TURN = math.pi - 1e-6  #: A turn of the tool axis beyond this has no plane of its own [rad]
-STEEPEST = 0.99  #: The tool's x axis must stay this far off every tool axis (cosine): 8 deg
 
 
 def build_chain(tips: Array, rotations: Array) -> Chain:
@@ -87,12 +86,12 @@ def chain_from_axes(tips: Array, axes: Array) -> Chain:
             f"the tool axis of way point {int(np.argmin(sizes > 1e-9))} (counted from 0) is zero."
         )
     directions = axes / sizes[:, None]
-    along = np.abs(directions).max(axis=0)
-    if along.min() > STEEPEST:
+    rotations = steady_rotations(directions)
+    if rotations is None:
         raise SmoothingError(
             "tool axes point along x, y and z: no steady frame suits them all; give tool frames."
         )
-    return build_chain(tips, rotation_to_axis(directions, np.eye(3)[int(along.argmin())]))
+    return build_chain(tips, rotations)
 
 
 def part_of(chain: Chain, rows: slice) -> Chain:

@@ -29,7 +29,7 @@ NARROWED, ZOOM, ZOOMS = 32, 9, 14
 time."""
 
 
-class Place(NamedTuple):
+class LargestAt(NamedTuple):
     """A largest deviation and where it is."""
 
     value: float  #: [m] or [rad]
@@ -40,9 +40,9 @@ class Place(NamedTuple):
 class Deviation(NamedTuple):
     """The three measures."""
 
-    contour: Place  #: Largest distance of the tip's trajectory from the polyline [m]
-    vertex: Place  #: Largest distance of a way point from the tip's trajectory [m]
-    axis: Place  #: Largest angle of the tool axis from the arcs between way points' axes [rad]
+    contour: LargestAt  #: Largest distance of the tip's trajectory from the polyline [m]
+    vertex: LargestAt  #: Largest distance of a way point from the tip's trajectory [m]
+    axis: LargestAt  #: Largest angle of the tool axis from the arcs between way points' axes [rad]
 
 
 class VertexDistances(NamedTuple):
@@ -78,10 +78,10 @@ def measure_deviation(motion: SmoothMotion, raw: Chain) -> Deviation:
         values, times = _narrowed(measured, found[i][:, 1], found[i][:, 2])
         row = int(values.argmax())
         left = motion.places_at(np.arange(len(raw.tips), dtype=float), times[row : row + 1])[0][0]
-        worst.append(Place(float(values[row]), float(times[row]), int(left + 1e-9)))
+        worst.append(LargestAt(float(values[row]), float(times[row]), int(left + 1e-9)))
     distances, times = vertex_distances(motion, raw)
     vertex = int(np.argmax(distances))
-    return Deviation(worst[0], Place(float(distances[vertex]), float(times[vertex]), vertex), worst[1])
+    return Deviation(worst[0], LargestAt(float(distances[vertex]), float(times[vertex]), vertex), worst[1])
 
 
 def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:

@@ -48,7 +48,7 @@ def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | No
     return Bounded(known, np.column_stack([tip, axis, most.joint]))
 
 
-def norms(parts: Array) -> Array:
+def part_norms(parts: Array) -> Array:
     """Norms of the quantities made of parts (..., 12), shape (..., 8)."""
     return np.sqrt(np.add.reduceat(parts * parts, FIRST_PARTS, axis=-1))
 
@@ -56,7 +56,7 @@ def norms(parts: Array) -> Array:
 def caps_of(bounded: Bounded) -> tuple[Array, Array]:
     """Largest u' the speed limits allow, and the largest constant one all limits allow [m/s], shape (n,)
     each."""
-    most = bounded.limits[:, None] / np.maximum(norms(bounded.rates), SLOWEST_TURN)
+    most = bounded.limits[:, None] / np.maximum(part_norms(bounded.rates), SLOWEST_TURN)
     speed, acceleration, jerk = most.min(axis=2)
     return speed, np.minimum(speed, np.minimum(np.sqrt(acceleration), np.cbrt(jerk)))
 

@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot as dot3
+from polish_sim.kernels import jet_dot as dot3
 from polish_sim.kernels import minus, plus, scaled, set_to, turn_about
 from polish_sim.motion.rules.chain import Chain
 
@@ -29,7 +29,7 @@ BINOMIAL = np.array([[1.0, 0, 0, 0], [1, 1, 0, 0], [1, 2, 1, 0], [1, 3, 3, 1]])
 
 
 @njit(_nrt=False)
-def dot(f: Array, g: Array, out: Array) -> None:
+def jet_dot(f: Array, g: Array, out: Array) -> None:
     """Scalar product of vectors."""
     for m in range(4):
         out[m] = 0.0
@@ -47,7 +47,7 @@ def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
 
 
 @njit(_nrt=False)
-def cross(f: Array, g: Array, sign: float, out: Array) -> None:
+def jet_cross(f: Array, g: Array, sign: float, out: Array) -> None:
     """Add the vector product, with a sign; as many orders as ``out`` has."""
     for m in range(out.shape[0]):
         for k in range(m + 1):
@@ -62,7 +62,7 @@ def normalize_orders(f: Array, room: Array, out: Array) -> None:
     """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g
     s'."""
     s, g = room[0], room[1]
-    dot(f, f, s)
+    jet_dot(f, f, s)
     g[0] = 1.0 / math.sqrt(s[0])
     for m in range(3):
         known = 0.0
@@ -86,16 +86,16 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
         for m in range(4):
             for i in range(3):
                 part[m, i], y[m, i] = jets[n, m, 3 + i], 0.0
-        dot(part, z, numbers[2])
+        jet_dot(part, z, numbers[2])
         add_scaled(z, numbers[2], -1.0, part)
         normalize_orders(part, numbers[:2], x)
-        cross(z, x, 1.0, y)
+        jet_cross(z, x, 1.0, y)
         for i in range(3):
             rotations[n, i, 0], rotations[n, i, 1], rotations[n, i, 2] = x[0, i], y[0, i], z[0, i]
         # e x e' summed over the axes is twice the angular velocity.
         for e in (x, y, z):
-            cross(e[:3], e[1:], 0.5, spins[n])
-        cross(z[:3], z[1:], 1.0, turns[n])
+            jet_cross(e[:3], e[1:], 0.5, spins[n])
+        jet_cross(z[:3], z[1:], 1.0, turns[n])
 
 
 DEGREE = 5
@@ -193,7 +193,7 @@ def _fill_line(chain: Chain, line: Array, places: Array, u: Array, out: Array) -
         out[n, 9] = places[k] + share * (places[k + 1] - places[k])
 
 
-class Curve(NamedTuple):
+class SplineCurve(NamedTuple):
     """Tool frames along a parameter u from 0 to ``length``."""
 
     spline: BSpline
@@ -295,7 +295,7 @@ def _isolated(line: Polyline, k: int, unit: float, change: Array, least: float) 
     return Corner(place, share * unit, swing, change, place + np.concatenate([-half[:0:-1], half]))
 
 
-def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
+def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> SplineCurve:
     """The curve with knots as far apart as the tolerances allow; it begins and ends at the line's ends.
 
     ``tolerance`` is the largest distance of the tip from the chain [m], ``axis_tolerance`` that of the tool's
@@ -320,7 +320,7 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
         off = _off(line, spline, knots, (tolerance, axis_tolerance))
         off &= ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
         if not off.any():
-            return Curve(spline, length)
+            return SplineCurve(spline, length)
         place = place_in_mm(line.at(knots[:-1][off][:1])[0, :3])
         known = rounded(_alone(line, knots, off) - 1, 0.0) | known
         knots = _halved(knots, off)
@@ -331,7 +331,7 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
     )
 
 
-def curve_rates(curve: Curve, u: Array) -> CurveRates:
+def curve_rates(curve: SplineCurve, u: Array) -> CurveRates:
     """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
     jets, n = _jets(curve.spline, u, 4), len(u)
     axes, rotations = np.empty((n, 4, 3)), np.empty((n, 3, 3))

@@ -24,7 +24,7 @@ from polish_sim.motion.spline.bounded import (
     SLOWEST_TURN,
     Bounded,
     caps_of,
-    norms,
+    part_norms,
     time_factors,
 )
 
@@ -544,7 +544,7 @@ def launch_of(length: float, slowest: float, still: Bounded, ends: Ends) -> Laun
     After it the speed still rises by as much again while the acceleration fades: that may not pass
     ``slowest``, the smaller speed wanted at the ends [m/s].
     """
-    jerk = float((still.limits[2] / np.maximum(norms(still.rates[0]), SLOWEST_TURN)).min())
+    jerk = float((still.limits[2] / np.maximum(part_norms(still.rates[0]), SLOWEST_TURN)).min())
     longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
     jerk, times = LAUNCH_SHARE * jerk, longest * LAUNCH_TIMES
     speed, acceleration = np.tile(0.5 * jerk * times**2, 2), jerk * times
@@ -559,7 +559,7 @@ def launch_of(length: float, slowest: float, still: Bounded, ends: Ends) -> Laun
 def with_bends(knots: Array, bounded: Bounded, caps: Array) -> Array:
     """Knots (n,) with three between in spans where the rates of tip or axis change much, or bends limit the
     speed."""
-    sizes = norms(bounded.rates)
+    sizes = part_norms(bounded.rates)
     first, speed = sizes[0, :, :2], np.minimum(caps, caps_of(bounded)[1])[:, None]
     change = (np.maximum(first[1:], first[:-1]) > MUCH * np.minimum(first[1:], first[:-1])).any(axis=1)
     used = np.maximum(sizes[1] * speed**2 / bounded.limits[1], sizes[2] * speed**3 / bounded.limits[2]).max(

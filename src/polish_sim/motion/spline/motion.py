@@ -21,9 +21,9 @@ from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, time_factors
 from polish_sim.motion.spline.curve import (
     DEGREE,
-    Curve,
     CurveRates,
     Polyline,
+    SplineCurve,
     curve_rates,
     draw_spline,
     fit_curve,
@@ -123,7 +123,7 @@ class SplineMotion(NamedTuple):
     """A curve and when its parameter is passed, from rest to rest; what `Smoothed` is for other rules."""
 
     line: Polyline
-    curve: Curve
+    curve: SplineCurve
     passage: Passage
 
     @property
@@ -211,7 +211,7 @@ class SplineTask(NamedTuple):
         pace = norms(rates.tips[1]) if self.of_tip else rates.places[1]
         return self.feed.at(rates.places[0]) / np.maximum(pace, 1e-9)
 
-    def bounded(self, curve: Curve, u: Array, q: Array) -> Bounded:
+    def bounded(self, curve: SplineCurve, u: Array, q: Array) -> Bounded:
         """What is limited at places of a curve (n,) [m]; joints near ``q`` (6,) at the first."""
         return bounded_quantities(curve_rates(curve, u), self.limits, self.arm_near(q))
 
@@ -347,7 +347,7 @@ def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -
     knots = np.linspace(
         0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP))
     )
-    curve = Curve(draw_spline(line, knots, []), length)
+    curve = SplineCurve(draw_spline(line, knots, []), length)
     durations, c = np.zeros(PIECES), np.zeros((PIECES, 4))
     n = box_pieces(*stops.triples[k], durations, c)
     times, c = running_sums(durations[:n]), length * c[:n]
@@ -356,7 +356,7 @@ def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -
 
 
 def _within_limits(
-    task: SplineTask, curve: Curve, passage: Passage, q: Array, spare: float = SPARE
+    task: SplineTask, curve: SplineCurve, passage: Passage, q: Array, spare: float = SPARE
 ) -> Passage:
     """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its
     start."""
@@ -384,7 +384,7 @@ def _joined(line: Polyline, parts: list[SplineMotion]) -> SplineMotion:
         columns.append((clock + times[:-1], place + places[:-1], *others))
         place, clock = place + part.curve.length, clock + float(times[-1])
     times, places, *others = (np.concatenate(column) for column in zip(*columns, strict=True))
-    curve = Curve(BSpline(np.concatenate(t), np.concatenate(points), DEGREE), place)
+    curve = SplineCurve(BSpline(np.concatenate(t), np.concatenate(points), DEGREE), place)
     return SplineMotion(line, curve, Passage(np.append(times, clock), np.append(places, place), *others))
 
 

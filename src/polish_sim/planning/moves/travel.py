@@ -180,7 +180,7 @@ def travel(first: Move, second: Move, air: AirSpace) -> tuple[Move, bool]:
     clear, line, axes = False, np.empty((0, 3)), np.empty((0, 3))
     for corners in _ways(lifted, landing, air, kept):
         line = _along(corners)
-        axes = turned(lifted.axes[0], landing.axes[0], np.linspace(0.0, 1.0, len(line)))
+        axes = turn_between(lifted.axes[0], landing.axes[0], np.linspace(0.0, 1.0, len(line)))
         clear = (
             kept > 0.0 and bool(signed_distances(air.part, line).min() >= kept) and air.has_room(line, axes)
         )
@@ -217,7 +217,9 @@ def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[
     first, second = (unit(point) for point in outside)
     reach = max(air.radius, *(float(np.linalg.norm(point)) for point in outside))
     # A chord between corners must not cut into the ball.
-    arc = reach / np.cos(0.5 * np.pi / (ROUND - 1)) * turned(first, second, np.linspace(0.0, 1.0, ROUND))
+    arc = (
+        reach / np.cos(0.5 * np.pi / (ROUND - 1)) * turn_between(first, second, np.linspace(0.0, 1.0, ROUND))
+    )
     return [ends[0], middle + outside[0], *(middle + arc), middle + outside[1], ends[1]]
 
 
@@ -239,7 +241,7 @@ def _along(corners: Sequence[Array]) -> Array:
     return np.concatenate(legs)
 
 
-def turned(first: Array, second: Array, share: Array) -> Array:
+def turn_between(first: Array, second: Array, share: Array) -> Array:
     """Unit vectors on the shortest turn from one to another, (k,) shares of it -> (k, 3)."""
     side = second - first * (first @ second)
     size = float(np.linalg.norm(side))

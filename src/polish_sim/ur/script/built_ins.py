@@ -18,7 +18,7 @@ from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
-    from polish_sim.ur.robot import Kind, Side, SimulatedRobot
+    from polish_sim.ur.robot import Side, SignalType, SimulatedRobot
     from polish_sim.ur.script.machine import Machine
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
@@ -55,7 +55,7 @@ CALLS = {
     "powerdown": "power_down",
     "is_steady": "steady",
 }
-REGISTERS: Mapping[str, Kind] = {"integer": "int", "float": "double", "boolean": "bool"}
+REGISTERS: Mapping[str, SignalType] = {"integer": "int", "float": "double", "boolean": "bool"}
 """Kinds of registers, by their words in URScript."""
 PLAIN: Mapping[str, Callable[..., Any]] = {
     "get_steptime": lambda: STEP_S,
@@ -191,7 +191,7 @@ class BuiltIns(Sockets):
 
         return {f"get_{group}_in": reader("in"), f"get_{group}_out": reader("out"), f"set_{group}_out": write}
 
-    def _registers(self, word: str, kind: Kind) -> dict[str, Callable[..., Any]]:
+    def _registers(self, word: str, kind: SignalType) -> dict[str, Callable[..., Any]]:
         """Registers of RTDE, 0 to 47; bits to 127."""
 
         def reader(side: Side) -> Callable[[Any], Any]:

@@ -15,7 +15,7 @@ from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
 from polish_sim.ur.script.translate import FILE, Program, translate
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.robot import SimulatedRobot
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
@@ -56,7 +56,7 @@ class Machine:
 
     robot: SimulatedRobot
 
-    def __init__(self, source: str | Program, listener: Controller, client: str = "") -> None:
+    def __init__(self, source: str | Program, listener: RobotController, client: str = "") -> None:
         self.program = translate(source) if isinstance(source, str) else source
         self.listener = listener
         self.running = True

@@ -170,7 +170,7 @@ def to_text(value: Any) -> str:
 
 # Rotations of three numbers: an array library takes ten times as long for them.
 
-Vector = tuple[float, float, float]
+Components = tuple[float, float, float]
 
 
 def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
@@ -179,7 +179,7 @@ def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, floa
     return cos(0.5 * angle), share * x, share * y, share * z
 
 
-def _rotation_vector(w: float, x: float, y: float, z: float) -> Vector:
+def _rotation_vector(w: float, x: float, y: float, z: float) -> Components:
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     length = sqrt(x * x + y * y + z * z)
@@ -187,7 +187,7 @@ def _rotation_vector(w: float, x: float, y: float, z: float) -> Vector:
     return scale * x, scale * y, scale * z
 
 
-def turned(rotation: Iterable[float], vector: Iterable[float]) -> Vector:
+def turned(rotation: Iterable[float], vector: Iterable[float]) -> Components:
     """A vector turned by a rotation vector."""
     w, x, y, z = _quaternion(*rotation)
     a, b, c = vector
@@ -195,7 +195,7 @@ def turned(rotation: Iterable[float], vector: Iterable[float]) -> Vector:
     return a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i
 
 
-def _after(first: Iterable[float], second: Iterable[float]) -> Vector:
+def _after(first: Iterable[float], second: Iterable[float]) -> Components:
     """The rotation ``first @ second``."""
     w, x, y, z = _quaternion(*first)
     d, a, b, c = _quaternion(*second)
