@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import jet_dot as dot3
+from polish_sim.kernels import dot as dot3
 from polish_sim.kernels import minus, plus, scaled, set_to, turn_about
 from polish_sim.motion.rules.chain import Chain
 
