@@ -24,7 +24,7 @@ from polish_sim.row_file import Metrics
 from polish_sim.spatial import unit
 
 P = ParamSpec("P")
-FigureT = TypeVar("Drawn", Figure, Figure | None)
+FigureT = TypeVar("FigureT", Figure, Figure | None)
 
 # Colours of Okabe and Ito: distinguishable with every common kind of colour blindness.
 BLUE = "#0072B2"
