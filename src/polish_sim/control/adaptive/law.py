@@ -50,7 +50,7 @@ class AdaptiveMemory(Record):
     """All zero after a reset."""
 
     hybrid: HybridMemory
-    press_adaptive: PressMemory
+    press: PressMemory
     path: PathMemory
 
 
@@ -58,7 +58,7 @@ class AdaptiveContext(Record):
     """What the law reads and writes besides the course."""
 
     hybrid: HybridGains
-    press_adaptive: AdaptiveGains
+    press: AdaptiveGains
     path: PathGains
     spacing: float  #: Of the course's rows [m]
     rows: int  #: Of the course; 0 without one
