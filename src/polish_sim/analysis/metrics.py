@@ -137,7 +137,7 @@ def column_of(log: RunLog, name: str) -> Array:
 
 
 RAMP_UP_S = 1.0
-STEADY_AFTER_S = 0.5
+STEADY_AFTER_S = 0.5  #: The steady window of a hold begins this long after first contact [s]
 SPEED_WINDOW_S = 0.05
 BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
 

@@ -17,7 +17,7 @@ from polish_sim.errors import InputError, near_file, regular, unknown_name
 
 BLOCK = 5000  #: Rows read at a time
 SEPARATORS = (",", ";", "\t", "|", " ")
-ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _STATE, _WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 
 
@@ -276,10 +276,10 @@ class BagSource:
                 raise InputError(f"'{self.file}' ends in the middle of a message ({error}).") from error
 
     def _row(self, message: Any, stamp: int, wrench: Array) -> Array:
-        at = [next((k for k, name in enumerate(message.name) if joint in name), -1) for joint in ARM_JOINTS]
+        at = [next((k for k, name in enumerate(message.name) if joint in name), -1) for joint in JOINT_NAMES]
         if min(at) < 0:
             raise InputError(
-                f"'{self.file}': joint states name {', '.join(message.name)}, not {', '.join(ARM_JOINTS)}."
+                f"'{self.file}': joint states name {', '.join(message.name)}, not {', '.join(JOINT_NAMES)}."
             )
         header = message.header.stamp
         time = header.sec + 1e-9 * header.nanosec or 1e-9 * stamp

@@ -16,6 +16,7 @@ from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
+from polish_sim.exchange.log_sources import JOINT_NAMES
 from polish_sim.experiments.cycle import cycle_of
 from polish_sim.experiments.part_setup import sunk_under
 from polish_sim.experiments.placement import Reach
@@ -29,7 +30,6 @@ from polish_sim.spatial import apply, into_plane, matrices, transform
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
 
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 ROWS_PER_S = 50.0
 MOST_ROWS = 40_000
 JOINT_ERROR = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
@@ -190,7 +190,7 @@ def joint_columns(record: RunRecord, model: Any) -> Array:
     for number in range(model.njnt):
         name, at = str(model.joint(number).name), int(model.jnt_qposadr[number])
         arm = "master_q_rad" if name.startswith("master_") else "q_rad"
-        which = next((k for k, joint in enumerate(JOINTS) if name.endswith(f"{joint}_joint")), None)
+        which = next((k for k, joint in enumerate(JOINT_NAMES) if name.endswith(f"{joint}_joint")), None)
         if which is not None and arm in log.names:
             columns[:, at] = column_of(log, arm)[:, which]
         elif name.endswith("head_slide"):
@@ -269,7 +269,8 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
 def joint_plot(rates: Array, limit: float) -> Plot:
     """Speeds of the six joints (n, 6) beside their limit [rad/s]."""
     lines = [
-        Line(name.replace("_", " "), 100.0 / limit * rates[:, k], str(k)) for k, name in enumerate(JOINTS)
+        Line(name.replace("_", " "), 100.0 / limit * rates[:, k], str(k))
+        for k, name in enumerate(JOINT_NAMES)
     ]
     return Plot("Joint speeds", "%", lines, f"of the limit, {DEG * limit:.0f}°/s")
 

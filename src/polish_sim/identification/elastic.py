@@ -35,21 +35,18 @@ from polish_sim.identification.estimate import (
     inverse_of,
     spread_of_sums,
 )
-from polish_sim.identification.gear_fit import GearFit, slope_of
+from polish_sim.identification.gear_fit import BLOCK_S, LOW_PASS_HZ, GearFit, slope_of
 from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
-#: For the speeds that show where motors turn back, and for torques while their noise is unknown
-LOW_PASS_HZ = 30.0
 #: Of the fit: the gears' ripple at full speed is at 96 Hz; much above, encoder steps make all of |T| larger
 BAND_HZ = 140.0
 #: Width over which the noise's spectrum is smoothed: a small one would follow what the fit has taken
 SMOOTH_HZ = 20.0
 #: Low-pass of the states torques are predicted from: less loses the gears' ripple, more adds encoder steps
 PREDICTED_HZ = 130.0
-BLOCK_S = 0.2  #: How long residuals may be alike
 #: Size of these shares before anything is measured: decides only where gears show no error
 LIKELY = 0.1
 LOADS = 2  #: Parameters of friction by load, a joint

@@ -24,7 +24,7 @@ from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of,
 from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
-LOW_PASS_HZ = 30.0
+LOW_PASS_HZ = 30.0  #: For the speeds that show where motors turn back, and where torques' noise is unknown
 #: Low-pass of the twists: the encoders' steps, added up, would lengthen the way of the hysteresis
 TWIST_HZ = 140.0
 SAMPLED_HZ = 100.0  #: Rate of the samples that are fitted

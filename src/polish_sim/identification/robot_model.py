@@ -10,6 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
+from polish_sim.exchange.log_sources import JOINT_NAMES
 from polish_sim.identification.fourier import Clearance
 from polish_sim.motion.serial_chain import (
     HINGE,
@@ -20,14 +21,7 @@ from polish_sim.motion.serial_chain import (
     point_inertia,
 )
 
-ARM_JOINTS = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+ARM_JOINTS = tuple(f"{joint}_joint" for joint in JOINT_NAMES)
 """Joints of the shipped robot, from base to flange."""
 _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): HINGE, int(mujoco.mjtJoint.mjJNT_SLIDE): SLIDE}
 

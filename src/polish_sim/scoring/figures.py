@@ -16,6 +16,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import (
     CONTACT_N,
+    STEADY_AFTER_S,
     first_contact,
     moving_average,
     settling_time,
@@ -26,7 +27,6 @@ from polish_sim.log import RETRACT_PHASE, Trace
 from polish_sim.row_file import Metrics, Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
 
-STEADY_AFTER_S = 0.5  #: The steady window of a hold begins this long after first contact [s]
 #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
 SLOW_S = 0.25
 #: Amplitude a stable loop may swing with, as a share of the wanted force [-]

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array, Figures, Indices
 from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import Deviation, LargestAt, measure_deviation
+from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
@@ -20,9 +20,7 @@ from polish_sim.motion.segment_rates import sampled_joints
 ORDERS = ("speed", "acceleration", "jerk")
 EDGE = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
 NODES, STEP_S = 5, 0.01  #: Samples in a smooth stretch: least number, largest distance [s]
-MANY, FEWEST = 200_000, 2  #: In a motion of more stretches than this, at least so few samples each
-SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left out [s]
-BLOCK = 100_000
+FEWEST = 2  #: In a motion of more than ``MANY`` stretches, at least so few samples each
 NPZ, CSV = "trajectory.npz", "trajectory.csv"
 TOOL = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
 TIP_UNITS = ("m_s", "m_s2", "m_s3")
