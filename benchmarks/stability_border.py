@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from polish_sim.row_file import Rows
 from polish_sim.scoring.border import measure_border, plot_border
-from polish_sim.scoring.score import Scorer, user_entry
-from polish_sim.workers import open_workers
+from polish_sim.scoring.score import user_entry
+from polish_sim.workers import Runner, open_workers
 
 CONTROLLERS = ("hybrid-pi", "force-mode", "hybrid-adaptive")
 
@@ -17,7 +18,7 @@ CONTROLLERS = ("hybrid-pi", "force-mode", "hybrid-adaptive")
 def main() -> None:
     entries = [user_entry(name) for name in sys.argv[2:] or CONTROLLERS]
     with TemporaryDirectory() as folder, open_workers() as workers:
-        border = measure_border(entries, Scorer(Path(folder), workers), lambda *_: None)
+        border = measure_border(entries, Runner(Rows(Path(folder)), workers))
     plot_border(border).savefig(Path(sys.argv[1]))
     for name, rows in border.rests.items():
         rests = [rest for row in rows for rest in row]

@@ -21,15 +21,12 @@ from typing import Any
 
 import typer
 
-from polish_sim.analysis.claim import Claim, claim_row, shortfalls
-from polish_sim.arms import FIRST, IDEAL
+from polish_sim.analysis.claim import Claim, figure_table, shortfalls
 from polish_sim.cli import console
 from polish_sim.cli.pictures import prepare_headless
-from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.registry import default_scenario
+from polish_sim.page import Table
 from polish_sim.row_file import Metrics
-from polish_sim.scenario_file import override
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
 NOTHING_RECORDED = "interrupted; nothing was recorded yet."
@@ -165,23 +162,6 @@ def _bug_message(error: Exception, debug: bool) -> str:
 # What a command found: its figures beside the paper's and what is asked, and the exit code of the contract.
 
 
-CONDITIONS = (
-    *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
-    *("part.real_file", "part.displacement_m", "part.rotation_rad", "part.form_error_m", "part.motion_m"),
-    *("dual.master_delay_s", "dual.master_rate_hz", "dual.tracker_noise_m", "dual.touch_noise_m"),
-    *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
-)
-"""Sections and keys whose default values hold for every figure that is asked."""
-CHOSEN = (
-    "pad.radius_m",
-    "pad.choice",
-    "simulation.log_rate_hz",
-    "spindle.speed_rpm",
-    "robot.arm",
-    "robot.compensation",
-)  #: Of these what the user chooses
-
-
 @dataclass(frozen=True)
 class Outcome:
     """One run or calibration, or several seeds of one: the figures that count."""
@@ -222,20 +202,8 @@ class Outcome:
             console.note(text)
         for text in self.bad:
             console.note(f"bad: {text}.")
-        caption = ""
-        if self.conditions:
-            caption = (
-                "'met' is left out: figures are asked for other conditions, here "
-                f"{', '.join(self.conditions)}."
-            )
-        checked = None if self.conditions else self._checked
-        show_figures(
-            self.claims,
-            self.title + (": with bad figures" if self.bad else ""),
-            self.columns,
-            checked,
-            caption=caption,
-        )
+        bad = ": with bad figures" if self.bad else ""
+        console.table(self.table._replace(title=self.title + bad))
 
     def exit_code(self, check: bool | None) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
@@ -246,39 +214,10 @@ class Outcome:
         return SHORT if check and (self.bad or shortfalls(self.claims, self._checked)) else DONE
 
     @property
+    def table(self) -> Table:
+        """The figures."""
+        return figure_table(self.claims, self.columns, conditions=self.conditions)
+
+    @property
     def _checked(self) -> Metrics:
         return list(self.columns.values())[-1]
-
-
-def other_conditions(scenario: Scenario) -> tuple[str, ...]:
-    """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a
-    text."""
-    from polish_sim.analysis.run_record import changed_settings
-
-    arm = scenario.robot.arm
-    own = override(default_scenario(scenario.experiment), [f"robot.arm={arm}"])
-    make = () if arm in (IDEAL, FIRST) else (f"robot.arm = {arm} ({FIRST})",)
-    return make + tuple(
-        f"{name} = {value} ({usual})"
-        for name, value, usual in changed_settings(scenario, own)
-        if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
-    )
-
-
-def show_figures(
-    claims: Sequence[Claim],
-    title: str,
-    columns: Mapping[str, Metrics],
-    checked: Metrics | None = None,
-    settings: Sequence[Sequence[str]] = (),
-    caption: str = "",
-) -> None:
-    """Print figures by heading beside the paper's and what is asked of them.
-
-    ``checked``: whose verdict stands at the end; ``settings``: rows above the figures: label, unit, a value
-    for each column; ``caption``: a line below the table.
-    """
-    headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
-    above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]
-    rows = [claim_row(claim, list(columns.values()), checked) for claim in claims]
-    console.table(title, headings, above + rows, caption=caption)

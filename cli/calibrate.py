@@ -42,6 +42,7 @@ from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+from polish_sim.page import Table
 from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.scenario_file import to_toml
 
@@ -193,7 +194,7 @@ def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
     for name, unit, scale, values, deviations in groups:
         for axis, value, deviation in zip("xyz", values, deviations, strict=True):
             rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
-    console.table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows)
+    console.table(Table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows))
     return tuple(
         f"note: reading {number} does not fit the others and was left out. Did something touch the tool?"
         for number in found.figures["outliers"]
@@ -258,4 +259,4 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
         ]
         for name, share in shares.items()
     ]
-    console.table("error of the tool on the part by source [mm], 3D", headings, rows, left=2)
+    console.table(Table("error of the tool on the part by source [mm], 3D", headings, rows, left=2))

@@ -141,15 +141,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         write_json(draft / FIGURES, found.figures)
         plot_joint_torques(found, title).savefig(draft / PICTURE)
         save_page(draft, joint_page(found, build_scene(scenario), title))
-    delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
-              (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
-    console.table(
-        f"compare: {title}",
-        ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))],
-        joint_table(found.figures),
-        left=3,
-        caption=f"measured behind simulated: {', '.join(delays)}",
-    )
+    console.table(joint_table(f"compare: {title}", found.figures))
 
 
 def _center(text: str) -> tuple[float, ...]:
@@ -163,7 +155,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import read_record
     from polish_sim.compare.figures import compare_steps, from_contact
-    from polish_sim.compare.replay import FIGURES, PICTURE, plot_steps, step_page, step_rows
+    from polish_sim.compare.replay import FIGURES, PICTURE, plot_steps, step_page, step_table
 
     record = read_record(run)
     if "force_n" in log.values or "wrench" not in log.values:
@@ -178,4 +170,4 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     save_page(draft, step_page(found, title))
-    console.table(f"compare: {title}", ["figure", "measured", "simulated"], step_rows(found))
+    console.table(step_table(f"compare: {title}", found))

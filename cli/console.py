@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import os
 import shutil
 import sys
@@ -14,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from polish_sim.page import PAGE
+from polish_sim.page import PAGE, Table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,27 +89,11 @@ def _outliving(stream: TextIO) -> TextIO:
     return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=True)
 
 
-def table(
-    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, caption: str = ""
-) -> None:
-    """Print a table on stdout, with a line below it if wanted; the first ``left`` columns are
-    left-aligned."""
-    from rich import box
-    from rich.table import Table
-
-    grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
-    for index, heading in enumerate(headings):
-        grid.add_column(heading, justify="left" if index < left else "right", no_wrap=True)
-    for row in rows:
-        grid.add_row(*row)
-    _console().print(grid)
-    if caption:
-        say(caption)
-
-
-def number_or_dash(value: float | None, form: str, scale: float = 1.0) -> str:
-    """A scaled number, or a dash where there is none: a path without neighbouring turns has no step-over."""
-    return "-" if value is None or math.isnan(value) else f"{value * scale:{form}}"
+def table(shown: Table) -> None:
+    """Print a table on stdout, with its caption below it."""
+    _console().print(shown.grid)
+    if shown.caption:
+        say(shown.caption)
 
 
 @contextmanager

@@ -6,7 +6,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,7 @@ from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureQuality
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, needed
 from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.run_page import clock, joint_columns, run_motion, run_plots, shown_rows
 from polish_sim.row_file import whole_file
@@ -46,8 +45,7 @@ def check_film() -> None:
     Raises:
         InputError: ffmpeg or OpenGL is missing.
     """
-    if find_spec("imageio_ffmpeg") is None:
-        raise InputError("--video writes its film with ffmpeg: pip install 'polish-sim[video]'.")
+    needed("imageio_ffmpeg", "--video writes its film with ffmpeg", "video")
     try:
         import mujoco
 

@@ -10,13 +10,14 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
-from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.many import Many, run_seeds
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
+from polish_sim.page import Table
+from polish_sim.page import number_or_dash as dash
 from polish_sim.row_file import Metrics, write_metrics
 from polish_sim.scenario_file import override
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     RunReader = Callable[[Path, LoggedRobot], tuple[RobotLog, States]]
 
 PANEL = "Identification"
+FOUND = ("unit", "value", "std", "true")  #: Headings of what was identified
 FULL_PERIODS = 5
 ARM_KEYS = ("robot.arm=", "robot.real.")  #: What --set may change
 #: A joint is noted if the model explains less than this share of its torque's variance
@@ -45,7 +47,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
     Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
     Own("--data", PANEL, "FILE", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
-    Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
+    Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float, 1e-3),
     Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
     Own("--arm", PANEL, "NAME", "The robot of --data: a bare arm of this make, ur5e or ur10e, its gears' "
                                 "friction fitted along; any log that compare reads, of torques or currents."),
@@ -97,35 +99,17 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
 
 
 def _refuse_idle(given: Given) -> None:
-    """Refuse options that would change nothing, and an invalid period."""
+    """Refuse options that would change nothing."""
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
     refuse_beside(given, "--report", *OF_SIMULATED, *files)
     for source in ("--data", "--payload-data"):
         refuse_beside(given, source, *OF_SIMULATED)
     refuse_without(given, "--seeds", "--workers", "--on")
-    log = given["--data"] or given["--payload-data"]
-    period, model = given["--period"], given["--model"]
-    if log is None and period is not None:
-        raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
-    if period is not None and period <= 0.0:
-        raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
-    if model is not None and log is None and not given["--report"]:
-        raise InputError("--model belongs to --data or --report: what is simulated is the cell's arm.")
-    if given["--joints"] is not None and model is None:
-        raise InputError("--joints belongs to --model: the cell's arm has its six.")
-    _refuse_idle_arm(given, log)
-
-
-def _refuse_idle_arm(given: Given, log: Path | None) -> None:
-    """Refuse ``--arm`` beside another robot or without a log, and options of its logs without it."""
-    arm = given["--arm"]
-    of_arm = [option.name for option in LOG_OPTIONS if given[option.name] is not None]
-    if arm is None and of_arm:
-        raise InputError(f"{of_arm[0]} belongs to --arm.")
-    if arm is not None and given["--model"] is not None:
-        raise InputError("--arm and --model both name the robot: leave one out.")
-    if arm is not None and not given["--report"] and log is None:
-        raise InputError("--arm belongs to --data or --report; a simulated one is --set robot.arm=NAME.")
+    refuse_without(given, "--data --payload-data", "--period")
+    refuse_without(given, "--data --payload-data --report", "--model", "--arm")
+    refuse_without(given, "--model", "--joints")
+    refuse_without(given, "--arm", *(option.name for option in LOG_OPTIONS))
+    refuse_beside(given, "--model", "--arm")
 
 
 def _robot(given: Given) -> LoggedRobot:
@@ -248,9 +232,9 @@ def show_identifiable(robot: LoggedRobot) -> None:
     base = base_of(model)
     rows = zip(model.names, model.units, identifiable(base), strict=True)
     heads = ["parameter", "unit", "identified"]
-    console.table("which parameters torques identify", heads, [list(row) for row in rows])
+    console.table(Table("which parameters torques identify", heads, list(rows)))
     combinations = [[f"{k}", name] for k, name in enumerate(base_names(base, model.names), 1)]
-    console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
+    console.table(Table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2))
 
 
 def show_identification(found: Identification) -> None:
@@ -259,12 +243,12 @@ def show_identification(found: Identification) -> None:
     from polish_sim.identification.regressor import WAVES
 
     rows = rows_of(found)
-    alone = [row for row in rows if row.identifiable in ("alone", "gear") and row.name[:3] not in WAVES]
-    console.table(
-        "parameters identified alone",
-        ["parameter", "unit", "value", "std", "true"],
-        [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")] for r in alone],
-    )
+    alone = [
+        [r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")]
+        for r in rows
+        if r.identifiable in ("alone", "gear") and r.name[:3] not in WAVES
+    ]
+    console.table(Table("parameters identified alone", ["parameter", *FOUND], alone))
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
     if found.weighed is not None:
         show_payload(found.weighed)
@@ -303,4 +287,4 @@ def show_payload(weighed: Weighed) -> None:
         [name, unit, f"{value:.5g}", f"{deviation:.2g}", dash(truth, ".5g")]
         for name, unit, value, deviation, truth in zip(BODY_NAMES, BODY_UNITS, values, std, true, strict=True)
     ]
-    console.table("payload, in the last link's frame", ["number", "unit", "value", "std", "true"], rows)
+    console.table(Table("payload, in the last link's frame", ["number", *FOUND], rows))

@@ -14,7 +14,7 @@ from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_set
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
-from polish_sim.row_file import Metrics, save_plots, write_json
+from polish_sim.row_file import save_plots, write_json
 from polish_sim.scenario_file import merge
 
 InspectedFile = Annotated[
@@ -40,6 +40,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import guessed_stepover, inspect_path
+    from polish_sim.planning.quality.figures import path_table
 
     tool_path = read_path(path)
     beside = path.with_name("path.json")
@@ -72,39 +73,5 @@ def inspect(path: InspectedFile, given: Given) -> None:
         save_plots(folder.draft, {"coverage.png": plot_maps(found), "spacing.png": plot_distributions(found)})
     for note in notes:
         console.note(f"note: {note}")
-    console.table(f"{path.name} on {found.mesh.name}", ["figure", "unit", "value"], _rows(found.figures))
+    console.table(path_table(f"{path.name} on {found.mesh.name}", found.figures))
     console.say(f"folder: {folder.final}")
-
-
-def _rows(m: Metrics) -> list[list[str]]:
-    mm = 1e3
-    percent = 1e2
-    mm2 = 1e6
-    names = ("min", "p5", "mean", "p95", "max")
-    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], ".2f", mm) for name in names)
-    return [
-        ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
-        ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
-        ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], ".1f")],
-        [
-            "cycle time: with air, touch-down and lifts",
-            "s",
-            console.number_or_dash(m["cycle_time_s"], ".1f"),
-        ],
-        ["lifts on the way", "", f"{m['lifts']}"],
-        ["step-over, min / p5 / mean / p95 / max", "mm", spread],
-        ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], ".1f", percent)],
-        ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
-        ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
-        ["time under the pad, mean", "s", f"{m['exposure_mean_s']:.3g}"],
-        ["  its variation over the area", "cv", f"{m['exposure_cv']:.3f}"],
-        ["  area over twice the median", "mm^2", f"{m['over_polished_area_m2'] * mm2:.4g}"],
-        ["crossings of the path with itself", "", f"{m['self_crossings']}"],
-        ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
-        ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
-        ["out of the tool's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g}"],
-        ["tool in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
-        ["  over a length of the path", "m", f"{m['pad_in_part_length_m']:.3g}"],
-        ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.2g}"],
-    ]

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
-from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
 from polish_sim.cli.run import check_part, plan_facts
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
-from polish_sim.page import save_page
+from polish_sim.page import Table, save_page
+from polish_sim.page import number_or_dash as dash
 from polish_sim.row_file import Metrics, whole_file, write_json
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
         put_file(folder, f"setup_{number}.script", text)
     save_page(folder, job_page(f"job {file.stem}: {asked.head.part}", figures))
     write_json(folder / "job.json", figures)
-    console.table("job", PASS[:SHOWN], [row[:SHOWN] for row in pass_rows(figures["passes"])], left=2)
+    passes = [row[:SHOWN] for row in pass_rows(figures["passes"])]
+    console.table(Table("job", PASS[:SHOWN], passes, left=2))
     console.say(
         f"robot {figures['cycle_time_s']:.1f} s (planned {figures['planned_cycle_time_s']:.1f}), operator "
         f"{figures['operator_s']:.0f} s, {1e4 * figures['area_per_hour_m2']:.0f} cm^2 an hour"
@@ -184,7 +185,7 @@ def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
 
 def job_page(title: str, figures: Metrics) -> Page:
     """The page of a job from what job.json says."""
-    from polish_sim.page.page import tables_page
+    from polish_sim.page.page import Page
 
     f = figures
     totals = [
@@ -206,9 +207,12 @@ def job_page(title: str, figures: Metrics) -> Page:
     ]
     sums = ["region, all passes", "pressure x way, N/m", "std / mean, %", "a pad's radius inside, %"]
     about = f"{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {count_text(f['parts'], 'part')}"
-    tables: dict[str, Sequence[Sequence[str]]] = {
-        "Time": [["time", "s"], *totals],
-        "Passes": [PASS, *pass_rows(f["passes"])],
-        "Removal": [sums, *regions],
-    }
-    return tables_page(title, about, tables, [])
+    return Page.of(
+        title,
+        about,
+        [
+            Table("Time", ["time", "s"], totals),
+            Table("Passes", PASS, pass_rows(f["passes"])),
+            Table("Removal", sums, regions),
+        ],
+    )

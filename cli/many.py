@@ -10,19 +10,19 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from polish_sim.analysis.claim import Claim, figure_of, figure_table
+from polish_sim.analysis.claim import Claim, figure_of
 from polish_sim.cli import console
-from polish_sim.cli.boundary import Outcome, other_conditions
+from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.options import Given
 from polish_sim.cli.output_folder import rows_folder
 from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
-from polish_sim.config import Checked, Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.page import save_page
@@ -40,9 +40,7 @@ from polish_sim.row_file import (
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath
-    from polish_sim.scoring import Entry
-    from polish_sim.scoring.score import Scorer
-    from polish_sim.workers import Heard, Workers
+    from polish_sim.workers import Heard, Runner, Workers
 
 T = TypeVar("T")
 ASKED = "asked.json"  #: What the rows in the folder are of
@@ -50,17 +48,32 @@ QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
 
 @contextmanager
-def asked_folder(
+def filled(
     given: Given,
     kind: str,
     asked: Metrics,
+    stage: str,
+    prepare: Callable[[Path], tuple[Rows, Callable[[Runner], T]]],
+    files: Sequence[Path] = (),
+    *,
+    usual: str = "local",
     begin: Mapping[str, str] | None = None,
     begun: Metrics | None = None,
-) -> Iterator[Path]:
-    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless with
-    ``--overwrite``, where the command has that.
+) -> Iterator[tuple[Path, T]]:
+    """The folder of the rows of what is ``asked``, by name, and what some work makes of them; an interrupt
+    that left rows out is raised behind the block.
 
-    It is kept in `ASKED`, unless ``begin`` has the files that say it; ``begun`` is what those there say.
+    Args:
+        given: ``--out``, ``--workers``, ``--on``, and ``--overwrite`` where the command has that: without,
+            only the same is continued in a folder.
+        kind: Of the folder, e.g. ``run-force``.
+        asked: Kept in `ASKED`, unless ``begin`` has the files that say it; ``begun`` is what those there say.
+        stage: For the progress.
+        prepare: From the folder, its rows and the work.
+        files: The user's, which are shipped to other machines.
+        usual: Where the work is done if ``--on`` does not say.
+        begin: Files to begin the folder with.
+        begun: What the folder is of already.
     """
 
     def refuse(folder: Path) -> None:
@@ -77,9 +90,22 @@ def asked_folder(
             )
         )
 
+    from polish_sim.workers import Runner
+
     begin = begin or {ASKED: json.dumps(asked, indent=1) + "\n"}
     with rows_folder(given["--out"], kind, kind.partition("-")[0], begin, refuse) as folder:
-        yield folder
+        kept, work = prepare(folder)
+        with at_work(given, stage, files, usual) as (workers, heard):
+            runner = Runner(kept, workers, heard)
+            done = work(runner)
+        yield folder, done
+        if runner.lost:
+            console.note(
+                f"{count_text(runner.lost, 'run')} left out: the processes died; the same command does them "
+                "again."
+            )
+        if runner.interrupted:
+            raise KeyboardInterrupt
 
 
 def _begun(folder: Path) -> Metrics | None:
@@ -107,9 +133,7 @@ def _listed(value: Any) -> str:
 
 
 @contextmanager
-def at_work(
-    given: Given, stage: str, files: Sequence[Path] = (), usual: str = "local"
-) -> Iterator[tuple[Workers, Heard]]:
+def at_work(given: Given, stage: str, files: Sequence[Path], usual: str) -> Iterator[tuple[Workers, Heard]]:
     """Workers of ``--on`` (``usual`` where it is not given) and ``--workers``, and what shows how far they
     are.
 
@@ -146,40 +170,6 @@ def at_work(
         yield workers, heard
 
 
-@contextmanager
-def scored(
-    given: Given,
-    kind: str,
-    asked: Metrics,
-    stage: str,
-    entries: Sequence[Entry],
-    work: Callable[[Scorer, Heard], T],
-) -> Iterator[tuple[Path, T]]:
-    """The folder of rows of the score, of what is ``asked``, and what some work makes of them.
-
-    ``entries``: the controllers, whose files other machines need.
-    """
-    from polish_sim.scoring.score import Scorer
-
-    files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
-    with asked_folder(given, kind, asked) as folder:
-        with at_work(given, stage, files) as (workers, heard):
-            scorer = Scorer(folder, workers)
-            done = work(scorer, heard)
-        yield folder, done
-        say_lost(scorer.lost)
-        if scorer.interrupted:
-            raise KeyboardInterrupt
-
-
-def say_lost(runs: int) -> None:
-    """Say how many runs are left out because their processes died."""
-    if runs:
-        console.note(
-            f"{count_text(runs, 'run')} left out: the processes died; the same command does them again."
-        )
-
-
 def duration(seconds: float) -> str:
     """A time as people say it."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
@@ -202,34 +192,40 @@ class Many(NamedTuple):
     claims: Sequence[Claim]
     mean: str = "mean"  #: Or ``rms``
     usual: str = "local"  #: Where the work is done if nothing is said
+    conditions: tuple[str, ...] = ()  #: As of `Outcome`
+    files: Sequence[Path] = ()  #: The user's, which the work needs
 
 
-@contextmanager
 def seed_rows(
     many: Many, given: Given, seeds: Sequence[int], seed: str = "seed"
-) -> Iterator[tuple[Path, dict[int, Metrics]]]:
+) -> AbstractContextManager[tuple[Path, dict[int, Metrics]]]:
     """The folder with a row of each seed, and those rows; an interrupt that left some out is raised behind
     the block.
 
     ``seed``: what one of them is called.
     """
     from polish_sim.source_stamp import package_hash
-    from polish_sim.workers import fill_rows
 
     stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
-    with asked_folder(given, many.kind, {"of": f"{many.kind} of many {seed}s", "rows": stamp}) as folder:
-        kept, keys = Rows(folder), {number: f"{stamp}-{number}" for number in seeds}
-        stage = f"{count_text(len(seeds), seed)} of {many.what}"
+    keys = {number: f"{stamp}-{number}" for number in seeds}
+
+    def prepare(folder: Path) -> tuple[Rows, Callable[[Runner], dict[int, Metrics]]]:
+        kept = Rows(folder)
         # What is done already needs no plan.
         work = many.prepare(folder) if kept.missing(keys) else dict
-        with at_work(given, stage, (), many.usual) as (workers, heard):
-            rows, interrupted = fill_rows(keys, kept, work, lambda _: 0, workers, heard)
-        whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
-        for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
-            shutil.rmtree(left, ignore_errors=True)
-        yield folder, rows
-        if interrupted:
-            raise KeyboardInterrupt
+
+        def fill(runner: Runner) -> dict[int, Metrics]:
+            rows = runner.fill(keys, work)
+            whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
+            for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
+                shutil.rmtree(left, ignore_errors=True)
+            return rows
+
+        return kept, fill
+
+    asked = {"of": f"{many.kind} of many {seed}s", "rows": stamp}
+    stage = f"{count_text(len(seeds), seed)} of {many.what}"
+    return filled(given, many.kind, asked, stage, prepare, many.files, usual=many.usual)
 
 
 def run_seeds(
@@ -241,7 +237,7 @@ def run_seeds(
 
     ``finish`` may draw, and add to the outcome; an interrupt keeps the seeds that are done.
     """
-    from polish_sim.page.page import tables_page
+    from polish_sim.page.page import Page
 
     first = given["--seed"] or 0
     with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs):
@@ -253,12 +249,11 @@ def run_seeds(
             "worst": worst,
         }
         write_metrics(folder, {**facts, "runs": runs})
-        columns = {many.mean: middle, "worst seed": worst}
         title = f"{many.what}, {count_text(len(runs), 'seed')}"
-        figures = {"Figures": figure_table(many.claims, columns)}
-        save_page(folder, tables_page(title, f"{many.mean} and worst of all seeds", figures, []))
-        outcome = finish(folder, runs, Outcome(many.claims, title, columns))
-        return outcome.finish(folder, given["--check"])
+        columns = {many.mean: middle, "worst seed": worst}
+        outcome = Outcome(many.claims, title, columns, conditions=many.conditions)
+        save_page(folder, Page.of(title, f"{many.mean} and worst of all seeds", [outcome.table]))
+        return finish(folder, runs, outcome).finish(folder, given["--check"])
 
 
 def aggregate(
@@ -283,7 +278,8 @@ def seed_folder(folder: Path, seed: int) -> Path:
 
 def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
-    from polish_sim.experiments.assembly import config_hash
+    from polish_sim.analysis.run_record import other_conditions
+    from polish_sim.experiments.assembly import config_hash, user_files
 
     def prepare(folder: Path) -> Callable[[int], Metrics]:
         with console.progress() as observer:
@@ -291,11 +287,13 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
         return partial(_run_one, placed, way, folder.resolve())
 
     depends, claims = config_hash(replace(scenario, seed=0), {}), claims_shown([scenario])
-    what = scenario.experiment
-    if experiment(what).controlled:
+    what, row = scenario.experiment, experiment(scenario.experiment)
+    if row.controlled:
         what += f", {scenario.controller.label}"
-    many = Many(f"run-{scenario.experiment}", what, depends, prepare, claims)
-    return run_seeds(many, given, partial(_finish_runs, scenario))
+    other = other_conditions(scenario, row.defaults)
+    files = user_files(scenario)
+    many = Many(f"run-{row.name}", what, depends, prepare, claims, conditions=other, files=files)
+    return run_seeds(many, given, _finish_runs)
 
 
 def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Metrics:
@@ -304,30 +302,29 @@ def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int)
         return dict(simulate(replace(scenario, seed=seed), way, own).metrics)
 
 
-def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Metrics], outcome: Outcome) -> Outcome:
+def _finish_runs(folder: Path, runs: Mapping[int, Metrics], outcome: Outcome) -> Outcome:
     """Draw all seeds together, and say what went wrong in which."""
     from polish_sim.analysis.run_record import read_record
     from polish_sim.experiments.report import draw_seeds, write_seeds_page
 
-    undrawn = ""
-    try:
-        records = [read_record(seed_folder(folder, seed)) for seed in runs]
-        save_plots(folder, draw_seeds(records))
-        write_seeds_page(folder, records, outcome.columns)
-    except KeyboardInterrupt:
-        undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
-        write_json(folder / METRICS, read_json(folder / METRICS) | {PICTURES_MISSING: True})
-
     def said(texts: Callable[[Metrics], Sequence[str]]) -> tuple[str, ...]:
         return tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in texts(figures))
 
-    return replace(
+    outcome = replace(
         outcome,
         stops=said(lambda figures: [figures["protective_stop"]] if figures["protective_stop"] else []),
-        undrawn=undrawn,
         notes=said(
             lambda m: [f"the fault {e} did not happen, the run was over before." for e in m["faults_missed"]]
         ),
         bad=said(lambda figures: figures.get("bad_figures", ())),
-        conditions=other_conditions(scenario),
     )
+    try:
+        records = [read_record(seed_folder(folder, seed)) for seed in runs]
+        save_plots(folder, draw_seeds(records))
+        notes = [*outcome.stops, *outcome.notes, *(f"bad: {text}." for text in outcome.bad)]
+        write_seeds_page(folder, records, outcome.table, notes)
+    except KeyboardInterrupt:
+        write_json(folder / METRICS, read_json(folder / METRICS) | {PICTURES_MISSING: True})
+        undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
+        outcome = replace(outcome, undrawn=undrawn)
+    return outcome

@@ -30,6 +30,7 @@ from polish_sim.scenario_file import (
     presets_in,
     with_files,
 )
+from polish_sim.workers import engine
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
@@ -112,6 +113,7 @@ OWN = {
             "ENGINE",
             "Where: local (default), dask (a cluster on this machine, with a dashboard), "
             "tcp://HOST:PORT or tls://HOST:PORT (a Dask scheduler).",
+            parser=engine,
         ),
         Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
         Own(
@@ -506,9 +508,9 @@ def chosen(given: Given, *names: str) -> dict[str, Any]:
 
 
 def refuse_without(given: Given, needed: str, *options: str) -> None:
-    """Refuse options that change nothing without another one, by name (InputError)."""
-    if given.get(needed) is None:
-        _refuse_idle(given, options, f"without {needed}")
+    """Refuse options that change nothing without one of others, named with spaces (InputError)."""
+    if all(given.get(option) is None for option in needed.split()):
+        _refuse_idle(given, options, f"without {' or '.join(needed.split())}")
 
 
 def refuse_beside(given: Given, chosen: str, *options: str) -> None:

@@ -18,15 +18,17 @@ from polish_sim.cli.options import (
     Given,
     argument,
     build_scenario,
+    refuse_beside,
     refuse_idle_on_path,
+    refuse_without,
     takes,
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Checked, Scenario
-from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
+from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
-from polish_sim.page import save_page
-from polish_sim.row_file import Metrics, save_plots, write_json
+from polish_sim.page import Table, number_or_dash, save_page
+from polish_sim.row_file import save_plots, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,15 +71,13 @@ def plan(part: PartFile, given: Given) -> int:
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
     """
     dual = bool(given["--dual"])
+    refuse_beside(given, "--dual", "--reach-map")
     given = {**given, "--part": part}
     refuse_taken(given)
     named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture") if given[name] is not None]
     if dual:
         refuse_idle_options(experiment("dual"), named)
-        if given["--reach-map"]:
-            raise InputError("--reach-map shows one robot: leave it or --dual out.")
-    elif idle := [name for name in named if name in PAIR_OPTIONS]:
-        raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
+    refuse_without(given, "--dual", *PAIR_OPTIONS)
     asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import check_formats
@@ -157,6 +157,7 @@ def plan_once(
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     from polish_sim.analysis.metrics import much_left_out
+    from polish_sim.planning.quality.figures import path_table
 
     for note in result.notes:
         console.note(f"note: {note}")
@@ -168,7 +169,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
         console.note(seat_notes(result.figures)[0])
     for text in much_left_out(result.figures):
         console.note(f"bad: {text}.")
-    console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
+    console.table(path_table(f"plan of {result.mesh.name}", result.figures))
 
 
 def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
@@ -249,7 +250,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
                 f"{100.0 * m['coverage']:.1f}",
                 str(m["retracts"]),
                 f"{m['path_length_m']:.2f}",
-                console.number_or_dash(m["cycle_time_s"], ".1f"),
+                number_or_dash(m["cycle_time_s"], ".1f"),
             ]
         )
     headings = [
@@ -262,7 +263,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
         "path, m",
         "cycle time, s",
     ]
-    console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
+    console.table(Table(f"setups of {done[0].mesh.name}", headings, rows, left=2))
     whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
 
@@ -327,48 +328,3 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
         tool_spin_rad=task.reach.spin,
     )
     return result
-
-
-def _rows(m: Metrics) -> list[list[str]]:
-    mm = 1e3
-    cm2 = 1e4
-    percent = 1e2
-    dash = console.number_or_dash
-    stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
-    if "T_base_work" in m:
-        stands = place_in_mm(row[3] for row in m["T_base_work"][:3])
-    cycle = "cycle time: with air, touch-down and lifts" + (
-        "" if "T_base_work" in m else "; tool's limits alone"
-    )
-    spread = " / ".join(dash(m[f"stepover_{name}_m"], ".2f", mm) for name in ("p5", "p95"))
-    return [
-        ["facets", "", str(m["facets"])],
-        [
-            "region, of the part's surface",
-            "cm^2",
-            f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}",
-        ],
-        ["  polished", "cm^2", f"{m['polished_area_m2'] * cm2:.4g}"],
-        *([f"  left out: {reason}", "cm^2", f"{area * cm2:.3g}"] for reason, area in m["left_out"].items()),
-        ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
-        ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
-        ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["time in contact, smoothed motion", "s", dash(m["motion_time_s"], ".1f")],
-        [cycle, "s", dash(m["cycle_time_s"], ".1f")],
-        ["way at the full feed, starts and stops included", "%", dash(m["feed_kept"], ".1f", percent)],
-        ["least feed, starts and stops left out", "mm/s", dash(m["feed_least_m_s"], ".2f", mm)],
-        ["  at, along the path with its leads", "m", dash(m["feed_least_at_m"], ".3f")],
-        ["motion beside the path, at most", "mm", dash(m["smoothed_off_max_m"], ".2g", mm)],
-        ["  tool axis", "deg", dash(m["smoothed_axis_off_max_rad"], ".2g", math.degrees(1.0))],
-        ["step-over, mean", "mm", dash(m["stepover_mean_m"], ".2f", mm)],
-        ["step-over, p5 / p95", "mm", spread],
-        ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
-        ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
-        ["crossings of the path with itself", "", str(m["self_crossings"])],
-        ["tool in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
-        ["retracts", "", str(m["retracts"])],
-        ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],
-        ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.1g}"],
-        ["part's origin, robot base", "", stands],
-        ["planned in", "s", f"{m['plan_time_s']:.2f}"],
-    ]

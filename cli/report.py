@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import show_figures
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import count_text
-from polish_sim.experiments.registry import claims_shown, setting_rows
 from polish_sim.row_file import save_plots, write_json
 
 Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
@@ -28,6 +26,7 @@ def report(runs: Runs, given: Given) -> None:
         cell_model,
         draw_comparison,
         remade,
+        runs_table,
         saved_records,
         write_saved_page,
     )
@@ -45,11 +44,7 @@ def report(runs: Runs, given: Given) -> None:
             save_plots(folder.draft, draw_comparison(records))
         write_saved_page(folder.draft, runs, records)
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
-    columns = {record.name: record.metrics for record in records}
-    claims = claims_shown([record.scenario for record in records])
-    show_figures(
-        claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records)
-    )
+    console.table(runs_table(records)._replace(title=f"{name}: {count_text(len(records), 'run')}"))
     for text in notes_of(records):
         console.note(f"note: {text}")
     console.say_folder(folder.final)

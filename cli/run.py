@@ -15,13 +15,14 @@ import typer
 from typer.core import TyperGroup
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, Outcome, other_conditions
+from polish_sim.cli.boundary import DONE, Outcome
 from polish_sim.cli.catalogue import PanelledCommand
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
     Given,
     build_scenario,
+    refuse_beside,
     refuse_idle_on_path,
     refuse_without,
     takes,
@@ -122,9 +123,7 @@ def run(row: Experiment, given: Given) -> int:
     """Simulate an experiment with the options given."""
     view = given.get("--view")
     seeds = given.get("--seeds")
-    of_one = [option for option in ("--view", "--live", "--video", "--learn") if given.get(option)]
-    if seeds is not None and of_one:
-        raise InputError(f"{of_one[0]} is for one run, of one arm on one part: leave --seeds out.")
+    refuse_beside(given, "--seeds", "--view", "--live", "--video", "--learn")
     live = live_address(given)
     if seeds is None:
         refuse_taken(given)
@@ -212,7 +211,7 @@ def run_once(
     Ctrl-C ``again`` after the run ends the drawing. ``sinks`` get the frames; with ``video`` a film is made.
     """
     from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.analysis.run_record import stop_mark
+    from polish_sim.analysis.run_record import other_conditions, stop_mark
     from polish_sim.experiments.report import write_page
 
     row = experiment(scenario.experiment)
@@ -275,7 +274,7 @@ def run_once(
         undrawn,
         (*(load(row.notes)(figures) if row.notes else ()), *missed),
         tuple(figures.get("bad_figures", ())),
-        other_conditions(scenario),
+        other_conditions(scenario, row.defaults),
     )
 
 

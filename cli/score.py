@@ -12,23 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, SHORT
-from polish_sim.cli.many import scored
+from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
-from polish_sim.errors import InputError, count_text
+from polish_sim.errors import count_text
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.page import save_page
-from polish_sim.row_file import METRICS, Row, package_versions, save_plots, write_json
+from polish_sim.page import Table, save_page
+from polish_sim.row_file import METRICS, Row, Rows, package_versions, save_plots, write_json
 from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:
-    from polish_sim.page.page import Page
-    from polish_sim.scoring import Entry, JudgedFigure, Score, Task
+    from polish_sim.scoring import Score, Task
     from polish_sim.scoring.border import Border
     from polish_sim.scoring.figures import Asked
-
-    Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
+    from polish_sim.scoring.summary import Verdicts
 
 SEEDS = 5
 SEEDS_OF_REACH = 20
@@ -81,12 +79,12 @@ CONTROLLER_TEXT = (
 def score(given: Given) -> int:
     """Score a controller by a fixed battery of cases under realistic disturbances; Ctrl-C keeps what is
     done."""
-    against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
-    if ablate and against is not None:
-        raise InputError("--ablate compares a controller with itself: leave --against out.")
+    against, settings = given["--against"], given["--set"] or []
+    refuse_beside(given, "--ablate", "--against")
     refuse_beside(given, "--worst", *OF_CASES, "--ablate", "--against", "--border")
     refuse_beside(given, "--border", *OF_CASES, "--ablate")
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.experiments.assembly import user_files
     from polish_sim.scoring import (
         BATTERY,
         REACH_CASES,
@@ -102,13 +100,14 @@ def score(given: Given) -> int:
     reach = bool(given["--reach"])
     cases = choose_cases(REACH_CASES if reach else BATTERY, given["--case"] or [])
     if given["--list"]:
-        console.table(
-            "cases of the score", ["case", "what is run"], [[c.name, c.text] for c in cases], left=2
-        )
+        named = [[c.name, c.text] for c in cases]
+        console.table(Table("cases of the score", ["case", "what is run"], named, left=2))
         return DONE
     own = user_entry(given["--controller"] or "hybrid-pi", settings, "with --set" if settings else "")
     entries = (
-        [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
+        [own, *ablations(own)]
+        if given["--ablate"]
+        else [own, *([user_entry(against)] if against is not None else [])]
     )
     check_entries(cases, entries)
     seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
@@ -128,7 +127,9 @@ def score(given: Given) -> int:
         work, show = partial(search_worst, own, given["--worst"]), show_worst
     asked = asked_for(what, entries, tasks, **more)
     stage = f"{what}: {', '.join(entry.label for entry in entries)}"
-    with scored(given, "score", asked, stage, entries, work) as (folder, found):
+    one_each = {task.entry: task.scenario for task in tasks}.values()
+    files = [file for scenario in one_each for file in user_files(scenario)]
+    with filled(given, "score", asked, stage, lambda at: (Rows(at), work), files) as (folder, found):
         return show(found, folder)
 
 
@@ -152,11 +153,8 @@ def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
         shown.append([label, unit, f"{figures[name]:.3g}", where, stopped])
     stops = sum(bool(row["protective_stop"]) for row in rows.values())
     write_json(folder / METRICS, {**figures, "runs": len(rows), "stops": stops})
-    console.table(
-        f"worst of {task.entry.label}, {count_text(len(rows), 'run')}, {stops} stopped",
-        ["figure", "unit", "worst", "where", "stopped, as"],
-        shown,
-    )
+    title = f"worst of {task.entry.label}, {count_text(len(rows), 'run')}, {stops} stopped"
+    console.table(Table(title, ["figure", "unit", "worst", "where", "stopped, as"], shown))
     for name in FIGURES:
         console.say(f"to repeat: polish-sim run surface --config {folder / name}.toml")
     console.say_folder(folder)
@@ -165,19 +163,23 @@ def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
 
 def write_and_show(given: Given, score: Score, folder: Path) -> int:
     """Write and print the results of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
-    from polish_sim.scoring import BATTERY_ASKED, REACH, judge
+    from polish_sim.scoring import BATTERY_ASKED, REACH, judge, score_tables
 
     asked = REACH if given["--reach"] else BATTERY_ASKED
     verdicts = [(entry, judge(asked, score.rows_of(entry))) for entry in score.entries]
     _write(folder, given, score, verdicts, asked)
-    _show(given, score, verdicts)
+    for table in score_tables(score, verdicts, bool(given["--ablate"]), means=False):
+        console.table(table)
+    for line in _notes(score):
+        console.say(line)
     console.say_folder(folder)
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
     return SHORT if given["--check"] and short else DONE
 
 
 def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits: Sequence[Asked]) -> None:
-    from polish_sim.scoring import ablation_ratios, markdown
+    from polish_sim.page.page import Page
+    from polish_sim.scoring import ablation_ratios, markdown, score_tables
     from polish_sim.scoring.figures import DEFINITIONS
     from polish_sim.scoring.plot import plot_ablation, plot_score
 
@@ -204,8 +206,11 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
     }  # fmt: skip
     put_file(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
     write_json(folder / METRICS, facts | {"asked": asked})
-    put_file(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
-    save_page(folder, _page(score, verdicts))
+    tables = score_tables(score, verdicts, bool(given["--ablate"]))
+    put_file(folder, "score.md", markdown(score, tables))
+    named = ", ".join(entry.label for entry in score.entries)
+    about = f"{count_text(len(score.rows), 'run')} of {count_text(len(score.cases), 'case')}"
+    save_page(folder, Page.of(f"score: {named}", about, [*tables, _worst_runs(score)], _notes(score)))
     moving = {case.name: case.moving for case in score.cases}
     save_plots(folder, {
         "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
@@ -228,53 +233,34 @@ def _facts(score: Score) -> dict[str, Any]:
     }
 
 
-def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
-    from polish_sim.scoring import ablation_table, breaking, overview, summarize, verdict_table, worst_line
+def _notes(score: Score) -> list[str]:
+    """The worst case of each controller, and where it breaks."""
+    from polish_sim.scoring import breaking, summarize, worst_line
 
     summaries = summarize(score)
-    left = 2 if len(score.entries) > 1 else 1
-    seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
-    console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
-    if given["--ablate"]:
-        console.table(
-            "without each law: mean change and largest [s, N]", *ablation_table(score, places=False)
+    return [
+        line
+        for entry in score.entries
+        for line in (
+            f"worst case of {worst_line(score, entry)}",
+            *(f"  breaks in {case}" for case in breaking(summaries, entry)),
         )
-    for entry, own in verdicts if not given["--ablate"] else verdicts[:1]:
-        if own:
-            console.table(f"what is asked: {entry.label}", *verdict_table(own))
-    for entry in score.entries:
-        console.say(f"worst case of {worst_line(score, entry)}")
-        for line in breaking(summaries, entry):
-            console.say(f"  breaks in {line}")
+    ]
 
 
-def _page(score: Score, verdicts: Verdicts) -> Page:
-    """The tables for a browser, with the command that plays the worst run of each case and leaves its own
-    page."""
+def _worst_runs(score: Score) -> Table:
+    """The command that plays the worst run of each case and leaves its own page."""
     from polish_sim.analysis.run_record import once_more
-    from polish_sim.page.page import tables_page
-    from polish_sim.scoring import breaking, overview, summarize, verdict_table, worst_case, worst_line
+    from polish_sim.scoring import summarize, worst_case
 
-    summaries = summarize(score)
-    tables: dict[str, list[Sequence[str]]] = {
-        f"Asked of {entry.label}": verdict_table(own).lines for entry, own in verdicts if own
-    }
-    tables["Cases, mean / worst of the seeds"] = overview(summaries).lines
-    runs: list[Sequence[str]] = [["case", "controller", "seed", "the worst run, with a page of its own"]]
-    for summary in summaries:
+    runs = []
+    for summary in summarize(score):
         worst = worst_case([summary], summary.entry)
         if worst is not None:
             scenario = summary.case.scenario(summary.entry, worst["seed"])
             command = once_more(scenario, default_scenario(scenario.experiment))
             runs.append([summary.case.name, summary.entry.label, str(worst["seed"]), command])
-    tables["Look at one"] = runs
-    named = ", ".join(entry.label for entry in score.entries)
-    about = f"{count_text(len(score.rows), 'run')} of {count_text(len(score.cases), 'case')}"
-    notes = [f"worst case of {worst_line(score, entry)}" for entry in score.entries]
-    notes += [
-        f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)
-    ]
-    return tables_page(f"score: {named}", about, tables, notes)
+    return Table("look at one", ["case", "controller", "seed", "the worst run, with a page of its own"], runs)
 
 
 # The border of stability.
@@ -288,10 +274,8 @@ def show_border(border: Border, folder: Path) -> int:
     write_json(folder / "border.json", facts | {"versions": package_versions()})
     save_plots(folder, {"border.png": plot_border(border)})
     for label, found in facts["controllers"].items():
-        console.table(
-            f"stable up to this latency, {label}", ["springs", "in the cell [ms]", "linear model [ms]"],
-            _border_rows(found, border),
-        )  # fmt: skip
+        headings = ["springs", "in the cell [ms]", "linear model [ms]"]
+        console.table(Table(f"stable up to this latency, {label}", headings, _border_rows(found, border)))
     console.say_folder(folder)
     return DONE
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, refuse_beside, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
-from polish_sim.errors import InputError
 
 MOTION = "Motion"
 
@@ -87,8 +86,7 @@ OPTIONS = (
 @takes(*OPTIONS, "--part-pose", *OUTPUT_OPTIONS)
 def smooth(path: PathFile, given: Given) -> None:
     """Smooth a tool path: trajectory.npz, trajectory.csv, metrics.json, limits.toml and pictures."""
-    if given["--no-joints"] and given["--part-pose"] is not None:
-        raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
+    refuse_beside(given, "--no-joints", "--part-pose")
     refuse_taken(given)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.cli.smoothed import show_smoothing, smooth_file

@@ -22,6 +22,7 @@ from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.rule import RULES, check_rule
+from polish_sim.page import Table, figure_rows
 from polish_sim.planning import PlanObserver
 from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.smoothing.figures import (
@@ -175,36 +176,27 @@ def _times_by_rule(
 def show_smoothing(name: str, figures: Metrics) -> None:
     """Print the table of figures."""
     columns = [figures] + ([figures["against"]] if "against" in figures else [])
-    rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]
-    for rule, seconds in figures["cycle_time_by_rule_s"].items():
-        shown = console.number_or_dash(seconds, ".3f")
-        rows.append([f"cycle time by {rule}", "s", shown, *[""] * (len(columns) - 1)])
-    console.table(f"{name}, smoothed", ["figure", "unit", *(m["rule"] for m in columns)], rows)
+    times = figures["cycle_time_by_rule_s"]
+    rows = [*ROWS, *((f"cycle time by {rule}", "s", rule, ".3f") for rule in times)]
+    shown = figure_rows(rows, figures | times, *columns[1:])
+    console.table(Table(f"{name}, smoothed", ["figure", "unit", *(m["rule"] for m in columns)], shown))
 
 
-def _rows() -> list[tuple[str, str, Any]]:
-    def ratio(name: str) -> Any:
-        return lambda m: console.number_or_dash(m[name], ".4f")
-
-    shares = [
-        (f"{part} {order}, peak / limit", "", ratio(f"{part}_{order}_ratio_max"))
+ROWS = (
+    ("segments", "", "segments", ".0f"),
+    ("path length", "mm", "path_length_m", ".1f"),
+    ("cycle time", "s", "cycle_time_s", ".3f"),
+    ("tip off the path, at most", "µm", "tip_deviation_contour_max_m", ".2f"),
+    ("corner off the tip's way, at most", "µm", "tip_deviation_vertex_max_m", ".2f"),
+    ("tool axis off its path, at most", "deg", "axis_deviation_max_rad", ".4f"),
+    *(
+        (f"{part} {order}, peak / limit", "", f"{part}_{order}_ratio_max", ".4f")
         for part in ("tool", "axis", "joint")
         for order in ORDERS
-    ]
-    return [
-        ("segments", "", lambda m: str(m["segments"])),
-        ("path length", "mm", lambda m: f"{1e3 * m['path_length_m']:.1f}"),
-        ("cycle time", "s", lambda m: f"{m['cycle_time_s']:.3f}"),
-        ("tip off the path, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_contour_max_m']:.2f}"),
-        ("corner off the tip's way, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_vertex_max_m']:.2f}"),
-        (
-            "tool axis off its path, at most",
-            "deg",
-            lambda m: f"{math.degrees(m['axis_deviation_max_rad']):.4f}",
-        ),
-        *shares,
-        ("planned, segments per second", "1/s", lambda m: f"{m['segments_per_s']:.0f}"),
-    ]
+    ),
+    ("planned, segments per second", "1/s", "segments_per_s", ".0f"),
+)
+"""Figures that are shown."""
 
 
 def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:

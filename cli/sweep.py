@@ -3,31 +3,30 @@ resumes."""
 
 from __future__ import annotations
 
-import statistics
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from polish_sim.analysis.claim import value_text
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
-from polish_sim.cli.many import asked_folder, at_work, duration, say_lost
+from polish_sim.cli.many import duration, filled
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
 from polish_sim.cli.run import checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import InputError, count_text, unknown_name
+from polish_sim.errors import InputError, count_text, needed, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
-from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, refuse_idle_options
-from polish_sim.page import save_page
+from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
+from polish_sim.page import Table, save_page
 from polish_sim.row_file import ROWS, Metrics, Row
 
 if TYPE_CHECKING:
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable, StudyTask
+    from polish_sim.workers import Runner
 
 SHOWN = 3  #: Reasons of runs that failed
 MOST_CHECKED = 100  #: Values of an axis that are tried before the start
@@ -56,14 +55,12 @@ What = Annotated[
 )  # fmt: skip
 def sweep(what: What, given: Given) -> int:
     """Run an experiment over many settings and seeds: one folder with runs.parquet, study.toml and a page."""
-    if find_spec("pyarrow") is None:
-        raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
+    needed("pyarrow", "'sweep' keeps its table in Parquet", "sweep")
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.experiments.assembly import user_files
     from polish_sim.studies.study import STUDY, read_study, study_text
     from polish_sim.studies.table import RunTable, keys_of_runs, run_time
-    from polish_sim.workers import check_engine
 
-    check_engine(given["--on"] or "local")
     study, out = asked_study(what, given)
     check_values(study)
     if given["--dry-run"]:
@@ -75,8 +72,16 @@ def sweep(what: What, given: Given) -> int:
         return DONE
     kind, begin = f"sweep-{study.base.experiment}", {STUDY: study_text(study)}
     held = sweep_of(read_study(out / STUDY)) if out is not None and (out / STUDY).is_file() else None
-    with asked_folder({"--out": out}, kind, sweep_of(study), begin, held) as folder:
-        return run_and_show(study, RunTable(folder), given)
+    named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
+    files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
+    prepare = partial(prepare_study, study, given)
+    asked, given = sweep_of(study), {**given, "--out": out}
+    with filled(given, kind, asked, "simulate", prepare, files, begin=begin, begun=held) as (
+        folder,
+        facts,
+    ):
+        _show(study, folder, facts)
+        return DONE if facts["done"] else USAGE if facts["failed"] else STOPPED
 
 
 def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
@@ -146,9 +151,8 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
         about = duration(run_s * missing / share)
         rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
-    console.table(
-        f"sweep {study.base.experiment}, {study.base.controller.label}", ["", ""], [*axes, *rows], left=2
-    )
+    title = f"sweep {study.base.experiment}, {study.base.controller.label}"
+    console.table(Table(title, ["", ""], [*axes, *rows], left=2))
 
 
 def time_first(study: Study, missing: Sequence[StudyTask]) -> Row | None:
@@ -163,55 +167,34 @@ def time_first(study: Study, missing: Sequence[StudyTask]) -> Row | None:
             return run_row(study, None, missing[0])
 
 
-def run_and_show(study: Study, table: RunTable, given: Given) -> int:
-    """Do the runs, write table, summary and page, print their results; 130 if it was interrupted."""
-    from polish_sim.experiments.assembly import user_files
+def prepare_study(study: Study, given: Given, folder: Path) -> tuple[RunTable, Callable[[Runner], Metrics]]:
+    """Say how many runs there are and how long they take; what does them."""
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
-    from polish_sim.studies.table import keys_of_runs, run_study, write_summary
+    from polish_sim.studies.table import RunTable, keys_of_runs, run_study
 
+    table = RunTable(folder)
     if table.sources - {package_hash()[:12]}:
         console.note(
             "note: rows of another version of polish-sim are in the folder and kept; see the column 'source'."
         )
-    keys = keys_of_runs(study)
-    try:
-        # All kernels are compiled once, not in every process; once they are, the processes start at once.
-        if not is_warm() and not given["--logs"] and (row := time_first(study, table.missing(keys))):
-            table.add(row["config_hash"], row)
-        announce(study, len(table.missing(keys)), len(keys), given, table.run_s)
-        named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
-        files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
-        with at_work(given, "simulate", files) as (workers, heard):
-            interrupted = run_study(study, keys, table, workers, heard, bool(given["--logs"]))
-    finally:
-        if table.known:
-            table.write()
-            facts = write_summary(table, study, len(keys))
-    _show(study, table, facts)
-    if interrupted:
-        raise KeyboardInterrupt
-    return DONE if facts["done"] else USAGE if facts["failed"] else STOPPED
+    keys, logs = keys_of_runs(study), bool(given["--logs"])
+    # All kernels are compiled once, not in every process; once they are, the processes start at once.
+    if not is_warm() and not logs and (row := time_first(study, table.missing(keys))):
+        table.add(row["config_hash"], row)
+    announce(study, len(table.missing(keys)), len(keys), given, table.run_s)
+    return table, partial(run_study, study, keys, logs)
 
 
-def _show(study: Study, table: RunTable, facts: Metrics) -> None:
-    from polish_sim.studies.page import sweep_page
-    from polish_sim.studies.table import DONE as ENDED
+def _show(study: Study, folder: Path, facts: Metrics) -> None:
+    from polish_sim.studies.page import figures_table, sweep_page
     from polish_sim.studies.table import FAILED, read_rows
 
-    columns = read_rows(table.folder)
-    save_page(table.folder, sweep_page(study, columns))
-    rows = []
-    for claim in claims_shown([study.base]):
-        every = zip(columns.get(claim.figure, []), columns["outcome"], strict=False)
-        values = [float(v) for v, outcome in every if v is not None and outcome == ENDED]
-        if values:
-            shown = (value_text(claim, of(values)) for of in (min, statistics.median, max))
-            rows.append([claim.label, claim.unit, *shown])
-    if rows:
-        console.table(
-            "runs that came to their end", ["figure", "unit", "least", "median", "largest"], rows, left=2
-        )
+    columns = read_rows(folder)
+    save_page(folder, sweep_page(study, columns))
+    figures = figures_table(study, columns)
+    if figures.rows:
+        console.table(figures)
     ended = ", ".join(
         f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name]
     )
@@ -219,5 +202,4 @@ def _show(study: Study, table: RunTable, facts: Metrics) -> None:
     reasons = dict.fromkeys(zip(columns["outcome"], columns.get("reason", ()), strict=False))
     for reason in [why for outcome, why in reasons if outcome == FAILED][:SHOWN]:
         console.note(f"failed: {reason}")
-    say_lost(facts["lost"])
-    console.say_folder(table.folder)
+    console.say_folder(folder)

@@ -5,27 +5,25 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
-from polish_sim.cli.many import scored
+from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
-from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.errors import InputError, needed, number_text, unknown_name
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.page import save_page
-from polish_sim.row_file import write_metrics
+from polish_sim.page import Table, save_page
+from polish_sim.row_file import Rows, write_metrics
 from polish_sim.scenario_file import override
 from polish_sim.toml_text import toml_text
 
 if TYPE_CHECKING:
-    from polish_sim.scoring.score import Scorer
     from polish_sim.studies.tune import Search, Verdict
-    from polish_sim.workers import Heard
+    from polish_sim.workers import Runner
 
 TUNED = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
@@ -93,31 +91,32 @@ def tune(controller: ControllerName, given: Given) -> int:
     Shipped and found values are compared in the end on seeds and cases the search did not see.
     """
     for module in ("optuna", "cmaes"):
-        if find_spec(module) is None:
-            raise InputError("'tune' searches with Optuna: pip install 'polish-sim[tune]'.")
+        needed(module, "'tune' searches with Optuna", "tune")
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.experiments.assembly import user_files
     from polish_sim.scoring import check_entries
     from polish_sim.studies.tune import judge_tuned, search_best
-    from polish_sim.workers import check_engine
 
-    check_engine(given["--on"] or "local")
     search = asked_search(controller, given)
     check_entries((*search.cases, *search.held_out), [search.entry({p.key: p.low for p in search.over})])
     check_entries((*search.cases, *search.held_out), [search.entry(None)])
     trials = given["--trials"] or TRIALS
 
-    def found(scorer: Scorer, heard: Heard) -> tuple[dict[str, float], list[Verdict]]:
+    def found(runner: Runner) -> tuple[dict[str, float], list[Verdict]]:
         def tried(number: int, text: str) -> None:
             console.note(f"trial {number} of {trials}: {text}")
-            heard(number, trials, None)
+            runner.heard(number, trials, None)
 
-        best = search_best(search, trials, scorer, tried)
+        best = search_best(search, trials, runner, tried)
         console.note("shipped and tuned, on held-out seeds and cases")
-        return best, judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
+        return best, judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, runner)
 
     stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"
-    entries = [search.entry(None)]
-    with scored(given, "tune", _facts(search), stage, entries, found) as (folder, (best, verdicts)):
+    files = user_files(search.cases[0].scenario(search.entry(None), 0))
+    with filled(given, "tune", _facts(search), stage, lambda at: (Rows(at), found), files) as (
+        folder,
+        (best, verdicts),
+    ):
         put_file(folder, TUNED, tuned_toml(search, best))
         show_search(search, best, verdicts, folder)
     return DONE
@@ -188,25 +187,34 @@ def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
 
 def show_search(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
     """Write metrics.json and the page, print the tables."""
-    from polish_sim.page.page import tables_page
+    from polish_sim.page.page import Page
 
     goal, conditions = ":".join(search.goal), ", ".join(_facts(search)["subject_to"])
-    values = [["parameter", "shipped", "tuned", "searched"]]
-    values += [[p.key, number_text(p.shipped, 4), number_text(best[p.key], 4),
+    values = [[p.key, number_text(p.shipped, 4), number_text(best[p.key], 4),
                 f"{number_text(p.low, 4)} to {number_text(p.high, 4)}"] for p in search.over]  # fmt: skip
-    rows = [["where", "rows", f"shipped {goal}", "tuned", f"shipped not {conditions}", "tuned not", "better"]]
-    rows += [[v.what, str(v.rows), number_text(v.shipped, 4), number_text(v.tuned, 4), str(v.shipped_broken),
+    headings = [
+        "where",
+        "rows",
+        f"shipped {goal}",
+        "tuned",
+        f"shipped not {conditions}",
+        "tuned not",
+        "better",
+    ]
+    rows = [[v.what, str(v.rows), number_text(v.shipped, 4), number_text(v.tuned, 4), str(v.shipped_broken),
               str(v.tuned_broken), "yes" if v.better else "NO"] for v in verdicts]  # fmt: skip
     facts = _facts(search) | {
         "best": dict(best),
         "judged": [v._asdict() | {"better": v.better} for v in verdicts],
     }
     write_metrics(folder, facts)
-    tables = {"Parameters": values, "Shipped and tuned": rows}
-    page = tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])
-    save_page(folder, page)
-    console.table(f"tune {search.controller}", values[0], values[1:])
-    console.table("shipped and tuned; goals of the runs in which both keep the conditions", rows[0], rows[1:])
+    tables = (
+        Table(f"tune {search.controller}", ["parameter", "shipped", "tuned", "searched"], values),
+        Table("shipped and tuned; goals of the runs in which both keep the conditions", headings, rows),
+    )
+    save_page(folder, Page.of(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables))
+    for table in tables:
+        console.table(table)
     held = verdicts[1]
     if not held.better:
         console.say("on held-out seeds the tuned values are NOT better than the shipped ones: keep those.")

@@ -11,14 +11,13 @@ import io
 import ipaddress
 import socket
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from polish_sim.cli import console
-from polish_sim.cli.options import Given, argument, takes
-from polish_sim.errors import InputError
+from polish_sim.cli.options import Given, argument, refuse_without, takes
+from polish_sim.errors import InputError, needed
 
 if TYPE_CHECKING:
     from http.server import HTTPServer
@@ -47,11 +46,7 @@ def asked_address(given: Given) -> Address:
     Raises:
         InputError: viser is not installed.
     """
-    if find_spec("viser") is None:
-        raise InputError(
-            "the live view needs viser, which is not installed: pip install 'polish-sim[view]', "
-            "or pip install 'viser>=1.1' 'rich<15'."
-        )
+    needed("viser", "the live view needs viser", "view")
     return Address(given.get("--live-host") or LOOPBACK, given.get("--live-port") or 0)
 
 
@@ -62,9 +57,7 @@ def live_address(given: Given) -> Address | None:
         InputError: It cannot be shown, or only its address is given.
     """
     if not given.get("--live"):
-        where = [option for option in ("--live-port", "--live-host") if given.get(option) is not None]
-        if where:
-            raise InputError(f"{' and '.join(where)}: where the page of --live is; give --live as well.")
+        refuse_without(given, "--live", "--live-port", "--live-host")
         return None
     return asked_address(given)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from errno import EINVAL
+from importlib import import_module
 from math import isfinite
 from pathlib import Path
-from typing import SupportsFloat
+from typing import Any, SupportsFloat
 
 
 class PolishSimError(Exception):
@@ -52,6 +53,14 @@ class ProtectiveStop(PolishSimError):
     """The simulated robot stopped itself; what was recorded up to then is kept."""
 
     exit_code = 3
+
+
+def needed(module: str, what: str, extra: str) -> Any:
+    """An optional module; InputError naming the ``extra`` that installs it and ``what`` needs it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(f"{what}: pip install 'polish-sim[{extra}]'.") from error
 
 
 def unknown_name(

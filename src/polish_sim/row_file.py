@@ -110,7 +110,7 @@ class Rows:
     """The rows of one folder, on disk and in memory, each with a key that says what it depends on."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / ROWS
+        self.folder, self.path = folder, folder / ROWS
         self.known: dict[str, Any] = {}
         for key, row in self.read():
             self.note(key, row)

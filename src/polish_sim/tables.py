@@ -1,8 +1,5 @@
 """The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and
-column.
-
-And a table to be shown.
-"""
+column."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -135,24 +132,6 @@ def number_in(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-class Table(NamedTuple):
-    """A table for the screen (`console.table`), for Markdown, and for a page (`lines`)."""
-
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    @property
-    def lines(self) -> list[Sequence[str]]:
-        """Headings and rows."""
-        return [self.headings, *self.rows]
-
-    @property
-    def markdown(self) -> str:
-        """The same in Markdown."""
-        ruled = [self.headings, ["---", *("---:" for _ in self.headings[1:])], *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in ruled)
 
 
 def csv_text(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -30,7 +30,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, Protocol
 
-from polish_sim.errors import InputError, PolishSimError, did_you_mean
+from polish_sim.errors import InputError, PolishSimError, did_you_mean, needed
 from polish_sim.row_file import Row, Rows
 from polish_sim.source_stamp import package_hash
 
@@ -92,8 +92,7 @@ def open_workers(
         InputError: If there is no such engine, or its versions are not those here.
     """
     count = count or processors()
-    check_engine(on)
-    if on == "here":
+    if engine(on) == "here":
         yield Here()
     elif on == "local":
         local = _Local(count)
@@ -107,14 +106,15 @@ def open_workers(
             yield _Cluster(client, shipped, f"{count} processes" if on == "dask" else on)
 
 
-def check_engine(on: str) -> None:
-    """Refuse what is no engine.
+def engine(on: str) -> str:
+    """The same, if it is an engine.
 
     Raises:
-        InputError: Listing them.
+        InputError: It is none; lists them.
     """
     if on not in ("here", *ENGINES[:2]) and not re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
         raise InputError(f"unknown engine '{on}'.{did_you_mean(on, ENGINES)} Known: {', '.join(ENGINES)}.")
+    return on
 
 
 def processors() -> int:
@@ -123,40 +123,49 @@ def processors() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
-def fill_rows(
-    keys: Mapping[Any, str],
-    kept: Rows,
-    work: Work,
-    group_of: GroupOf,
-    workers: Workers,
-    heard: Heard,
-    lost: Callable[[Any, str], Row] | None = None,
-) -> tuple[dict[Any, Any], bool]:
-    """Measure the rows of tasks, named with their ``keys``, that are not ``kept``.
+class Runner:
+    """Rows of a folder, found there from before or done by workers, whatever these are and their number."""
 
-    A task whose process dies again and again has no row, or the one that ``lost`` makes of it and the
-    trouble.
+    interrupted = False  #: Whether Ctrl-C left rows out
+    lost = 0  #: Tasks given up because their processes died
 
-    Returns:
-        What is kept of each task, and whether Ctrl-C left some out; before there is one it is raised.
-    """
-    tasks, total, interrupted = kept.missing(keys), len(keys), False
-    done = total - len(tasks)
-    heard(done, total, None)
-    try:
-        with closing(workers.results(tasks, work, group_of)) as results:
-            for task, row, trouble in results:
-                done += row is not None
-                if lost is not None and trouble is not None and trouble.endswith("left out"):
-                    row = lost(task, trouble)
-                if row is not None:
-                    kept.add(keys[task], row)
-                heard(done, total, trouble and f"{trouble} ({task})")
-    except KeyboardInterrupt:
-        if not done:
-            raise
-        interrupted = True
-    return {task: kept.known[key] for task, key in keys.items() if key in kept.known}, interrupted
+    def __init__(self, kept: Rows, workers: Workers, heard: Heard = lambda *_: None) -> None:
+        self.kept, self.heard, self._workers = kept, heard, workers
+
+    def fill(
+        self,
+        keys: Mapping[Any, str],
+        work: Work,
+        group_of: GroupOf = lambda _: 0,
+        lost: Callable[[Any, str], Row] | None = None,
+        heard: Heard | None = None,
+    ) -> dict[Any, Any]:
+        """What is kept of tasks, named with the ``keys`` of their rows, those that are missing done by
+        ``work``.
+
+        A task whose process dies again and again has no row, or the one that ``lost`` makes of it and the
+        trouble. Ctrl-C leaves out what is not done; before anything is, it is raised.
+        """
+        heard = heard or self.heard
+        tasks, total = self.kept.missing(keys), len(keys)
+        done = total - len(tasks)
+        heard(done, total, None)
+        try:
+            with closing(self._workers.results(tasks, work, group_of)) as results:
+                for task, row, trouble in results:
+                    done += row is not None
+                    if trouble is not None and trouble.endswith("left out"):
+                        self.lost += 1
+                        row = lost and lost(task, trouble)
+                    if row is not None:
+                        self.kept.add(keys[task], row)
+                    heard(done, total, trouble and f"{trouble} ({task})")
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            self.interrupted = True
+        known = self.kept.known
+        return {task: known[key] for task, key in keys.items() if key in known}
 
 
 class Here:
@@ -339,10 +348,9 @@ def _leave_with_parent(parent: int) -> None:
 @contextmanager
 def _client(on: str, count: int) -> Iterator[Any]:
     """A client of a cluster started here, on loopback, or of the scheduler at an address."""
-    try:
-        dask, distributed = import_module("dask"), import_module("distributed")
-    except ImportError as error:
-        raise InputError(f"'--on {on}' needs Dask: pip install 'polish-sim[cluster]'.") from error
+    dask, distributed = (
+        needed(name, f"'--on {on}' needs Dask", "cluster") for name in ("dask", "distributed")
+    )
     quiet = {
         "distributed.scheduler.worker-saturation": 1.0,
         "distributed.scheduler.allowed-failures": TRIES - 1,

@@ -6,6 +6,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 import urllib.error
@@ -115,13 +116,13 @@ def test_this_computer_alone_is_served_unless_an_address_is_named():
 
 def test_what_cannot_be_shown_is_said_before_anything_starts(polish_sim, monkeypatch, tmp_path):
     for words, cure in (
-        ("run force --live-port 9000", "give --live as well"),
-        ("run force --live --seeds 2", "leave --seeds out"),
+        ("run force --live-port 9000", "would change nothing without --live"),
+        ("run force --live --seeds 2", "--live would change nothing with --seeds"),
         ("run force --live", "pip install 'polish-sim[view]'"),
         ("view nowhere", "'run'"),
     ):
         if words.endswith("--live"):
-            monkeypatch.setattr("polish_sim.cli.view.find_spec", lambda name: None)
+            monkeypatch.setitem(sys.modules, "viser", None)
         call = polish_sim(*words.split())
         assert (call.code, call.err.count("\n")) == (2, 1)
         assert cure in call.err

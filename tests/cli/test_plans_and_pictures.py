@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -164,7 +165,8 @@ def test_a_film_that_cannot_be_made_is_refused_before_the_run(
     def no_renderer(*_: object) -> None:
         raise RuntimeError("no display")
 
-    monkeypatch.setattr(film, "find_spec", lambda _: None if missing == "ffmpeg" else True)
+    if missing == "ffmpeg":
+        monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr("mujoco.Renderer", no_renderer)
     code, _, err = polish_sim("run", "arc", "--video", "--out", "run")
     assert (code, err.count("\n")) == (2, 1)

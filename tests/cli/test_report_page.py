@@ -20,12 +20,12 @@ from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.experiments.report import seeds_page, write_page, write_saved_page
+from polish_sim.experiments.report import runs_table, seeds_page, write_page, write_saved_page
 from polish_sim.experiments.run_page import clock
 from polish_sim.log import RunLog
 from polish_sim.motion import forward
-from polish_sim.page import PAGE
-from polish_sim.page.page import page_html, read_page, tables_page
+from polish_sim.page import PAGE, Table
+from polish_sim.page.page import Page, page_html, read_page
 from polish_sim.row_file import read_json
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
@@ -292,8 +292,8 @@ def test_two_runs_lie_over_each_other(opened, surface, harder, tmp_path):
 
 @in_browser
 def test_a_page_of_tables_alone_opens_at_any_width(opened):
-    rows = [["case", "error"], *([f"case-{k}", f"{k} {HOSTILE}"] for k in range(30))]
-    tab = opened(page_html(tables_page("score", "thirty cases", {"Cases": rows}, ["a note"])), width=390)
+    cases = Table("Cases", ["case", "error"], [[f"  case-{k}", f"{k} {HOSTILE}"] for k in range(30)])
+    tab = opened(page_html(Page.of("score", "thirty cases", [cases], ["a note"])), width=390)
     assert tab("document.querySelectorAll('td').length") == 60
     assert not tab.tab.locator("#stage").is_visible()
     assert tab("document.documentElement.scrollWidth") <= 390
@@ -327,7 +327,9 @@ def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
 
 
 def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
-    page = seeds_page([surface.record, harder.record], {"mean": surface.record.metrics})
+    records = [surface.record, harder.record]
+    page = seeds_page(records, runs_table(records), ["a note"])
+    assert page.notes == ["a note"]
     force = next(line for line in page.plots[0].lines if line.label == "exact force")
     assert (force.low <= force.values + 1e-9).all()
     assert (force.high >= force.values - 1e-9).all()

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import read_record
+from polish_sim.analysis.run_record import other_conditions, read_record
 from polish_sim.analysis.style import RED
-from polish_sim.cli.boundary import other_conditions
 from polish_sim.cli.options import build_scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import draw_plots

@@ -9,10 +9,11 @@ from benchmarks.loop_margins import analytic_margins
 from polish_sim.cli.score import show_border
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
+from polish_sim.row_file import Rows
 from polish_sim.scenario_file import override
 from polish_sim.scoring.border import MODEL, Bench, Rest, build_bench, measure_border, press_bench
-from polish_sim.scoring.score import Scorer, user_entry
-from polish_sim.workers import Here, Result
+from polish_sim.scoring.score import user_entry
+from polish_sim.workers import Here, Result, Runner
 
 SETTINGS = ["robot.arm=ideal", "controller.force_filter_hz=10"]
 FORCE = override(default_scenario("force"), SETTINGS)
@@ -50,7 +51,7 @@ def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench):
 def test_border_of_the_cell_lies_on_the_border_of_the_model(tmp_path, monkeypatch):
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     entry = user_entry("hybrid-pi", SETTINGS)
-    border = measure_border([entry], Scorer(tmp_path, Here()), lambda *_: None, (1.0, 3.0), (0.008, 0.06))
+    border = measure_border([entry], Runner(Rows(tmp_path), Here()), (1.0, 3.0), (0.008, 0.06))
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
     assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]
@@ -68,10 +69,10 @@ def test_a_run_of_the_border_whose_process_died_is_left_out_and_counted(tmp_path
 
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     monkeypatch.setattr("polish_sim.scoring.border.border_row", row)
-    scorer = Scorer(tmp_path, Dying())
-    border = measure_border([user_entry("hybrid-pi")], scorer, lambda *_: None, (1.0, 3.0), (0.008, 0.06))
+    runner = Runner(Rows(tmp_path), Dying())
+    border = measure_border([user_entry("hybrid-pi")], runner, (1.0, 3.0), (0.008, 0.06))
     assert [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]] == [[None, True]] * 2
-    assert scorer.lost == 3
+    assert runner.lost == 3
     assert show_border(border, tmp_path) == 0
     found = json.loads((tmp_path / "border.json").read_text())["controllers"]["hybrid-pi"]
     assert found["latency_stable_s"] == [None, 0.06]

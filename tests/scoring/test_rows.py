@@ -11,11 +11,11 @@ import pytest
 import polish_sim
 from polish_sim import cli, models
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS, locked
+from polish_sim.row_file import ROWS, Rows, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case
-from polish_sim.scoring.score import Scorer, keys_of
-from polish_sim.workers import open_workers
+from polish_sim.scoring.score import keys_of
+from polish_sim.workers import Runner, open_workers
 
 PI = Entry("hybrid-pi", "hybrid-pi")
 SHORT = Case("short", "a short hold", "force", ("process.hold_s=1.5",))
@@ -36,8 +36,8 @@ def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
     """Two cases with two seeds, and how many rows there were whenever one was measured."""
     seeds, measured = 2, list[int]()
     with locked(folder / "rows.jsonl"), open_workers("here" if workers == 1 else "local", workers) as crew:
-        scorer = Scorer(folder, crew)
-        score = run_score((SHORT, OTHER), [PI], seeds, scorer, lambda done, *_: measured.append(done))
+        runner = Runner(Rows(folder), crew, lambda done, *_: measured.append(done))
+        score = run_score((SHORT, OTHER), [PI], seeds, runner)
     return score, measured
 
 

@@ -17,6 +17,7 @@ from polish_sim.scoring import (
     judge,
     markdown,
     overview,
+    score_tables,
     summarize,
     verdict_table,
     worst_case,
@@ -56,12 +57,12 @@ BOTH = score_of(
 
 
 def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short():
-    headings, rows = overview(summarize(BOTH), means=False)
+    _, headings, rows, *_ = overview(summarize(BOTH), means=False)
     settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
     assert [line[0] for line in rows] == ["approach-20", "", "freeform-60", ""]
     assert [line[-1] for line in rows] == ["2/2", "1/2", "2/2", "2/2"]
-    _, asked = verdict_table(judge(BATTERY_ASKED, BOTH.rows_of(B)))
+    _, _, asked, *_ = verdict_table(B, judge(BATTERY_ASKED, BOTH.rows_of(B)))
     assert (asked[0][4], asked[0][-2:]) == ("never", ["approach-20, seed 1", "NO"])
 
 
@@ -82,7 +83,8 @@ def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
 
 def test_the_page_has_each_case_with_the_change_of_its_worst_run():
     better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
-    page = markdown(better, [(A, judge(BATTERY_ASKED, better.rows_of(A)))])
+    page = markdown(better, score_tables(better, [(A, judge(BATTERY_ASKED, better.rows_of(A)))]))
+    assert "## all cases, mean / worst seed" in page
     assert "| max [N] | 1 | 4 | 1 | 4 | -3 (-75%) |" in page
     assert "`run force` with `process.hold_s=2`" in page
     assert "Nowhere in these cases." in page
@@ -93,11 +95,11 @@ def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it():
     without = Entry("without feed", "hybrid-adaptive")
     grown = row(PATH, without, 0, max_error_n=2.4, stable=False)
     score = score_of(row(HOLD, A, 0), row(PATH, A, 0), row(HOLD, without, 0), grown, entries=(A, without))
-    headings, (line,) = ablation_table(score)
+    _, headings, (line,), *_ = ablation_table(score)
     cells = dict(zip(headings, line, strict=True))
     assert cells["law left out"] == "feed"
-    assert cells["max [N]: mean, most"] == "+1, +2 in freeform-60"
-    assert cells["settling [s]: mean, most"] == "+0, +0 in approach-20"
+    assert cells["max [N]"] == "+1, +2 in freeform-60"
+    assert cells["settling [s]"] == "+0, +0 in approach-20"
     assert cells["unstable runs"] == "+1"
     ratios = ablation_ratios(score)["feed"]["max_error_n"]
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})

@@ -1,6 +1,6 @@
 """A search finds what a controller does badly, and what it found can be run again."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +10,15 @@ from scipy.stats import qmc
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import run_experiment
-from polish_sim.row_file import Row
+from polish_sim.row_file import Row, Rows
 from polish_sim.scoring import Task, user_entry
-from polish_sim.scoring.score import Scorer
 from polish_sim.scoring.worst import FIGURES, LISTS, RANGES, drawn_task, first_tasks, search_worst, size_of
-from polish_sim.workers import Here
+from polish_sim.workers import Here, Runner
 
 
 def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats(tmp_path):
     entry, heard = user_entry("position"), []
-    rows = search_worst(entry, 9, Scorer(tmp_path, Here()), lambda *at: heard.append(at[:2]))
+    rows = search_worst(entry, 9, Runner(Rows(tmp_path), Here(), lambda *at: heard.append(at[:2])))
     assert len(rows) == 9
     assert heard == [(done, 9) for done in range(10)]
     peak = max(rows, key=lambda task: size_of(rows[task], "largest_force_n"))
@@ -37,8 +36,8 @@ class Planted:
 
     interrupted = False
 
-    def fill(self, tasks: Sequence[Task], _heard: object) -> dict[Task, Row]:
-        return {task: self.row(task.scenario) for task in tasks}
+    def fill(self, keys: Mapping[Task, str], *_: object, heard: object) -> dict[Task, Row]:
+        return {task: self.row(task.scenario) for task in keys}
 
     def row(self, drawn: Scenario) -> Row:
         part, process = drawn.part, drawn.process
@@ -61,7 +60,7 @@ class Planted:
 
 def test_a_search_finds_more_than_as_many_runs_spread_evenly():
     entry, planted, runs = user_entry("hybrid-pi"), Planted(), 600
-    rows = search_worst(entry, runs, planted, lambda *_: None)  # type: ignore[arg-type]
+    rows = search_worst(entry, runs, planted)  # type: ignore[arg-type]
     low, high = np.array([*RANGES.values()]).T
     even = low + (high - low) * qmc.Sobol(len(RANGES), rng=1).random(1024)[:runs]
     spread = [planted.row(drawn_task(entry, x).scenario) for x in even]
@@ -78,7 +77,7 @@ def test_a_setting_of_the_controller_s_own_is_not_searched():
 def test_a_controller_no_run_can_be_set_up_with_is_refused_with_the_reason(tmp_path):
     entry = user_entry("hybrid-pi", ["part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]"])
     with pytest.raises(InputError, match="no run could be set up: not run: the part cannot stand"):
-        search_worst(entry, 2, Scorer(tmp_path, Here()), lambda *_: None)
+        search_worst(entry, 2, Runner(Rows(tmp_path), Here()))
 
 
 def test_the_ends_of_the_ranges_are_scenarios():

@@ -16,7 +16,7 @@ from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Study, read_axis, read_study, study_text
 from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, keys_of_runs, read_rows, run_study
-from polish_sim.workers import Result
+from polish_sim.workers import Result, Runner
 
 pytest.importorskip("pyarrow")
 ARC = override(default_scenario("arc"), ["process.max_feed_s=0.05", "process.feed_m_s=0.1"])
@@ -41,10 +41,6 @@ class Here:
                 yield Result(task, None, "a worker process was killed; it is left out")
             else:
                 yield Result(task, work(task), None)
-
-
-def silent(_done: int, _all: int, _trouble: str | None) -> None:
-    pass
 
 
 def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists():
@@ -147,16 +143,17 @@ def test_a_key_that_names_a_file_counts_by_the_file_s_content(key, tmp_path):
 def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     asked = study(f"{NOISE}=0.1,0.5", "controller.name=hybrid-pi,nobody", seeds=1)
     keys = keys_of_runs(asked)
-    run_study(asked, keys, RunTable(tmp_path), Here(deaths=1), silent)
+    runner = Runner(RunTable(tmp_path), Here(deaths=1))
+    assert run_study(asked, keys, False, runner)["lost"] == runner.lost == 1
     first = RunTable(tmp_path)
     assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
     with (tmp_path / "rows.jsonl").open("a") as file:
         file.write('{"key": "torn')
     with locked(tmp_path / "rows.jsonl"):
-        again = RunTable(tmp_path)
-        assert len(again.missing(keys)) == 1
-        run_study(asked, keys, again, Here(), silent)
-    again.write()
+        again = Runner(RunTable(tmp_path), Here())
+        assert len(again.kept.missing(keys)) == 1
+        run_study(asked, keys, False, again)
+    assert again.lost == 0
     columns = read_rows(tmp_path)
     assert sorted(columns["outcome"]) == [DONE, DONE, FAILED, FAILED]
     assert len(set(columns["config_hash"])) == 4

@@ -7,11 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from polish_sim.errors import InputError, number_text
+from polish_sim.page import SCALES, Table
 from polish_sim.row_file import Metrics
-
-DEGREES = 180.0 / math.pi  #: Scale of an angle shown in degrees
-SCALES = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
-"""Value in a unit / SI value; 1 for every other unit."""
 
 
 class Claim(NamedTuple):
@@ -81,27 +78,34 @@ def value_text(claim: Claim, value: float) -> str:
     return "-" if math.isnan(value) else number_text(float(value * claim.scale), 4)
 
 
-def claim_row(claim: Claim, columns: Sequence[Metrics], checked: Metrics | None) -> list[str]:
-    """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets
-    it."""
-    values = [value_text(claim, figure_of(metrics, claim.figure)) for metrics in columns]
-    asked = bound_text(claim) if claim.bounded else "not asked"
-    row = [claim.label, claim.unit, *values, claim.paper, asked]
-    if checked is None:
-        return row
-    verdict = "yes" if claim.met_by(figure_of(checked, claim.figure)) else "NO"
-    return [*row, verdict if claim.bounded else ""]
+def figure_table(
+    claims: Iterable[Claim],
+    columns: Mapping[str, Metrics],
+    settings: Sequence[Sequence[str]] = (),
+    met: bool = True,
+    conditions: Sequence[str] = (),
+) -> Table:
+    """Figures by heading beside the paper's and what is asked of them, and whether the last column meets it.
 
-
-def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
-    """Rows of label, unit and more with label and unit in one cell."""
-    return [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
-
-
-def figure_table(claims: Iterable[Claim], columns: Mapping[str, Metrics]) -> list[list[str]]:
-    """Figures by heading as a table of a page, its head first."""
-    rows = named_rows(claim_row(claim, list(columns.values()), None) for claim in claims)
-    return [["figure", *columns, "paper", "asked"], *rows]
+    Args:
+        claims: The figures.
+        columns: Their values by heading.
+        settings: Rows above them: label, unit, a value for each column.
+        met: Whether there is such a verdict.
+        conditions: Other conditions than those the figures are asked for: there is none then.
+    """
+    runs = list(columns.values())
+    met = met and not conditions
+    rows = [[*row, *[""] * (2 + met)] for row in settings]
+    for claim in claims:
+        values = [figure_of(metrics, claim.figure) for metrics in runs]
+        asked = bound_text(claim) if claim.bounded else "not asked"
+        verdict = ("yes" if claim.met_by(values[-1]) else "NO") if claim.bounded else ""
+        shown = [value_text(claim, value) for value in values]
+        rows.append([claim.label, claim.unit, *shown, claim.paper, asked, *[verdict][:met]])
+    caption = f"'met' is left out: figures are asked for other conditions, here {', '.join(conditions)}."
+    headings = ["figure", "unit", *columns, "paper", "asked", *["met"][:met]]
+    return Table("Figures", headings, rows, caption=caption if conditions else "")
 
 
 def shortfalls(claims: Iterable[Claim], figures: Metrics) -> list[Claim]:

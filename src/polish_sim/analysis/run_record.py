@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
+from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
@@ -212,6 +213,36 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
         for name, value in _flat(scenario)
         if value != theirs.get(name)
     ]
+
+
+CONDITIONS = (
+    *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
+    *("part.real_file", "part.displacement_m", "part.rotation_rad", "part.form_error_m", "part.motion_m"),
+    *("dual.master_delay_s", "dual.master_rate_hz", "dual.tracker_noise_m", "dual.touch_noise_m"),
+    *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
+)
+"""Sections and keys whose default values hold for every figure that is asked."""
+CHOSEN = (
+    "pad.radius_m",
+    "pad.choice",
+    "simulation.log_rate_hz",
+    "spindle.speed_rpm",
+    "robot.arm",
+    "robot.compensation",
+)  #: Of these what the user chooses
+
+
+def other_conditions(scenario: Scenario, usual: Scenario) -> tuple[str, ...]:
+    """Sensor, springs, latency and other conditions of a run that are not the ``usual`` ones of its
+    experiment, each as a text."""
+    arm = scenario.robot.arm
+    own = override(usual, [f"robot.arm={arm}"])
+    make = () if arm in (IDEAL, FIRST) else (f"robot.arm = {arm} ({FIRST})",)
+    return make + tuple(
+        f"{name} = {value} ({asked})"
+        for name, value, asked in changed_settings(scenario, own)
+        if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
+    )
 
 
 def once_more(scenario: Scenario, usual: Scenario) -> str:

@@ -4,7 +4,6 @@ and page."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -25,7 +24,8 @@ from polish_sim.compare.figures import SPEEDS, ForceStep, delay, fit_friction, f
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.exchange.robot_log import RobotRecording
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
-from polish_sim.page.page import Line, Motion, Page, Plot, tables_page
+from polish_sim.page import Table, number_or_dash
+from polish_sim.page.page import Line, Motion, Page, Plot
 from polish_sim.planning.toolpath import interpolate
 
 SCENARIO = Scenario(experiment="compare", robot=RobotConfig(), spindle=SpindleConfig(speed_rpm=0.0))
@@ -211,39 +211,34 @@ _LABELS = {
     "viscous_nm_s_rad": ("  viscous", "N m s/rad", 1.0),
     "driving": ("  of the load, driving", "%", 100.0),
     "driven": ("  of the load, driven", "%", 100.0),
+    "friction_curve_error": ("friction by speed, largest", "% off", 100.0),
 }
+ONE_SIDED = ("nrms", "friction_curve_error")  #: Of both sides at once
 
 
-def joint_table(figures: dict[str, Any]) -> list[list[str]]:
-    """A table of measured beside simulated by joint: label, unit, side, six values."""
+def joint_table(title: str, figures: dict[str, Any]) -> Table:
+    """Measured beside simulated by joint."""
     rows = []
     for name, (label, unit, scale) in _LABELS.items():
         for side, key in (("measured", name), ("simulated", f"simulated_{name}")):
             if key in figures:
-                rows.append(
-                    [label, unit, "" if name == "nrms" else side, *(_text(scale * v) for v in figures[key])]
-                )
-    if "friction_curve_error" in figures:
-        rows.append(
-            [
-                "friction by speed, largest",
-                "% off",
-                "",
-                *(_text(100.0 * v) for v in figures["friction_curve_error"]),
-            ]
-        )
-    return rows
+                cells = (number_or_dash(value, ".4g", scale) for value in figures[key])
+                rows.append([label, unit, "" if name in ONE_SIDED else side, *cells])
+    delays = (f"{name} {number_or_dash(figures[key], '.1f', 1e3)} ms" for name, key in
+              (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in figures)  # fmt: skip
+    caption = f"measured behind simulated: {', '.join(delays)}"
+    return Table(title, ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)], rows, 3, caption)
 
 
-def step_rows(figures: dict[str, Any]) -> list[list[str]]:
-    """A table of a force step: figure, measured, simulated."""
-    names = [name for name in figures if f"simulated_{name}" in figures]
-    rows = [[name, _text(figures[name]), _text(figures[f"simulated_{name}"])] for name in names]
-    return [*rows, ["force_rms_n (curve on curve)", "", _text(figures["force_rms_n"])]]
-
-
-def _text(value: float) -> str:
-    return "-" if value is None or math.isnan(value) else f"{value:.4g}"
+def step_table(title: str, figures: dict[str, Any]) -> Table:
+    """A force step, measured beside simulated."""
+    rows = [
+        [name, number_or_dash(value, ".4g"), number_or_dash(figures[f"simulated_{name}"], ".4g")]
+        for name, value in figures.items()
+        if f"simulated_{name}" in figures
+    ]
+    rows.append(["force_rms_n (curve on curve)", "", number_or_dash(figures["force_rms_n"], ".4g")])
+    return Table(title, ["figure", "measured", "simulated"], rows)
 
 
 @styled
@@ -303,11 +298,8 @@ def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> Pag
         Plot(f"joint {j + 1}, angle", "rad", _lines(found.measured_q, found.simulated_q, kept, j))
         for j in JOINTS
     ]
-    head_row = ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)]
-    page = tables_page(
-        title, "a robot's log beside its replay", {"By joint": [head_row, *joint_table(found.figures)]}, []
-    )
-    return page._replace(
+    tables = [joint_table("By joint", found.figures)]
+    return Page.of(title, "a robot's log beside its replay", tables)._replace(
         bodies=scene_bodies(model),
         solids=scene_solids(model),
         plots=plots,
@@ -322,5 +314,5 @@ def _lines(measured: Array, simulated: Array, kept: Any, j: int) -> list[Line]:
 
 def step_page(figures: dict[str, Any], title: str) -> Page:
     """A force step's figures as a page."""
-    table = [["figure", "measured", "simulated"], *step_rows(figures)]
-    return tables_page(title, "a robot's force beside a simulated run's", {"Force step": table}, [])
+    tables = [step_table("Force step", figures)]
+    return Page.of(title, "a robot's force beside a simulated run's", tables)

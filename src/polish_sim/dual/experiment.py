@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
+from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario
 from polish_sim.experiments.registry import (
     COVER_OPTIONS,
@@ -20,6 +20,7 @@ from polish_sim.experiments.registry import (
     always,
 )
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
+from polish_sim.page import DEGREES
 
 TOOL_ON_PART = (
     Claim("relative_error_rms_m", "tool on the part, error rms", "mm", high=6e-5),

@@ -5,12 +5,9 @@
 
 from __future__ import annotations
 
-from polish_sim.errors import InputError
+from polish_sim.errors import needed
 
-try:
-    import gymnasium
-except ModuleNotFoundError as error:
-    raise InputError("polish_sim.envs needs Gymnasium: pip install 'polish-sim[gym]'.") from error
+gymnasium = needed("gymnasium", "polish_sim.envs needs Gymnasium", "gym")
 
 TASKS = {"PolishForce-v1": "force", "PolishSurface-v1": "surface"}
 

@@ -7,7 +7,6 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib import import_module
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from polish_sim.control.hybrid import hybrid_gains
 from polish_sim.control.laws import build_controller, tell_error
 from polish_sim.control.signals import CompiledController, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, SEEN, ActionContext, Numbers, observe_law
-from polish_sim.errors import InputError, PolishSimError, unknown_name
+from polish_sim.errors import InputError, PolishSimError, needed, unknown_name
 from polish_sim.workers import local_copy
 
 if TYPE_CHECKING:
@@ -181,12 +180,7 @@ def _load_linear(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[s
 
 def _load_sb3(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[str, Any]]:
     made_for = {"action": "twist", "rate_hz": 125.0, "algorithm": "PPO"} | own
-    try:
-        algorithms = import_module("stable_baselines3")
-    except ModuleNotFoundError as error:
-        raise InputError(
-            "a policy of the kind 'sb3' needs stable-baselines3: pip install 'polish-sim[rl]'."
-        ) from error
+    algorithms = needed("stable_baselines3", "a policy of the kind 'sb3' needs stable-baselines3", "rl")
     _say_code_runs(file)
     model = getattr(algorithms, str(made_for["algorithm"])).load(file, device="cpu")
     return lambda seen: model.predict(seen, deterministic=True)[0], model.action_space.shape[0], made_for

@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple, Protocol
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import InputError, near_file, regular, unknown_name
+from polish_sim.errors import InputError, near_file, needed, regular, unknown_name
 
 BLOCK = 5000  #: Rows read at a time
 SEPARATORS = (",", ";", "\t", "|", " ")
@@ -228,13 +228,11 @@ class BagSource:
         self.names = ["timestamp", *(f"{name}_{j}" for name in wide for j in range(6))]
 
     def _reader(self) -> Any:
+        bags, types = (
+            needed(f"rosbags.{name}", "ROS bags need a reader", "ros") for name in ("highlevel", "typesys")
+        )
         try:
-            from rosbags.highlevel import AnyReader
-            from rosbags.typesys import Stores, get_typestore
-        except ModuleNotFoundError as error:
-            raise InputError("ROS bags need a reader: pip install 'polish-sim[ros]'.") from error
-        try:
-            reader = AnyReader([self.file], default_typestore=get_typestore(Stores.LATEST))
+            reader = bags.AnyReader([self.file], default_typestore=types.get_typestore(types.Stores.LATEST))
             reader.open()
         except Exception as error:
             raise InputError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from polish_sim.page.page import (
 )
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.part_plan import EASED, SLOWED
+from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
 from polish_sim.planning.triangulation import triangulate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
@@ -142,21 +142,6 @@ MOST_NODES = 40_000  #: Of the mesh on which the removal is predicted, about
 AIR_SPEED = 0.05  #: Of the tool in the air [m/s]
 SHAFT_RADIUS, SHAFT_LENGTH = 0.009, 0.07  #: Of the shaft drawn behind the pad [m]
 PAD_COLOR, SHAFT_COLOR = (0.93, 0.62, 0.18), (0.55, 0.57, 0.60)
-FIGURES: tuple[tuple[str, str, float, str], ...] = (
-    ("path in contact", "path_length_m", 1.0, "{:.2f} m"),
-    ("cycle time", "cycle_time_s", 1.0, "{:.0f} s"),
-    ("step-over, mean", "stepover_mean_m", MM, "{:.2f} mm"),
-    ("step-over, p5", "stepover_p5_m", MM, "{:.2f} mm"),
-    ("step-over, p95", "stepover_p95_m", MM, "{:.2f} mm"),
-    ("covered by the pad", "coverage", 100.0, "{:.1f} %"),
-    ("within 0.55 step-overs", "coverage_stepover", 100.0, "{:.1f} %"),
-    ("left out of the region", "left_out_area_m2", 1e4, "{:.3g} cm²"),
-    ("tool in the part, at most", "pad_in_part_max_m", MM, "{:.3g} mm"),
-    ("crossings", "self_crossings", 1.0, "{:.0f}"),
-    ("retracts", "retracts", 1.0, "{:.0f}"),
-    ("facets of the part", "facets", 1.0, "{:.0f}"),
-)
-"""Rows of the page's table: name, key in metrics.json, factor, format."""
 
 
 def html_text(result: PlanResult, setup: ExportSetup) -> str:
@@ -185,11 +170,12 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
     pad = cylinder(result.tool.pad.radius_m, 0.012, -0.012), PAD_COLOR
     shaft = cylinder(SHAFT_RADIUS, SHAFT_LENGTH, -SHAFT_LENGTH), SHAFT_COLOR
     tool = [Solid("arm", len(bodies), vertices, faces, color) for (vertices, faces), color in (pad, shaft)]
-    return Page(
-        title=f"{result.plan.pattern} on {result.mesh.name}",
-        about="a planned path; the removal is predicted from force, speed and spindle",
-        stop="",
-        stop_time=None,
+    return Page.of(
+        f"{result.plan.pattern} on {result.mesh.name}",
+        "a planned path; the removal is predicted from force, speed and spindle",
+        [path_table("Figures", result.figures)],
+        result.notes,
+    )._replace(
         bodies=[standing, *bodies],
         solids=[*part_solids(result), *tool],
         part_body=0,
@@ -198,10 +184,6 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
         contact=path.process.astype(np.float64),
         wear=predicted_wear(result, setup),
         plots=path_plots(motion),
-        tables={"Figures": [["figure", "value"], *figure_rows(result.figures)]},
-        notes=result.notes,
-        command="",
-        made="",
         view="part",
     )
 
@@ -271,16 +253,6 @@ def path_plots(motion: Motion) -> list[Plot]:
         Plot("Force to press with", "N", [Line("force", motion.force)]),
     ]
     return [plot for plot in plots if np.nan_to_num(plot.lines[0].values).any()]
-
-
-def figure_rows(figures: Mapping[str, Any]) -> list[list[str]]:
-    """Name and value of a plan's figures."""
-    rows = []
-    for name, key, factor, form in FIGURES:
-        value = figures.get(key)
-        if value is not None:
-            rows.append([name, "-" if math.isnan(value) else form.format(factor * value)])
-    return rows
 
 
 # Part and coloured path for 3D viewers: PLY and glTF (plan -> mesh files).

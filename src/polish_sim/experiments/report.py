@@ -12,19 +12,27 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.claim import Claim, figure_table, named_rows, shortfalls
+from polish_sim.analysis.claim import Claim, figure_table, shortfalls
 from polish_sim.analysis.metrics import column_of
-from polish_sim.analysis.run_record import Records, RunRecord, check_forms, notes_of, read_records, stop_mark
+from polish_sim.analysis.run_record import (
+    CONFIG,
+    Records,
+    RunRecord,
+    check_forms,
+    notes_of,
+    read_records,
+    stop_mark,
+)
 from polish_sim.analysis.style import add_line, say_stop
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments.registry import claims_shown, experiment, load, path_words, setting_rows
 from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plots, shown_rows
-from polish_sim.page import PAGE, save_page
+from polish_sim.page import PAGE, Table, save_page
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
-from polish_sim.row_file import METRICS, Metrics
+from polish_sim.row_file import METRICS
 
 
 def saved_records(folders: Sequence[Path]) -> list[RunRecord]:
@@ -119,11 +127,11 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Records) ->
         save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
-def write_seeds_page(folder: Path, records: Records, columns: Mapping[str, Metrics]) -> None:
-    """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
+def write_seeds_page(folder: Path, records: Records, figures: Table, notes: Sequence[str]) -> None:
+    """Write the page of many seeds of one scenario with one robot."""
 
     if all(map(remade, records)):
-        save_page(folder, seeds_page(records, columns))
+        save_page(folder, seeds_page(records, figures, notes))
 
 
 def removed_something(record: RunRecord) -> bool:
@@ -180,8 +188,6 @@ def pages_over(records: Records, pages: Sequence[Page]) -> Page:
     first, names = pages[0], [record.name for record in records]
     time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
     motions = [_resampled(page.motion, time) for page in pages]
-    columns = {record.name: record.metrics for record in records}
-    claims = claims_shown([record.scenario for record in records])
     stops = [f"{name}: {page.stop}" for name, page in zip(names, pages, strict=True) if page.stop]
     others = [
         Other(name, motion, _same_places(first.wear, page.wear))
@@ -197,15 +203,19 @@ def pages_over(records: Records, pages: Sequence[Page]) -> Page:
             for plot in first.plots
             if {line.label for line in plot.lines} & set(ALIKE)
         ],
-        tables={
-            "Asked": [["", *names], *named_rows(setting_rows(records))],
-            "Figures": figure_table(claims, columns),
-        },
+        tables={"Figures": runs_table(records).lines},
         notes=notes_of(records),
         command="",
         name=names[0],
         others=others,
     )
+
+
+def runs_table(records: Records) -> Table:
+    """What runs of one experiment were asked and how they ended, and their figures, side by side."""
+    columns = {record.name: record.metrics for record in records}
+    claims = claims_shown([record.scenario for record in records])
+    return figure_table(claims, columns, setting_rows(records), met=False)
 
 
 def _resampled(motion: Motion, time: Array) -> Motion:
@@ -239,12 +249,9 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
-def seeds_page(records: Records, columns: Mapping[str, Metrics]) -> Page:
+def seeds_page(records: Records, figures: Table, notes: Sequence[str] = ()) -> Page:
     """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
-    curves.
-
-    ``columns`` are the figures to show, by heading.
-    """
+    curves, the ``figures`` of all."""
     first, model = records[0], cell_model(records[0])
     page = run_page(first, model)
     curves: dict[tuple[str, str], list[Array]] = {}
@@ -261,11 +268,13 @@ def seeds_page(records: Records, columns: Mapping[str, Metrics]) -> Page:
         return line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same)) if same else line
 
     plots = [plot._replace(lines=[banded(plot, line) for line in plot.lines]) for plot in page.plots]
-    figures = figure_table(claims_shown([first.scenario]), columns)
+    again = f"polish-sim run {first.scenario.experiment} --config {first.name}/{CONFIG}"
     return page._replace(
         title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
         about="the cell and the curves are the first seed's; bands reach from the least to the largest of "
         "all",
         plots=plots,
-        tables={**page.tables, "Figures": figures},
+        tables={**page.tables, figures.title: figures.lines},
+        notes=[*notes, *filter(None, [figures.caption])],
+        command=f"{again} --seeds {len(records)}",
     )

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.claim import claim_row, named_rows
+from polish_sim.analysis.claim import figure_table
 from polish_sim.analysis.metrics import column_of
-from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
+from polish_sim.analysis.run_record import RunRecord, changed_settings, other_conditions, stop_mark
 from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
@@ -24,6 +24,7 @@ from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
+from polish_sim.page import Table
 from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
 from polish_sim.spatial import apply, into_plane, matrices, transform
 
@@ -47,14 +48,14 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     kept = shown_rows(clock(log), column_of(log, "q_rad"))
     bodies, part = scene_bodies(model), part_body(model)
     motion = run_motion(record, model, kept)
-    rows = [claim_row(claim, [record.metrics], record.metrics) for claim in claims_shown([scenario])]
-    tables = {
-        "Figures": [["figure", "this run", "paper", "asked", "met"], *named_rows(rows)],
-        "Settings changed": [["setting", "here", "default"], *changed_settings(scenario, row.defaults)],
-    }
-    return Page(
-        title=row.title(scenario),
-        about=row.text,
+    other = other_conditions(scenario, row.defaults)
+    tables = (
+        figure_table(claims_shown([scenario]), {"this run": record.metrics}, conditions=other),
+        Table("Settings changed", ["setting", "here", "default"], changed_settings(scenario, row.defaults)),
+    )
+    reason = record.metrics.get("protective_stop")
+    bad = (f"bad: {text}." for text in record.metrics.get("bad_figures", ()))
+    return Page.of(row.title(scenario), row.text, tables, [*filter(None, [reason]), *bad, *notes])._replace(
         stop=stop.text if stop else "",
         stop_time=stop.time if stop else None,
         bodies=bodies,
@@ -65,11 +66,6 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         contact=np.empty(0) if record.path is None else record.path.process.astype(np.float64),
         wear=None if record.removal is None or record.removal.mean <= 0.0 else _wear(record, record.removal),
         plots=run_plots(record, motion, kept),
-        tables={name: rows for name, rows in tables.items() if len(rows) > 1},
-        notes=[
-            *([record.metrics["protective_stop"]] if record.metrics.get("protective_stop") else []),
-            *notes,
-        ],
         command=f"polish-sim run {scenario.experiment} --config config.toml",
         made=", ".join(
             [

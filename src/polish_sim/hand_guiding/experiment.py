@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
+from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import Scenario, SpindleConfig
 from polish_sim.experiments.registry import (
     PART_OPTIONS,
@@ -17,6 +17,7 @@ from polish_sim.experiments.registry import (
     Experiment,
     Setting,
 )
+from polish_sim.page import DEGREES
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord

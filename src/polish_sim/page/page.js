@@ -161,7 +161,7 @@ function showFacts(page) {
     rows.forEach((row, index) => {
       const line = table.insertRow();
       for (const word of row) {
-        const text = word.replace("not asked", "").replace(">=", "≥").replace("<=", "≤");
+        const text = word.replace("not asked", "").replace(">= ", "≥\u00a0").replace("<= ", "≤\u00a0");
         line.append(make(index ? "td" : "th", text, { className: text === "yes" ? "yes" : text === "NO" ? "no" : "" }));
       }
     });

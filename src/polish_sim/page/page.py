@@ -13,9 +13,10 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.errors import InputError
+from polish_sim.page import Table
 
 SCRIPTS = ("scene.js", "plots.js", "page.js")
 LEVELS = 65534  #: Of a rounded number; one more stands for what is undefined
@@ -102,29 +104,46 @@ class Other(NamedTuple):
     value: Array  #: Its removal at the vertices of the page's, shape (n,); empty if there is none
 
 
+STILL = Motion(np.empty(0), np.empty((0, 1)), np.empty((0, 3)), *[np.empty(0)] * 5)  #: Nothing moves
+
+
 class Page(NamedTuple):
-    """All that one page shows."""
+    """All that one page shows: of charts, tables and notes alone nothing moves."""
 
     title: str
     about: str  #: What it is, in a sentence
-    stop: str  #: Why and when the run stopped itself; empty if it did not
-    stop_time: float | None  #: [s]
-    bodies: Sequence[PageBody]
-    solids: Sequence[Solid]
-    part_body: int  #: The body that carries path and removal; -1: the world
-    motion: Motion
-    path: Array  #: Frame of the part's body [m], shape (n, 3)
-    contact: Array  #: 1 where the path is in contact, 0 in the air, shape (n,)
-    wear: Wear | None
-    plots: Sequence[Plot]
     tables: Mapping[str, Sequence[Sequence[str]]]  #: Rows by heading; the first row is the head
     notes: Sequence[str]
-    command: str  #: Repeats the run
-    made: str  #: By which seed and versions
+    charts: Mapping[str, str] = {}  #: Drawings that do not move, by heading: SVG in the page's own colours
+    stop: str = ""  #: Why and when the run stopped itself; empty if it did not
+    stop_time: float | None = None  #: [s]
+    bodies: Sequence[PageBody] = ()
+    solids: Sequence[Solid] = ()
+    part_body: int = -1  #: The body that carries path and removal; -1: the world
+    motion: Motion = STILL
+    path: Array = STILL.pad  #: Frame of the part's body [m], shape (n, 3)
+    contact: Array = STILL.time  #: 1 where the path is in contact, 0 in the air, shape (n,)
+    wear: Wear | None = None
+    plots: Sequence[Plot] = ()
+    command: str = ""  #: Repeats the run
+    made: str = ""  #: By which seed and versions
     view: str = "cell"  #: What is looked at first: cell, part or tool
     name: str = ""  #: What the run is called beside ``others``
     others: Sequence[Other] = ()
-    charts: Mapping[str, str] = {}  #: Drawings that do not move, by heading: SVG in the page's own colours
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        about: str,
+        tables: Iterable[Table],
+        notes: Sequence[str] = (),
+        charts: Mapping[str, str] = MappingProxyType({}),
+    ) -> Page:
+        """A page of tables, those without a row left out, of notes and captions, and of charts."""
+        full = [table for table in tables if table.rows]
+        captions = [table.caption for table in full if table.caption]
+        return cls(title, about, {table.title: table.lines for table in full}, [*notes, *captions], charts)
 
 
 # Simple shapes, and a tool without an arm.
@@ -169,37 +188,6 @@ def free_tool(positions: Array, axes: Array) -> tuple[list[PageBody], Array]:
     hinges = [PageBody(3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
     over = PageBody(5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
     return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
-
-
-def tables_page(
-    title: str,
-    about: str,
-    tables: Mapping[str, Sequence[Sequence[str]]],
-    notes: Sequence[str],
-    charts: Mapping[str, str] | None = None,
-) -> Page:
-    """A page of charts, tables and notes alone: nothing moves on it."""
-    none = np.empty(0)
-    still = Motion(none, np.empty((0, 1)), np.empty((0, 3)), none, none, none, none, none)
-    return Page(
-        title,
-        about,
-        "",
-        None,
-        bodies=[],
-        solids=[],
-        part_body=-1,
-        motion=still,
-        path=np.empty((0, 3)),
-        contact=none,
-        wear=None,
-        plots=[],
-        tables=tables,
-        notes=notes,
-        command="",
-        made="",
-        charts=charts or {},
-    )
 
 
 class Fine(NamedTuple):

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         breaking,
         markdown,
         overview,
+        score_tables,
         summarize,
         verdict_table,
         worst_case,

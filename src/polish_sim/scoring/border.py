@@ -31,8 +31,8 @@ from polish_sim.scoring.battery import Case, Entry, latency_settings
 from polish_sim.scoring.figures import LARGEST_OSCILLATION, LEAST_ALLOWED_N
 from polish_sim.scoring.loop_model import FORCE_POSE, longest_latency, one_mass, setup_of, with_springs
 from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
-from polish_sim.scoring.score import Scorer, Task
-from polish_sim.workers import Heard
+from polish_sim.scoring.score import Task, score_rows
+from polish_sim.workers import Runner
 
 # Whether a force loop has settled, and the map of where it does.
 
@@ -224,8 +224,7 @@ def border_row(task: Task) -> Row:
 
 def measure_border(
     entries: Sequence[Entry],
-    scorer: Scorer,
-    heard: Heard,
+    runner: Runner,
     scales: Sequence[float] = SCALES,
     latencies: Sequence[float] = LATENCIES,
 ) -> Border:
@@ -233,15 +232,14 @@ def measure_border(
 
     Args:
         entries: The controllers; springs and latencies of their settings play no role.
-        scorer: Measures the rows.
-        heard: Receives the progress.
+        runner: Measures the rows.
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
 
     A run whose process died again and again is `LOST`.
     """
     tasks = {entry.label: border_tasks(entry, scales, latencies) for entry in entries}
-    rows = scorer.rows([task for own in tasks.values() for task in own], heard, border_row)
+    rows = score_rows(runner, [task for own in tasks.values() for task in own], border_row)
     rests, lines = {}, {}
     for label, own in tasks.items():
         cell, line = ([rows.get(t) for t in own if (t.case.text == MODEL) == of] for of in (False, True))

@@ -35,11 +35,11 @@ from polish_sim.experiments.assembly import (
 from polish_sim.experiments.force import hold_done
 from polish_sim.experiments.part_setup import path_done
 from polish_sim.experiments.surface import place_work
-from polish_sim.row_file import Row, Rows, plain
+from polish_sim.row_file import Row, plain
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score
 from polish_sim.source_stamp import package_hash
-from polish_sim.workers import Heard, Workers, fill_rows
+from polish_sim.workers import Heard, Runner
 
 
 class Task(NamedTuple):
@@ -217,47 +217,21 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
             raise InputError(f"the reset() of '{entry.label}' failed: {reason}.") from error
 
 
-class Scorer:
-    """Rows of a folder, measured by workers or found there from before.
-
-    Rows do not depend on the workers or their number.
-    """
-
-    interrupted = False  #: Whether Ctrl-C left rows out
-    lost = 0  #: Rows left out because their processes died
-
-    def __init__(self, folder: Path, workers: Workers) -> None:
-        self._kept, self._workers = Rows(folder), workers
-
-    def fill(
-        self, tasks: Iterable[Task], heard: Heard, work: Callable[[Task], Row] = measure_row
-    ) -> dict[Task, Row]:
-        """The rows of tasks; those Ctrl-C or the death of a process left out are not there."""
-        keys = keys_of(tasks)
-        rows, self.interrupted = fill_rows(keys, self._kept, work, setup_key, self._workers, heard)
-        self.lost += 0 if self.interrupted else len(keys) - len(rows)
-        return rows
-
-    def rows(
-        self,
-        tasks: Iterable[Task],
-        heard: Heard = lambda *_: None,
-        work: Callable[[Task], Row] = measure_row,
-    ) -> dict[Task, Row]:
-        """The same for a search, which needs all of them: Ctrl-C ends it."""
-        rows = self.fill(tasks, heard, work)
-        if self.interrupted:
-            raise KeyboardInterrupt
-        return rows
+def score_rows(
+    runner: Runner,
+    tasks: Iterable[Task],
+    work: Callable[[Task], Row] = measure_row,
+    heard: Heard | None = None,
+) -> dict[Task, Row]:
+    """The rows of tasks; those Ctrl-C or the death of a process left out are not there."""
+    return runner.fill(keys_of(tasks), work, setup_key, heard=heard)
 
 
-def run_score(
-    cases: Sequence[Case], entries: Sequence[Entry], seeds: int, scorer: Scorer, heard: Heard
-) -> Score:
+def run_score(cases: Sequence[Case], entries: Sequence[Entry], seeds: int, runner: Runner) -> Score:
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there. Seeds count up from
     0."""
     tasks = list_tasks(cases, entries, seeds)
-    rows = tuple(scorer.fill(tasks, heard).values())
+    rows = tuple(score_rows(runner, tasks).values())
     return Score(tuple(cases), tuple(entries), seeds, rows, len(tasks))
 
 

@@ -9,13 +9,15 @@ from typing import Any
 
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
+from polish_sim.page import Table
+from polish_sim.page import number_or_dash as figure_text
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import DEFINITIONS, JudgedFigure, Spread, spread
 from polish_sim.scoring.score import Score
-from polish_sim.tables import Table
 
+Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
 SHOWN: Mapping[str, str] = {
     "settling_1n_s": "settling [s]",
     "overshoot_n": "overshoot [N]",
@@ -27,10 +29,6 @@ SHOWN: Mapping[str, str] = {
     "slowed": "slowed [-]",
 }
 """Figures of the tables and their headings."""
-
-
-SHORT = ("settling", "overshoot", "RMS", "p95", "max", "peak", "lost", "slowed")
-"""The same for the screen, where N and s are said in the title."""
 
 
 @dataclass(frozen=True)
@@ -96,26 +94,32 @@ def _error_share(row: Row) -> float:
 _FIGURES = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_error_n")
 
 
-NONE = "-"
+def score_tables(score: Score, verdicts: Verdicts, ablated: bool = False, means: bool = True) -> list[Table]:
+    """A score: all cases, what each law is worth if all controllers but the first lack one (``ablated``),
+    what is asked.
 
-
-def figure_text(value: float | None) -> str:
-    """Three significant digits; a dash where there is none."""
-    return NONE if value is None else f"{value:.3g}"
+    ``means``: with the mean of every figure and the places of the worst, which the screen has no room for.
+    """
+    tables = [overview(summarize(score), means)]
+    if ablated:
+        tables.append(ablation_table(score, means))
+    return tables + [verdict_table(entry, own) for entry, own in verdicts[: 1 if ablated else None] if own]
 
 
 def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
     """A row per case and controller: worst of every figure, if asked its mean, and how many runs were
     stable."""
     several = len({summary.entry for summary in summaries}) > 1
-    headings = ["case", *(["controller"] if several else []), *(SHOWN.values() if means else SHORT), "stable"]
+    names = [label if means else label.partition(" [")[0] for label in SHOWN.values()]
+    headings = ["case", *(["controller"] if several else []), *names, "stable"]
     rows, before = [], ""
     for summary in summaries:
         name = summary.case.name if summary.case.name != before else ""
         before = summary.case.name
         cells = [_cell(summary, figure, means) for figure in SHOWN]
         rows.append([name, *([summary.entry.label] if several else []), *cells, _stable(summary)])
-    return Table(headings, rows)
+    title = "all cases, mean / worst seed" if means else "all cases, worst seed [s, N]; means in score.md"
+    return Table(title, headings, rows, 1 + several)
 
 
 def breaking(summaries: Sequence[Summary], entry: Entry) -> list[str]:
@@ -131,8 +135,9 @@ def breaking(summaries: Sequence[Summary], entry: Entry) -> list[str]:
     return lines
 
 
-def verdict_table(verdicts: Sequence[JudgedFigure]) -> Table:
-    """What was asked and what was measured: worst and mean over all runs, where the worst was."""
+def verdict_table(entry: Entry, verdicts: Sequence[JudgedFigure]) -> Table:
+    """What was asked of a controller and what was measured: worst and mean over all runs, where the worst
+    was."""
     headings = ["figure", "unit", "published", "asked", "worst", "mean", "runs", "least good run", "met"]
     rows = []
     for v in verdicts:
@@ -143,10 +148,10 @@ def verdict_table(verdicts: Sequence[JudgedFigure]) -> Table:
             if shares
             else ("never" if v.worst is None else figure_text(v.worst))
         )
-        mean = NONE if shares else figure_text(v.mean)
-        last = [str(v.runs), v.worst_case or NONE, "yes" if v.met else "NO"]
+        mean = "-" if shares else figure_text(v.mean)
+        last = [str(v.runs), v.worst_case or "-", "yes" if v.met else "NO"]
         rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
-    return Table(headings, rows)
+    return Table(f"what is asked: {entry.label}", headings, rows)
 
 
 def worst_line(score: Score, entry: Entry) -> str:
@@ -159,31 +164,20 @@ def worst_line(score: Score, entry: Entry) -> str:
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
-def markdown(
-    score: Score, verdicts: Sequence[tuple[Entry, Sequence[JudgedFigure]]], ablated: bool = False
-) -> str:
-    """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its
-    laws."""
+def markdown(score: Score, tables: Iterable[Table]) -> str:
+    """The whole score as a Markdown page."""
     summaries = summarize(score)
     names = " and ".join(f"`{entry.label}`" for entry in score.entries)
     parts = [f"# Score of {names}", _intro(score)]
     parts += [f"Worst case of {worst_line(score, entry)}." for entry in score.entries]
-    for entry, own in verdicts:
-        if own:
-            parts.append(f"## What is asked: `{entry.label}`\n\n{verdict_table(own).markdown}")
-    parts.append(f"## All cases, mean / worst seed\n\n{overview(summaries).markdown}")
+    parts += [table.markdown for table in tables]
     for entry in score.entries:
         lines = breaking(summaries, entry)
         text = "\n".join(f"- {line}" for line in lines) if lines else "Nowhere in these cases."
         parts.append(f"## Where `{entry.label}` breaks\n\n{text}")
-    parts.append("## Case by case")
-    parts += [_case_part(score, summaries, index) for index in range(len(score.cases))]
+    parts += [_case_table(case, summaries).markdown for case in score.cases]
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
     parts.append(f"## Definitions\n\n{definitions}")
-    if ablated:
-        parts.append(
-            f"## What each law of `{score.entries[0].label}` is worth\n\n{ablation_table(score).markdown}"
-        )
     return "\n\n".join(parts) + "\n"
 
 
@@ -194,8 +188,7 @@ def _intro(score: Score) -> str:
     return f"{runs}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
 
 
-def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
-    case = score.cases[index]
+def _case_table(case: Case, summaries: Sequence[Summary]) -> Table:
     own = [summary for summary in summaries if summary.case == case]
     headings = (
         ["figure"] + [f"`{s.entry.label}` mean" for s in own] + [f"`{s.entry.label}` worst" for s in own]
@@ -208,10 +201,7 @@ def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
     rows.append(["stable", *("" for _ in own), *(_stable(s) for s in own), *([""] if len(own) == 2 else [])])
     headings += ["worst, change"] if len(own) == 2 else []
     keys = ", ".join(f"`{setting}`" for setting in case.settings) or "the defaults"
-    return (
-        f"### {case.name}\n\n{case.text}. `run {case.experiment}` with "
-        f"{keys}.\n\n{Table(headings, rows).markdown}"
-    )
+    return Table(case.name, headings, rows, caption=f"{case.text}. `run {case.experiment}` with {keys}.")
 
 
 def _cell(summary: Summary, figure: str, means: bool) -> str:
@@ -228,13 +218,13 @@ def _worst(spread: Spread, figure: str, moving: bool) -> str:
     """The worst value; ``never`` where one is missing that is missing only in failed runs."""
     if spread.worst is not None or (figure == "settling_1n_s" and moving):
         return figure_text(spread.worst)
-    return "never" if figure == "settling_1n_s" else NONE
+    return "never" if figure == "settling_1n_s" else "-"
 
 
 def _delta(first: Spread, second: Spread) -> str:
     """Change of the worst value from the second controller to the first."""
     if first.worst is None or second.worst is None:
-        return NONE
+        return "-"
     change = f"{first.worst - second.worst:+.3g}"
     return change if second.worst == 0.0 else f"{change} ({100.0 * (first.worst / second.worst - 1.0):+.0f}%)"
 
@@ -281,10 +271,7 @@ def ablation_table(score: Score, places: bool = True) -> Table:
 
     ``score``: its first controller is the whole one and the others lack a law each.
     """
-    headings = [
-        "law left out",
-        *(f"{label}: mean, most" if places else label for label in _ABLATION_KEYS.values()),
-    ]
+    headings = ["law left out", *_ABLATION_KEYS.values(), "unstable runs"]
     rows = []
     for law, pairs in _laws_left_out(score):
         changes = [
@@ -292,7 +279,8 @@ def ablation_table(score: Score, places: bool = True) -> Table:
         ]
         more = sum(with_it.stable - without.stable for with_it, without in pairs)
         rows.append([law, *(_told(change, places) for change in changes), f"{more:+d}"])
-    return Table([*headings, "unstable runs"], rows)
+    title = f"what each law of {score.entries[0].label} is worth: mean change without it and the largest"
+    return Table(title, headings, rows)
 
 
 def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:

@@ -24,8 +24,8 @@ from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.score import Scorer, Task
-from polish_sim.workers import Heard
+from polish_sim.scoring.score import Task, score_rows
+from polish_sim.workers import Runner
 
 LISTS: Mapping[str, tuple[object, ...]] = {
     "part.file": ("plate", "sphere_100", "freeform"),
@@ -63,7 +63,7 @@ class _Enough(Exception):
     """The runs asked for are done, or Ctrl-C came."""
 
 
-def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> dict[Task, Row]:
+def search_worst(entry: Entry, runs: int, runner: Runner) -> dict[Task, Row]:
     """Search with a number of runs of a controller: the rows of all; Ctrl-C ends it early.
 
     A search that was interrupted makes the same runs again, whose rows are kept.
@@ -77,8 +77,9 @@ def search_worst(entry: Entry, runs: int, scorer: Scorer, heard: Heard) -> dict[
         tasks = [drawn_task(entry, one) for one in x.T]
         before = len(rows)
         fresh = [task for task in dict.fromkeys(tasks) if task not in rows][: runs - before]
-        rows.update(scorer.fill(fresh, lambda n, _, trouble: heard(before + n, runs, trouble)))
-        if scorer.interrupted or len(rows) >= runs:
+        found = score_rows(runner, fresh, heard=lambda n, _, what: runner.heard(before + n, runs, what))
+        rows.update(found)
+        if runner.interrupted or len(rows) >= runs:
             raise _Enough
         return np.array([-size_of(rows.get(task, {}), figure) for task in tasks])
 

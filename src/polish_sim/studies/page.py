@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,13 +15,14 @@ from matplotlib import rc_context
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.claim import Claim
+from polish_sim.analysis.claim import Claim, value_text
 from polish_sim.analysis.run_record import once_more
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError, InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, default_scenario
-from polish_sim.page.page import Page, tables_page
+from polish_sim.page import Table
+from polish_sim.page.page import Page
 from polish_sim.studies.study import Study, StudyRun
 from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 
@@ -48,7 +50,7 @@ def sweep_page(study: Study, columns: RunValues) -> Page:
     claims = _differing(study, columns)
     goals = [claims[name] for name in PREFERRED if name in claims][:2] or list(claims.values())[:2]
     charts: dict[str, str] = {}
-    tables: dict[str, Sequence[Sequence[str]]] = {}
+    tables = [figures_table(study, columns)]
     if axes and goals and outcomes:
         shown = [claim for claim in claims.values() if claim not in goals][: 5 - len(goals)]
         charts["All runs"] = _svg(plot_parallel(columns, axes, [*goals, *shown]))
@@ -61,21 +63,28 @@ def sweep_page(study: Study, columns: RunValues) -> Page:
         charts[f"Pareto front: {goals[0].label} and {goals[1].label}, means of the seeds"] = _svg(
             plot_front(front, goals)
         )
-        tables["Pareto front"] = [[*axes, *(f"{claim.label} [{claim.unit}]" for claim in goals)]] + [
-            [
-                *map(_word, point),
-                *(number_text(value * claim.scale, 4) for value, claim in zip(at, goals, strict=True)),
-            ]
-            for point, at, best in front
-            if best
+        rows = [
+            [*map(_word, point), *map(value_text, goals, at.tolist())] for point, at, best in front if best
         ]
-    tables["Ended"] = [
-        ["", "runs"],
-        *([word, str(outcomes.count(word))] for word in (DONE, STOPPED, FAILED, LOST)),
-    ]
-    tables["Worst runs"] = worst_runs(study, columns, goals)
+        headings = [*axes, *(f"{claim.label} [{claim.unit}]" for claim in goals)]
+        tables.append(Table("Pareto front", headings, rows))
+    ended = [[word, str(outcomes.count(word))] for word in (DONE, STOPPED, FAILED, LOST)]
+    tables += [Table("Ended", ["", "runs"], ended), worst_runs(study, columns, goals)]
     about = f"{count_text(len(outcomes), 'run')} of {study.base.experiment}, {study.base.controller.label}"
-    return tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts)
+    return Page.of(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, charts=charts)
+
+
+def figures_table(study: Study, columns: RunValues) -> Table:
+    """The figures of the runs that came to their end."""
+    rows = []
+    for claim in claims_shown([study.base]):
+        every = zip(columns.get(claim.figure, ()), columns["outcome"], strict=False)
+        values = [float(v) for v, outcome in every if v is not None and outcome == DONE]
+        if values:
+            shown = (value_text(claim, of(values)) for of in (min, statistics.median, max))
+            rows.append([claim.label, claim.unit, *shown])
+    headings = ["figure", "unit", "least", "median", "largest"]
+    return Table("runs that came to their end", headings, rows, left=2)
 
 
 def _differing(study: Study, columns: RunValues) -> dict[str, Claim]:
@@ -93,15 +102,14 @@ def _numbers(values: Sequence[Any]) -> Array:
     return np.array([math.nan if value is None else float(value) for value in values])
 
 
-def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> list[Sequence[str]]:
+def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> Table:
     """Runs that failed or stopped, then those with the largest figure, each with the command that repeats
     it."""
     rank = {FAILED: 3.0, LOST: 3.0, STOPPED: 2.0}
     first = _numbers(columns[goals[0].figure]) if goals else np.zeros(len(columns["outcome"]))
     size = np.nan_to_num(first * (-1.0 if goals and goals[0].more_is_better else 1.0), nan=math.inf)
     order = sorted(range(len(size)), key=lambda k: (-rank.get(columns["outcome"][k], 0.0), -size[k]))
-    head = goals[0].label if goals else "figure"
-    rows: list[Sequence[str]] = [["ended", head, "seed", "reason", "once more, with a page of its own"]]
+    head, rows = goals[0].label if goals else "figure", []
     for k in order[:WORST]:
         values = tuple(columns[axis.key][k] if axis.key in columns else None for axis in study.axes)
         try:
@@ -109,10 +117,10 @@ def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> list
             command = once_more(scenario, default_scenario(scenario.experiment))
         except (ConfigError, InputError):  # of another study in this folder
             command = "-"
-        shown = number_text(first[k] * goals[0].scale, 4) if goals and np.isfinite(first[k]) else "-"
+        shown = value_text(goals[0], first[k]) if goals else "-"
         reason = str(columns["reason"][k] or "") if "reason" in columns else ""
         rows.append([columns["outcome"][k], shown, str(columns["seed"][k]), reason, command])
-    return rows
+    return Table("Worst runs", ["ended", head, "seed", "reason", "once more, with a page of its own"], rows)
 
 
 def pareto(

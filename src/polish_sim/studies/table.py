@@ -22,7 +22,7 @@ from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.row_file import Metrics, Row, Rows, package_versions, whole_file, whole_folder, write_metrics
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Study, StudyRun
-from polish_sim.workers import Heard, Workers, fill_rows, local_copy
+from polish_sim.workers import Runner, local_copy
 
 RUNS = "runs.parquet"
 RUN_FOLDERS = "runs"  #: Of logs, where they are wanted
@@ -117,7 +117,6 @@ class RunTable(Rows):
     """The rows of one sweep's folder; of each its outcome is in memory, by the hash of the run's config."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
         self._written_at, self._took_s = time.monotonic(), 0.0
         self._times: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
         self.sources: set[str] = set()  #: Versions of this package that rows are of
@@ -184,14 +183,14 @@ def read_rows(folder: Path) -> dict[str, Any]:
     return dict(parquet.read_table(file).to_pydict())
 
 
-def run_study(
-    study: Study, keys: Keys, table: RunTable, workers: Workers, heard: Heard, logs: bool = False
-) -> bool:
-    """Do the runs of `keys_of_runs` that the table does not have; whether Ctrl-C left some out.
+def run_study(study: Study, keys: Keys, logs: bool, runner: Runner) -> Metrics:
+    """Do the runs of `keys_of_runs` that the folder's `RunTable` does not have, and write it and a summary.
 
     Raises:
         WorkersError: If processes die one after the other, or the cluster is gone.
     """
+    table = runner.kept
+    assert isinstance(table, RunTable)
     folders = table.folder.resolve() / RUN_FOLDERS if logs else None
     if folders is not None:
         folders.mkdir(exist_ok=True)
@@ -205,7 +204,13 @@ def run_study(
     def lost(task: StudyTask, trouble: str) -> Row:
         return begun_row(study, task) | {"outcome": LOST, "reason": trouble}
 
-    return fill_rows(keys, table, work, lambda task: group_of_point(task[1].values), workers, heard, lost)[1]
+    try:
+        runner.fill(keys, work, lambda task: group_of_point(task[1].values), lost)
+    finally:
+        if table.known:
+            table.write()
+            facts = write_summary(table, study, len(keys))
+    return facts
 
 
 def keys_of_runs(study: Study) -> Keys:

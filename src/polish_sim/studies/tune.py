@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -19,7 +19,8 @@ from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.score import Scorer, Task
+from polish_sim.scoring.score import Task, score_rows
+from polish_sim.workers import Runner
 
 SAMPLERS = ("tpe", "cmaes")
 TRAINING = (
@@ -236,7 +237,7 @@ def training_cases(wanted: Sequence[str]) -> tuple[tuple[Case, ...], tuple[Case,
 
 
 def search_best(
-    search: Search, trials: int, scorer: Scorer, heard: Callable[[int, str], None]
+    search: Search, trials: int, runner: Runner, heard: Callable[[int, str], None]
 ) -> dict[str, float]:
     """Search with a number of ``trials``, the shipped values first; the best values by key.
 
@@ -259,7 +260,7 @@ def search_best(
         )
         trial = study.ask()
         values = {p.key: trial.suggest_float(p.key, p.low, p.high, log=p.log) for p in search.over}
-        value, whole = score_trial(search, values, _best_of(study), scorer)
+        value, whole = score_trial(search, values, _best_of(study), runner)
         state = optuna.trial.TrialState.COMPLETE if whole else optuna.trial.TrialState.PRUNED
         trial.report(value, 0)
         study.tell(trial, value if whole else None, state=state)
@@ -283,19 +284,27 @@ def _value_text(value: float) -> str:
 
 
 def score_trial(
-    search: Search, values: Mapping[str, float], best: float, scorer: Scorer
+    search: Search, values: Mapping[str, float], best: float, runner: Runner
 ) -> tuple[float, bool]:
     """The goal of some values, and whether all cases were run for it."""
     rows: list[Row] = []
     stages, entry = search.stages(), search.entry(values)
     for number, cases in enumerate(stages):
         tasks = [Task(case, entry, seed) for case in cases for seed in range(search.seeds)]
-        rows += scorer.rows(tasks).values()
+        rows += _all_rows(runner, tasks).values()
         value = search.judge(rows) if rows else math.inf
         lost = value >= BROKEN or (search.goal.how == "worst" and value > best)
         if lost and number + 1 < len(stages):
             return value, False
     return value, True
+
+
+def _all_rows(runner: Runner, tasks: Iterable[Task]) -> dict[Task, Row]:
+    """The rows of tasks, of which a search needs all: Ctrl-C ends it."""
+    rows = score_rows(runner, tasks, heard=lambda *_: None)
+    if runner.interrupted:
+        raise KeyboardInterrupt
+    return rows
 
 
 class Verdict(NamedTuple):
@@ -316,7 +325,7 @@ class Verdict(NamedTuple):
         return self.tuned < self.shipped
 
 
-def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: Scorer) -> list[Verdict]:
+def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, runner: Runner) -> list[Verdict]:
     """Shipped and tuned values side by side: where the search looked, on other seeds, and in other cases."""
     fresh = range(HELD_OUT_SEED, HELD_OUT_SEED + seeds)
     places = [
@@ -331,7 +340,7 @@ def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: S
             [Task(case, search.entry(values), seed) for case in cases for seed in chosen]
             for values in (None, best)
         )
-        rows = scorer.rows([*shipped, *tuned])
+        rows = _all_rows(runner, [*shipped, *tuned])
         pairs = [(rows[a], rows[b]) for a, b in zip(shipped, tuned, strict=True) if {a, b} <= rows.keys()]
         kept = [pair for pair in pairs if not any(map(search.breaks, pair))]
         before, after = (search.goal.of([pair[k] for pair in kept]) for k in (0, 1))

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, Figures, dots, norms
 from polish_sim.config import PadConfig, ProcessConfig
+from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.geometry.regions.patches import middle_points
+from polish_sim.page import Table, figure_rows
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
@@ -243,3 +245,59 @@ def fit_rms(mesh: PartMesh, surface: Surface) -> float:
     _, areas = facet_normals(mesh.vertices, mesh.faces)
     gap = norms(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1))
     return float(np.sqrt((areas * gap**2).sum() / areas.sum()))
+
+
+# What of them is shown, of a plan and of a path that was inspected.
+
+WHERE = (
+    ("facets", "", "facets", ".0f"),
+    ("region / part's surface", "cm^2", "region_area_m2 part_area_m2", ".1f"),
+    ("  polished", "cm^2", "polished_area_m2", ".4g"),
+)
+HOW_WELL = (
+    ("path length in contact", "m", "path_length_m", ".3f"),
+    ("  / (area / step-over)", "", "length_ratio", ".3f"),
+    ("  through the air, leads included", "m", "air_length_m", ".3f"),
+    ("time in contact, at the feed", "s", "time_in_contact_s", ".1f"),
+    ("time in contact, smoothed motion", "s", "motion_time_s", ".1f"),
+    ("cycle time: with air, touch-down and lifts", "s", "cycle_time_s", ".1f"),
+    ("way at the full feed, starts and stops included", "%", "feed_kept", ".1f"),
+    ("least feed, starts and stops left out", "mm/s", "feed_least_m_s", ".2f"),
+    ("  at, along the path with its leads", "m", "feed_least_at_m", ".3f"),
+    ("motion beside the path, at most", "mm", "smoothed_off_max_m", ".2g"),
+    ("  tool axis", "deg", "smoothed_axis_off_max_rad", ".2g"),
+    (
+        "step-over, min / p5 / mean / p95 / max",
+        "mm",
+        "stepover_min_m stepover_p5_m stepover_mean_m stepover_p95_m stepover_max_m",
+        ".2f",
+    ),
+    ("overlap of neighbouring turns, of the pad", "%", "overlap", ".1f"),
+    ("region covered by the pad", "%", "coverage", ".1f"),
+    ("  within 0.55 step-overs", "%", "coverage_stepover", ".1f"),
+    ("time under the pad, mean", "s", "exposure_mean_s", ".3g"),
+    ("  its variation over the area", "cv", "exposure_cv", ".3f"),
+    ("  area over twice the median", "mm^2", "over_polished_area_m2", ".4g"),
+    ("crossings of the path with itself", "", "self_crossings", ".0f"),
+    ("sharpest corner", "deg", "sharpest_corner_rad", ".1f"),
+    ("largest turn of the tool axis", "deg/mm", "max_axis_rate_rad_m", ".2f"),
+    ("out of the tool's reach", "mm^2", "unreachable_area_m2", ".4g"),
+    ("tool in the part, at most", "mm", "pad_in_part_max_m", ".3g"),
+    ("  over a length of the path", "m", "pad_in_part_length_m", ".3g"),
+    ("retracts", "", "retracts", ".0f"),
+    ("tool axis turned by smoothing, at most", "deg", "axis_deviation_max_rad", ".3g"),
+    ("largest distance to surface", "mm", "max_distance_to_surface_m", ".2g"),
+    ("planned in", "s", "plan_time_s", ".2f"),
+)
+
+
+def path_table(title: str, figures: Figures) -> Table:
+    """The figures of a path, by their names in the contract, as a table."""
+    lost = figures.get("left_out", {})
+    out = [(f"  left out: {reason}", "cm^2", reason, ".3g") for reason in lost]
+    rows = figure_rows([*WHERE, *out, *HOW_WELL], {**figures, **lost})
+    if "smallest_singular_value" in figures:
+        at = figures.get("T_base_work")
+        stands = place_in_mm(row[3] for row in at[:3]) if at else "out of reach"
+        rows.append(["part's origin, robot base", "", stands])
+    return Table(title, ["figure", "unit", "value"], rows)

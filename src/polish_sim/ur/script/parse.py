@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, needed
 
 LONGEST_PROGRAM = 2_000_000  #: Characters
 DEEPEST = 80  #: Brackets within brackets
@@ -117,11 +117,10 @@ class _Lines:
 
 @lru_cache(1)
 def _grammar() -> Any:
-    try:
-        from lark import Lark
-    except ImportError:
-        raise InputError("URScript needs the package lark: pip install 'polish-sim[serve]'") from None
-    return Lark(GRAMMAR, parser="lalr", postlex=_Lines(), propagate_positions=True, maybe_placeholders=False)
+    lark = needed("lark", "URScript needs the package lark", "serve")
+    return lark.Lark(
+        GRAMMAR, parser="lalr", postlex=_Lines(), propagate_positions=True, maybe_placeholders=False
+    )
 
 
 def parse(text: str) -> Any:
