@@ -19,8 +19,11 @@ TREE := build/tree
 demo: $(VENV)/.installed
 	$(BIN)/polish-sim demo
 
+# To rewrite asserts, so that a failure shows its values, takes every process longer than to import all else:
+# what fails is run once more for them.
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest --assert=plain || \
+		{ code=$$?; [ $$code != 1 ] || $(BIN)/python -m pytest --last-failed -n 0; exit $$code; }
 
 check: $(VENV)/.installed $(VENV)/.docs
 	$(BIN)/ruff check

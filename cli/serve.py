@@ -126,14 +126,14 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
         for own in list(zip(addresses, folders, strict=True))[1:]
     ]
     with ExitStack() as started, results_kept():
+        for process in beside:
+            process.start()
+            started.callback(process.kill)  # of what has ended already it does nothing
         with ExitStack() as open_:
             with console.progress() as observer:
                 job = _prepared(given, _case(given), observer)
                 reader = open_.enter_context(_reader()) if real_time else None
                 controller = _controller(job, given, reader, observer)
-            for process in beside:
-                process.start()
-                started.callback(process.kill)  # of what has ended already it does nothing
             if _serve(job, given, addresses[0], controller, real_time, beside):
                 for process in beside:
                     process.terminate()

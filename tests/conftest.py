@@ -15,15 +15,23 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 
-from tests.kept import share_fields, share_parts  # noqa: E402  (imports numpy)
+from tests.kept import share_commands, share_fields, share_parts  # noqa: E402  (imports numpy)
 
 share_fields()
 share_parts()
+share_commands()
 
-# What compiles longest comes first and side by side, each a loop of its own: with an empty cache each process
-# has its own kernels to make. What waits for the clock or takes long runs beside the others: at the end one
-# process would do it alone.
-FIRST = ("cell/test_engine_contact.py", "dual/test_pair.py", "envs/test_envs.py", "ur/test_wire.py")
+# What compiles longest comes first. Files are handed out in turn: the loops, which have most of their parts
+# in common, go to one process, so that each part is inferred once; the other compiles the planner meanwhile.
+FIRST = (
+    "cell/test_engine_contact.py",
+    "planning/test_plans.py",
+    "dual/test_pair.py",
+    "planning/test_tool_room.py",
+    "envs/test_envs.py",
+    "planning/test_inspection.py",
+    "ur/test_wire.py",
+)
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:

@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any
 
 import trimesh
+import typer
 
 from polish_sim.geometry import distance_field, fit, mesh
 from polish_sim.models import workpiece_path
@@ -69,6 +70,11 @@ def share_parts() -> None:
         return surfaces[key][1]
 
     mesh.load_part, fit.fit_surface = load_part, fit_surface
+
+
+def share_commands() -> None:
+    """Build each command line once in this process: it takes longer than to refuse a wrong word."""
+    typer.main.get_command = cache(typer.main.get_command)
 
 
 def plate_file() -> Path:

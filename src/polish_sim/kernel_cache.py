@@ -99,9 +99,9 @@ def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **op
     """Compile a function at its first call and keep the machine code; options as of ``numba.njit``.
 
     Without ``cache`` it is kept only within the kernels that call it. A division by zero gives infinity or
-    nan, as in numpy.
+    nan, as in numpy. C callbacks are made of no kernel but by `cfunc`: wrappers for them are not compiled.
     """
-    options = {"error_model": "numpy", **options}
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
         if numba.config.DISABLE_JIT:
@@ -310,7 +310,7 @@ class _Part(_Function):
 
     @cached_property
     def _bare(self) -> _Function:
-        bare = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        bare = {**self.targetoptions, "no_cpython_wrapper": True}
         return _Function(self.py_func, targetoptions=bare, pipeline_class=_part_compiler)
 
     @property

@@ -100,7 +100,7 @@ def _fill_jacobian(state: ArmState) -> None:
         set_to(J[3:, i], axes[i])
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def solve_rates(state: ArmState) -> None:
     """Write the three derivatives of q that give the tool the motion in ``twists``."""
     _solve(state, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -244,7 +244,7 @@ def within_range(q: Array) -> bool:
     return inside
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def reach_pose(state: ArmState, arm: Arm) -> int:
     """Bring the tool to the state's pose on the branch its joint angles are on, and place the arm.
 
@@ -259,7 +259,7 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
     return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm) -> int:
     """Write q and its three derivatives by progress at u of a segment (base frame) into ``state``.
 

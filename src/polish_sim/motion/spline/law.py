@@ -238,7 +238,7 @@ def _solve(programme: Programme, work: LawRoom, y: Array) -> bool:
     return False
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def _begin(programme: Programme, work: LawRoom, y: Array) -> None:
     """Smooth the unknowns: least squares of norms, b but for its derivatives as it is, and of what they
     change by."""
@@ -255,7 +255,7 @@ def _begin(programme: Programme, work: LawRoom, y: Array) -> None:
         y[k] = max(work.step[k], LEAST_FIRST * y[k])
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
     """Write rows, their rates, slope and curvature of time and rows; the time."""
     n, H, time = programme.caps.shape[0], work.bands, 0.0
@@ -321,7 +321,7 @@ def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
     return time
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def _factor(H: Array) -> None:
     """L D L' in place of a symmetric matrix's diagonal and the two beside it."""
     m = H.shape[0]
@@ -335,7 +335,7 @@ def _factor(H: Array) -> None:
         H[i, 1], H[i, 2] = near, far
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def _substitute(H: Array, r: Array) -> None:
     """Solve for a right side (m,) in place, with the factors of `_factor`."""
     m = r.shape[0]
@@ -351,7 +351,7 @@ def _substitute(H: Array, r: Array) -> None:
             r[k] -= H[k, 2] * r[k + 2]
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True)
 def _direct(programme: Programme, work: LawRoom, target: float) -> None:
     """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
     n, H, r = programme.caps.shape[0], work.bands, work.step
@@ -386,7 +386,7 @@ def _direct(programme: Programme, work: LawRoom, target: float) -> None:
             weight_step[i] = (target - weight[i] * slack_step[i]) / slack[i] - weight[i]
 
 
-@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"nnan", "nsz"})
+@njit(_nrt=False, no_cpython_wrapper=True, fastmath={"nnan", "nsz"})
 def _longest(work: LawRoom, y: Array) -> tuple[float, float]:
     """Largest shares, up to 1, of the steps of unknowns and of weights that leave enough of what is
     positive."""
