@@ -1,5 +1,6 @@
 """Feed and force that even the removal out, on the part as drawn."""
 
+import tracemalloc
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,15 @@ from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.assembly import place_key
-from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal, planned
+from polish_sim.experiments.even_removal import (
+    SMOOTH,
+    _least_near,
+    _Problem,
+    axis_kept,
+    even_out,
+    plan_removal,
+    planned,
+)
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 
@@ -168,3 +177,22 @@ def test_a_changed_map_is_another_place(tmp_path):
         (tmp_path / "map.ply").write_text(text, encoding="utf-8")
         keys.append(place_key(asked))
     assert keys[0] != keys[1]
+
+
+def test_the_least_near_a_knot_is_that_of_all_pairs():
+    rng = np.random.default_rng(3)
+    knots, s = np.sort(rng.uniform(0.0, 1.0, 40)), np.sort(rng.uniform(0.0, 1.0, 60))
+    values, apart = rng.uniform(1.0, 2.0, 60), 0.1
+    pairs = np.where(np.abs(np.subtract.outer(knots, s)) <= apart, values, np.inf).min(axis=1)
+    assert np.isfinite(pairs).all()
+    np.testing.assert_array_equal(_least_near(knots, apart, s, values), pairs)
+
+
+def test_memory_for_an_even_removal_grows_with_the_path_not_with_its_square():
+    """A path of 13 m took 3.5 GB."""
+    knots, s = np.linspace(0.0, 50.0, 4000), np.linspace(0.0, 50.0, 25_000)
+    tracemalloc.start()
+    _least_near(knots, 0.02, s, s)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50 * 8 * len(s)

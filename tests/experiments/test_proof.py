@@ -16,6 +16,7 @@ from polish_sim.experiments import default_scenario, proof, run_experiment
 from polish_sim.experiments.proof import (
     SPENT,
     Proven,
+    Work,
     _Prover,
     prove,
     prove_with_a_pad_that_fits,
@@ -54,6 +55,10 @@ def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
     """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
     scenario = pressing(*changes)
     return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
+
+
+def prover_of(scenario: Scenario, plan: PlanResult) -> _Prover:
+    return _Prover(scenario, plan, Silent(), Work(plan))
 
 
 @cache
@@ -105,7 +110,7 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
     """Also where the force comes down to a place that was eased before."""
     scenario = pressing(f"plan.removal={removal}")
     plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
-    prover = _Prover(scenario, plan, Silent())
+    prover = prover_of(scenario, plan)
     prover.pressed[:] = 0.7
     for _ in range(len(shares) + 1):
         prover._mend([Failure("the surface has fallen away", 0.5 * plan.path.s[-1], FALLEN, False)])
@@ -117,7 +122,7 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
 def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking, mended):
     scenario = pressing()
     plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
-    prover = _Prover(scenario, plan, Silent())
+    prover = prover_of(scenario, plan)
     prover.share[:] = 0.25
     half = 0.5 * scenario.process.contact_force_n
     prover._mend(
@@ -130,7 +135,7 @@ def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking
 def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_another_lines_cut(aside_m, wider):
     scenario = pressing()
     plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
-    prover = _Prover(scenario, plan, Silent())
+    prover = prover_of(scenario, plan)
     fallen = Failure("the part is lower than planned", 0.5 * plan.path.s[-1], LOW, False)
     alone = prover._remedy(fallen)[2].sum()
     middle = plan.path.positions_work[prover._row(fallen)]
@@ -140,7 +145,7 @@ def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_anot
 
 def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
     scenario = pressing()
-    prover = _Prover(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))), Silent())
+    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
     measure = PreparedRegion.measure
 
     def in_the_middle(self: PreparedRegion, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
@@ -151,7 +156,7 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     monkeypatch.setattr(PreparedRegion, "measure", in_the_middle)
     assert prover._keeps_clear(1.0)  # nothing was mended: the plan is as it was measured
     own = replace(prover.path, force=np.full(len(prover.path.s), 10.0))
-    assert not _Prover(scenario, planned(scenario, own), Silent())._keeps_clear(1.0)  # it yields less
+    assert not prover_of(scenario, planned(scenario, own))._keeps_clear(1.0)  # it yields less
     prover._ease(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.5)
     assert not prover._keeps_clear(1.0)
     assert (prover.mends[-1].what, prover.mends[-1].why) == (LEFT_OUT, IN_PART)
@@ -178,7 +183,7 @@ def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypa
     scenario, plan = soft_corner()
     tried = []
 
-    def proven_with_the_first(scenario, plan, observer):
+    def proven_with_the_first(scenario, plan, observer, work):
         tried.append(scenario.pad.radius_m)
         if len(tried) > 1:
             raise error
@@ -189,6 +194,57 @@ def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypa
     monkeypatch.setattr(proof, "MUCH", 0.0)
     assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
     assert len(tried) == 1 + proof.MOST_PADS
+
+
+def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):
+    scenario, plan = soft_corner()
+    tried = []
+
+    def proven_late(scenario, plan, observer, work):
+        tried.append(scenario.pad.radius_m)
+        work.done_s, work.most_s = 2.0, 1.0
+        return proven_at_the_corner()
+
+    monkeypatch.setattr(proof, "prove", proven_late)
+    monkeypatch.setattr(proof, "MUCH", 0.0)
+    assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
+    assert len(tried) == 1
+
+
+def test_the_proofs_time_is_that_of_the_plan_as_made_and_what_any_pad_takes_counts(monkeypatch):
+    scenario = pressing()
+    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    work = Work(plan)
+    monkeypatch.setattr(Play, "play_on", lambda self, observer: [])
+    done = []
+    for share in (1.0, 0.25):
+        prover = _Prover(scenario, plan, Silent(), work)
+        prover.share[:] = share
+        prover.pass_through(None)
+        done.append(work.done_s)
+    assert done[1] > 2.0 * done[0] > 0.0  # slowed it takes longer
+    assert work.most_s == Work(plan).most_s
+
+
+def test_a_proof_whose_time_is_used_up_keeps_no_margin_before_it_leaves_anything_out(monkeypatch):
+    scenario = pressing()
+    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    prover = prover_of(scenario, plan)
+    prover.work.done_s = 1.5 * prover.work.most_s
+    margins = []
+
+    def fails_within_the_margin(self, observer):
+        margins.append(self.margin)
+        return [Failure("the force leaves its band", 0.01, NO_STOP, False)] if self.margin else []
+
+    monkeypatch.setattr(Play, "play_on", fails_within_the_margin)
+    begun = prover._play(None)
+    begun.margin = 0.2  # begun before the time was used up
+    begun.found = begun.play_on(Silent())
+    prover.pass_through(None, begun)
+    assert margins == [0.2, 0.0]
+    assert prover.mends == []
+    assert prover._play(None).margin == 0.0
 
 
 def test_a_force_that_falls_along_the_path_is_no_surface_that_rises():
@@ -260,7 +316,7 @@ def test_a_proof_whose_time_is_used_up_leaves_out_what_fails_wider_each_round_an
 ):
     scenario = pressing()
     plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
-    prover = _Prover(scenario, plan, Silent())
+    prover = prover_of(scenario, plan)
     middle = Failure("the force leaves its band: 9 N", 0.5 * plan.path.s[-1], NO_STOP, False)
     prover.late, lengths = 1, []
     for prover.late in (1, 2):
@@ -269,7 +325,7 @@ def test_a_proof_whose_time_is_used_up_leaves_out_what_fails_wider_each_round_an
     assert lengths[1] == pytest.approx(2.0 * lengths[0], abs=2.0)  # rows of the path
     prover._mend([middle])
     assert prover.mends[-1].why.endswith(SPENT)
-    prover.worked_s = 1e6
+    prover.work.done_s = 1e6
     monkeypatch.setattr(Play, "play_on", lambda self, observer: [middle])
     with pytest.raises(PlanError, match=r"from \d+ of \d+ mm of the path on"):
         prover.pass_through(None)

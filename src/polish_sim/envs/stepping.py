@@ -83,9 +83,9 @@ def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Ar
 
 
 @cfunc(signals.LAW_SIGNATURE)
-def _twist_law(context, _course, measurement, _target, answer):  # type: ignore[no-untyped-def]
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
-    m = carray(measurement, 1, signals.MEASUREMENT)[0]
+def _twist_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, _, out = signals.records_at(measurement, target, answer)
     set_to(out.twist[0:3], matvec(m.rotation, c.command[0:3]))
     set_to(out.twist[3:6], matvec(m.rotation, c.command[3:6]))
     out.feed = c.feed
@@ -93,8 +93,8 @@ def _twist_law(context, _course, measurement, _target, answer):  # type: ignore[
 
 @cfunc(signals.LAW_SIGNATURE)
 def _servo_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
-    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = signals.records_at(measurement, target, answer)
     _offset_plan(c, t, c.command[0:3], t.twist[0:3])
     _offset_plan(c, t, c.command[3:6], t.twist[3:6])
     hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
@@ -104,8 +104,8 @@ def _servo_law(context, _course, measurement, target, answer):  # type: ignore[n
 
 @cfunc(signals.LAW_SIGNATURE)
 def _force_and_feed_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
-    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
+    c = carray(context, 1, _CONTEXT)[0]
+    m, t, out = signals.records_at(measurement, target, answer)
     planned = t.force
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
     t.force = max(planned + c.command[0], 0.0)

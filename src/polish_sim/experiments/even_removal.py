@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
@@ -187,16 +187,13 @@ class _Problem:
         """Take force off where the pad hangs over an edge and sinks in."""
         depths = self._press_with(self.knots @ self.force).depths
         eased = self.poses.forces / np.maximum(depths / self.deepest, 1.0)
-        near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * self.spacing
-        self.force = np.where(near, eased, math.inf).min(axis=1)
+        self.force = _least_near(self.knot_s, 1.5 * self.spacing, self.s, eased)
 
     def limits(self, most: Array) -> tuple[Array, Array]:
         """Least and largest slowness at the knots [s/m], (m,), that keep within the plan's limits of the feed
         and below the ``most`` feed at the points of the path [m/s], (n,)."""
-        largest = self.fastest
-        slow = most < largest
-        near = np.abs(np.subtract.outer(self.knot_s, self.path.s[slow])) <= self.spacing
-        low = 1.0 / np.where(near, most[slow], largest).min(axis=1, initial=largest)
+        near = _least_near(self.knot_s, self.spacing, self.path.s, most)
+        low = 1.0 / np.minimum(near, self.fastest)
         return low, np.maximum(low, 1.0 / self.slowest)
 
     def press(self, force: Array) -> None:
@@ -245,10 +242,9 @@ class _Problem:
         )
         wanted = (self.goal - self.landing) * by
         scaled = (columns * by[:, None]).tocsr()
-        square = (scaled.T @ scaled).toarray()
-        usual = np.sqrt(low * high).min()
-        change = np.diff(np.eye(len(start)), axis=0) / usual
-        square += SMOOTH / len(start) * change.T @ change
+        usual, count = np.sqrt(low * high).min(), len(start)
+        change = diags_array([-1.0 / usual, 1.0 / usual], offsets=[0, 1], shape=(count - 1, count))
+        square = scaled.T @ scaled + SMOOTH / count * (change.T @ change)
         linear = scaled.T @ wanted - cost
 
         def distance(x: Array) -> tuple[float, Array]:
@@ -287,6 +283,13 @@ def _places(path: ToolPath, apart: float) -> tuple[Array, Array]:
 def _divided(path: ToolPath, rows: tuple[int, int], apart: float) -> Array:
     first, last = path.s[rows[0]], path.s[rows[1]]
     return np.linspace(first, last, max(math.ceil((last - first) / apart), 1) + 1)
+
+
+def _least_near(knots: Array, apart: float, s: Array, values: Array) -> Array:
+    """Least of the values at ascending places s (k,) within ``apart`` of each knot, (m,); where none is, the
+    next one."""
+    ends = np.searchsorted(s, np.column_stack([knots - apart, knots + apart]).ravel())
+    return np.minimum.reduceat(np.append(values, math.inf), ends)[::2]
 
 
 def _hats(path: ToolPath, s: Array, apart: float) -> tuple[Array, csr_array]:

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import count
 from multiprocessing import parent_process
 from typing import Any, NamedTuple
 
@@ -31,7 +32,6 @@ from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE
-from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
@@ -58,6 +58,7 @@ from polish_sim.planning.part_plan import (
     Mend,
     mend_of,
     out_of_part,
+    with_pad,
 )
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
@@ -77,13 +78,26 @@ SLOWING_S = 0.5  #: Of the feed before a place that is mended may have changed t
 AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
 AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
-#: Cycles' worth of playing and timing after which what fails is left out, and at least so long [s]; after
-#: twice that the plan is refused
-MOST_WORK, LEAST_WORK_S = 32.0, 2000.0
+#: What all pads together may play and time, in times the path's time in contact as it was planned, and at
+#: least so long [s]; then no margin is kept, after twice that what fails is left out, and after three times
+#: the plan is refused
+MOST_WORK, LEAST_WORK_S = 8.0, 8000.0
 SPENT = ", and the proof's time was used up"
-MOST_ROUNDS = 4  #: A mended path is played whole at most so often
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
+
+
+class Work:
+    """What proving a plan has taken and may take, whatever pads it is tried with [s of the cell's time]."""
+
+    def __init__(self, plan: PlanResult) -> None:
+        self.most_s = max(MOST_WORK * plan.figures["time_in_contact_s"], LEAST_WORK_S)
+        self.done_s = 0.0  #: Played and timed
+
+    @property
+    def used(self) -> float:
+        """Share of what may be taken with all the margins [-]."""
+        return self.done_s / self.most_s
 
 
 class Proven(NamedTuple):
@@ -114,14 +128,16 @@ def _changed(settings: Scenario) -> list[str]:
     return changed_words(settings, _settings(default_scenario("surface")))
 
 
-def prove(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
+def prove(
+    scenario: Checked, plan: PlanResult, observer: Observer = SILENT, work: Work | None = None
+) -> Proven:
     """Play a plan on the part as drawn, and on as many drawn parts as ``safety.proof`` says; mend what fails.
 
     Raises:
         PlanError: Nothing of the path can be polished, or no mend helps; says why and where.
         PolishSimError: As of `prepare_surface`.
     """
-    prover = _Prover(scenario, plan, observer)
+    prover = _Prover(scenario, plan, observer, work or Work(plan))
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario.safety.proof))
     begun = prover.pass_drawn(seeds[0]) if seeds else None
     before = len(prover.mends)
@@ -143,12 +159,14 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
     """
     best: Proven | None = None
     failed: PolishSimError | None = None
+    work = Work(plan)
     for pad, planned in _pads_from(scenario, plan.tool.pad):
+        if work.used > 1.0:
+            break
         try:
             other = replace(scenario, pad=pad, plan=planned)
-            found = prove(
-                replace(scenario, pad=pad), plan if pad is scenario.pad else plan_removal(other), observer
-            )
+            made = plan if pad is scenario.pad else plan_removal(other)
+            found = prove(replace(scenario, pad=pad), made, observer, work)
             refuse_almost_nothing(found.plan)
         except PolishSimError as error:
             if pad is scenario.pad and not isinstance(error, PlanError):
@@ -187,15 +205,11 @@ def _pads_from(scenario: Checked, pad: PadConfig) -> Iterator[tuple[PadConfig, P
     """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be
     planned."""
     yield scenario.pad, scenario.plan
-    usual, asked = PadConfig(), scenario.plan
-    if scenario.pad.choice != "auto" or scenario.pad.radius_m != usual.radius_m or asked.file:
-        return
-    smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
-    for size in smaller[:MOST_PADS]:
-        stepover = min(asked.stepover_m, size)
-        if asked.stepover_m == PlanConfig().stepover_m:
-            stepover *= 0.5 * size / usual.radius_m
-        yield replace(scenario.pad, radius_m=0.5 * size), replace(asked, stepover_m=stepover)
+    asked = scenario.pad
+    if asked.choice == "auto" and asked.radius_m == PadConfig().radius_m and not scenario.plan.file:
+        smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
+        for size in smaller[:MOST_PADS]:
+            yield with_pad(asked, scenario.plan, size)
 
 
 def _lost(plan: PlanResult) -> float:
@@ -213,17 +227,11 @@ def _pressed(plan: PlanResult) -> float:
     return plan.area.polished_m2 * (1.0 - eased / length)
 
 
-class _Begun(NamedTuple):
-    """A path under way, and what has to be mended before it can continue."""
-
-    play: Play
-    found: list[Failure]
-
-
 class _Prover:
     """A plan on its way to its proof."""
 
-    def __init__(self, scenario: Checked, plan: PlanResult, observer: Observer) -> None:
+    def __init__(self, scenario: Checked, plan: PlanResult, observer: Observer, work: Work) -> None:
+        self.work = work
         self.scenario = scenario = with_plan(scenario, plan)
         self.task = prepare_surface(scenario, plan, observer)
         self.plan, self.path, self.observer = plan, plan.path, observer
@@ -235,8 +243,8 @@ class _Prover:
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
-        self.kept_until = self.worked_s = 0.0
-        self.late = 0  #: Rounds of mending since the work was used up
+        self.kept_until = 0.0
+        self.late = 0  #: Rounds of mending since what fails is left out
         self._leave_out_what_sinks()
 
     def _leave_out_what_sinks(self) -> None:
@@ -287,7 +295,7 @@ class _Prover:
         self.path, source = remaining.path, remaining.source
         self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
 
-    def pass_drawn(self, first: int) -> _Begun | None:
+    def pass_drawn(self, first: int) -> Play | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
         None where a mend made that worthless."""
         self._even_out()
@@ -303,11 +311,14 @@ class _Prover:
         if self.mends:
             # The whole path is played at the end on a drawn part, which asks for more.
             self.shares.clear()
-        return _Begun(other, meanwhile.result()) if meanwhile and other.wanted else None
+        if not meanwhile or not other.wanted:
+            return None
+        meanwhile.result()  # raises what it raised
+        return other
 
-    def settle(self, seed: int | None, begun: _Begun | None = None) -> None:
+    def settle(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
-        for number in range(MOST_ROUNDS):
+        for number in count():
             mended = len(self.mends)
             self._even_out()
             self.pass_through(seed, begun)
@@ -315,14 +326,16 @@ class _Prover:
             if len(self.mends) == mended and self._keeps_clear(2.0**number):
                 return
             self.shares.clear()
-        raise self._unproven(self.mends[-1].why)
+            self._refuse_when_over(self.mends[-1].why)
 
-    def _unproven(self, why: str) -> PlanError:
-        return PlanError(
-            f"the plan could not be proven: after {self.worked_s:.0f} s of the cell's time it "
-            f"still fails because {why}. Set a lower --feed or --contact-force, a smaller --pad-diameter or "
-            "another --region; --proof none runs it all the same."
-        )
+    def _refuse_when_over(self, why: str) -> None:
+        """End with a PlanError where coming to an end has taken as long as may be."""
+        if self.work.used > 3.0:
+            raise PlanError(
+                f"the plan could not be proven: after {self.work.done_s:.0f} s of the cell's time it still "
+                f"fails because {why}. Set a lower --feed or --contact-force, a smaller --pad-diameter or "
+                "another --region; --proof none runs it all the same."
+            )
 
     def _keeps_clear(self, wider: float) -> bool:
         """Leave out where the tool would stand in the part, as the path is mended and with the force of an
@@ -338,26 +351,23 @@ class _Prover:
             self._keep(remaining)
         return not len(inside)
 
-    def pass_through(self, seed: int | None, begun: _Begun | None = None) -> None:
+    def pass_through(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
         self.observer.stage(f"prove in the cell{'' if seed is None else f', part of seed {seed}'}")
-        if begun is None:
-            play = self._play(seed)
-            begun = _Begun(play, play.play_on(self.observer))
-        play, found = begun
-        most = max(MOST_WORK * cycle_time(play.cell.strokes), LEAST_WORK_S)
+        play, work = begun or self._play(seed), self.work
+        found, before = play.play_on(self.observer) if begun is None else play.found, work.done_s
         while found:
-            spent = self.worked_s + play.worked_s
-            if spent > 2.0 * most:
-                self.worked_s, last = spent, found[0]
-                raise self._unproven(
-                    f"{last.why}, from {1e3 * last.s:.0f} of {1e3 * self.path.s[-1]:.0f} mm of the path on"
-                )
-            self.late += spent > most
-            self._mend(found)
+            work.done_s, last = before + play.worked_s, found[0]
+            whole = 1e3 * self.path.s[-1]
+            self._refuse_when_over(f"{last.why}, from {1e3 * last.s:.0f} of {whole:.0f} mm of the path on")
+            if work.used > 1.0 and play.margin:
+                play.margin, self.kept_until = 0.0, math.inf
+            else:
+                self.late += work.used > 2.0
+                self._mend(found)
             play.go_back(self.task_now(), self.kept_until)
             found = play.play_on(self.observer)
-        self.worked_s += play.worked_s
+        work.done_s = before + play.worked_s
         for name, kept in play.passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
@@ -373,7 +383,9 @@ class _Prover:
         self.evened = len(self.mends)
 
     def _play(self, seed: int | None) -> Play:
-        return Play(self.scenario, seed, self.task_now())
+        play = Play(self.scenario, seed, self.task_now())
+        play.margin *= self.work.used <= 1.0
+        return play
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
@@ -529,6 +541,7 @@ class _Prover:
             "settings": config_hash(_settings(scenario), {}), "path": path_key(task.plan.path),
             "changed": _changed(_settings(scenario)),
             "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
+            "work_used": self.work.used,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [
                 {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()} for mend in mends
@@ -539,7 +552,7 @@ class _Prover:
             "T_base_work": reach.T_base_work.tolist(),
             "smallest_singular_value": reach.smallest_singular_value,
             "proven": 1,
-            "proof_work_s": self.worked_s,
+            "proof_work_s": self.work.done_s,
         }
         notes = (*plan.notes, *proof_notes(proof))
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
@@ -560,12 +573,17 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
         notes.append(
             f"{fails} run --check: {name}; a lower --contact-force helps, and robot.compensation=tracker"
         )
+    if proof.get("work_used", 0.0) > 1.0:
+        notes.append(
+            "the proof's time was used up: it may use its limits without a margin for other parts, and "
+            "no smaller pad was tried"
+        )
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
     for mend in proof["mends"]:
         groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)
     for (what, share, why), alike in groups.items():
         of = {SLOWED: "feed", EASED: "force"}.get(what)
-        to = what if of is None else f"{what} to {100.0 * share:.0f}% of the {of}"
+        to = f"{what} to {share:.0%} of the {of}" if of else what
         length = 1e3 * sum(mend["length_m"] for mend in alike)
         more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
         notes.append(

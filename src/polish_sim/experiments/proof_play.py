@@ -80,6 +80,7 @@ class Play:
         self.part = build_part(self.scenario, task.place)
         self.passing: dict[str, tuple[float, float]] = {}  #: Largest shares of the limits, and where
         self.worked_s, self.wanted = 0.0, True
+        self.found: list[Failure] = []  #: What has to be mended before it can continue
         self._timed: list[Stroke] = []
         self._saved: list[_Saved] = []
         self._begin(task)
@@ -138,7 +139,8 @@ class Play:
         """
         cell, saved = self.cell, self._saved
         total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
-        status, next_save, stroke, found = cell.state.status, 0.0, cell.stroke_number, list[Failure]()
+        status, next_save, stroke = cell.state.status, 0.0, cell.stroke_number
+        found = self.found = list[Failure]()
         while self.wanted and not cell.done and not (found and cell.stroke_number != stroke):
             forget_shares(cell.state.guards)
             steps = cell.play(round(CHUNK_S / dt)).trace

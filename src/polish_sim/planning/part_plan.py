@@ -106,7 +106,7 @@ class PlanResult:
         shorter."""
         cuts = (
             *self.cuts,
-            *(CutOut(mend.why.partition(":")[0], mend.places) for mend in mends if mend.what == LEFT_OUT),
+            *(CutOut(mend.why, mend.places) for mend in mends if mend.what == LEFT_OUT),
         )
         quality = self.ready.measure(path, cuts)
         notes = (*(note for note in self.notes if note not in self.area.notes), *quality.area.notes)
@@ -378,19 +378,22 @@ def _pads(
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
     diameter = 2.0 * pad.radius_m
-    standard = PlanConfig().stepover_m
     smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if _is_free(pad) else []
     if diameter <= width or not smaller:
         yield pad, plan
     for size in smaller:
-        chosen = pad.choice == "auto" and plan.stepover_m == standard
-        wanted = standard * size / diameter if chosen else plan.stepover_m
-        stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
-        margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
-        yield (
-            small,
-            replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin), overrun_m=0.0),
-        )
+        small, asked = with_pad(pad, plan, size)
+        margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * asked.stepover_m
+        yield small, replace(asked, edge_margin_m=max(plan.edge_margin_m, margin), overrun_m=0.0)
+
+
+def with_pad(pad: PadConfig, plan: PlanConfig, size: float) -> tuple[PadConfig, PlanConfig]:
+    """The default pad in another size [m], and a plan for it: its step-over in proportion unless it was
+    chosen."""
+    wanted = plan.stepover_m
+    if pad.choice == "auto" and wanted == PlanConfig().stepover_m:
+        wanted = wanted * size / (2.0 * pad.radius_m)
+    return replace(pad, radius_m=0.5 * size), replace(plan, stepover_m=min(wanted, size))
 
 
 ON_SURFACE_M = 1e-6  #: Places this close to a surface are on it [m]
