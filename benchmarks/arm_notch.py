@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.loop_margins import margins, response_of
 from polish_sim import default_scenario
 from polish_sim.arrays import Array
-from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.linear_arm import arm_modes, joints_about
 from polish_sim.cell.scene import tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -38,7 +38,7 @@ def main() -> None:
     rng, limit = np.random.default_rng(options.seed), scenario.safety.singular_value_limit
     q = np.array(list(_poses(options.poses, rng, limit)))
     found: dict[str, list[float]] = {}
-    modes = arm_modes(scenario, setup_of(scenario, one_mass()).stiffness, q) / (2.0 * math.pi)
+    modes = arm_modes(joints_about(scenario, q), setup_of(scenario, one_mass()).stiffness) / (2.0 * math.pi)
     for pose, mode in zip(q, modes, strict=True):
         for name, tried in _tries(scenario, float(mode)):
             found.setdefault(name, []).append(_gain_margin(tried, pose))
@@ -76,7 +76,8 @@ def _gain_margin(scenario: Scenario, q: Array) -> float:
     rigid, dt = setup_of(scenario, one_mass()), scenario.simulation.timestep_s
     force = scenario.process.contact_force_n
     law = measure_law(build_controller(scenario.controller), rigid, force, rigid.stiffness)
-    loops = (force_loop(setup_of(scenario, elastic_arm(scenario, swing, q)), law) for swing in SWINGS)
+    (about,) = joints_about(scenario, q[None])
+    loops = (force_loop(setup_of(scenario, elastic_arm(about, swing)), law) for swing in SWINGS)
     return min(margins(response_of(loop, dt)).gain for loop in loops)
 
 

@@ -31,7 +31,8 @@ from polish_sim.analysis.removal_plot import removal_colors
 from polish_sim.config import Scenario
 from polish_sim.dual.dual import run_dual
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.even_removal import _Problem, axis_kept, even_out, plan_removal, planned
+from polish_sim.experiments.assembly import check
+from polish_sim.experiments.even_removal import _Problem, even_out, plan_removal, planned
 from polish_sim.experiments.proof import prove
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import run_surface
@@ -107,7 +108,7 @@ def compare(part: str, common: list[str], asked: argparse.Namespace) -> dict[str
 
 def plan_as_much(asked: Scenario, before: RunResult) -> tuple[Scenario, PlanResult]:
     """The even plan that by its model takes off as much as the run ``before`` did, and its scenario."""
-    scenario = axis_kept(asked)
+    scenario = check(asked)
     plan = plan_removal(scenario)
     problem = _Problem(scenario, plan, again=True)
     assert before.removal is not None

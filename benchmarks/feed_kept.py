@@ -31,7 +31,7 @@ def main() -> None:
     print(f"{'part':12}{'feed':>10}  {'rule':10}{'time lost':>10}{'feed kept':>11}{'least feed':>12}")
     for case, feeds in CASES:
         scenario = scenario_of(case)
-        task = prepare_surface(*planned(scenario))
+        place = prepare_surface(*planned(scenario))
         for feed in feeds:
             for rule in RULES:
                 asked = replace(
@@ -39,9 +39,7 @@ def main() -> None:
                     process=replace(scenario.process, feed_m_s=feed),
                     smoothing=replace(scenario.smoothing, rule=rule),
                 )
-                jobs = placed_strokes(
-                    asked, task.plan.path, placed_tool(task.plan.path, task.place.reach), 0.0, 0.0
-                )
+                jobs = placed_strokes(asked, place.path, placed_tool(place.path, place.reach), 0.0, 0.0)
                 law = feed_figures(jobs)
                 lost = 1.0 - sum(job.process.length for job in jobs) / feed / law["motion_time_s"]
                 print(

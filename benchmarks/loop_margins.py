@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
+from polish_sim.cell.linear_arm import joints_about
 from polish_sim.config import Scenario
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import (
+    FORCE_POSE,
     Complex,
     Loop,
     contour,
@@ -83,7 +85,9 @@ def response_of(loop: Loop, dt: float) -> Response:
 def linear_loop(scenario: Scenario, swing: float = 0.0, law: MeasuredLaw | None = None) -> Loop:
     """Open loop L(z) of a scenario, the ``law`` settled on its springs; elastic gears swing by ``swing``
     [rad]."""
-    setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if scenario.robot.elastic else None)
+    elastic = scenario.robot.elastic
+    arm = elastic_arm(joints_about(scenario, FORCE_POSE[None])[0], swing) if elastic else None
+    setup = setup_of(scenario, arm)
     return force_loop(setup, law or linear_law_of(scenario, scenario.head.spring_scale))
 
 

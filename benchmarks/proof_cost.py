@@ -53,15 +53,15 @@ def _once(scenario):  # type: ignore[no-untyped-def]
     _MOTIONS.clear()
     begin = time.process_time()
     plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
-    task = prepare_surface(scenario, plan)
-    cell = build_cell(scenario, task.place, build_part(scenario, task.place))
+    place = prepare_surface(scenario, plan)
+    cell = build_cell(scenario, place, build_part(scenario, place))
     planned, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     asked = time.perf_counter()
     proven = prove_with_a_pad_that_fits(scenario, plan)
     proof, busy = time.perf_counter() - asked, time.process_time() - planned
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / before
-    task = prepare_surface(proven.scenario, proven.plan)
-    cell = build_cell(proven.scenario, task.place, build_part(proven.scenario, task.place))
+    place = prepare_surface(proven.scenario, proven.plan)
+    cell = build_cell(proven.scenario, place, build_part(proven.scenario, place))
     ready = time.process_time()
     run = cell.run(Silent())
     play = time.process_time() - ready

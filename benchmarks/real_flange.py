@@ -27,7 +27,7 @@ from polish_sim.errors import PlanError
 from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part
-from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.part_setup import real_shape
 from polish_sim.geometry import fit_surface, select_region
 from polish_sim.log import Trace
@@ -174,8 +174,9 @@ def _place(profile: str) -> Workplace:
         mesh = load_mesh(scenario.part)
     surface = fit_surface(mesh, scenario.plan.feature_angle_rad)
     region = select_region(surface, mesh, "auto", scenario.plan.feature_angle_rad)
-    reach = reach_path(scenario, mesh, surface, path)
-    return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
+    reach = PartPlacing(scenario, mesh, surface, path).reach()
+    shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
+    return Workplace(mesh, surface, region, path, reach, shape)
 
 
 def measured(data: Path, case: FlangeCase) -> tuple[ForceFigures, ForceFigures | None]:

@@ -25,7 +25,8 @@ from polish_sim.analysis.metrics import spreads
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.even_removal import axis_kept, even_out, plan_removal, planned
+from polish_sim.experiments.assembly import check
+from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.surface import run_surface
 from polish_sim.log import RemovalMap
 from polish_sim.planning import plan_part
@@ -51,7 +52,7 @@ def main() -> None:
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     usual = override(default_scenario("surface"), PLATE)
-    scenario = axis_kept(override(usual, [f"plan.removal={write_ramp(asked.out / 'ramp.ply', usual)}"]))
+    scenario = check(override(usual, [f"plan.removal={write_ramp(asked.out / 'ramp.ply', usual)}"]))
     plan = plan_removal(scenario)
     print(plan.notes[-1])
     for seed in asked.seed or range(700, 705):
@@ -92,7 +93,7 @@ def followed(removal: RemovalMap) -> str:
 def times() -> None:
     """Wall times of planning freeform at 8 mm."""
     plain = override(default_scenario("surface"), [*COMMON, "part.file=freeform", "plan.stepover_m=0.008"])
-    even = axis_kept(override(plain, ["plan.removal=even"]))
+    even = check(override(plain, ["plan.removal=even"]))
     plan = plan_removal(replace(even, plan=replace(even.plan, removal="", overrun_m=0.01)))
     least("plan without", lambda: plan_removal(plain))
     least("dwell alone", lambda: even_out(even, plan))

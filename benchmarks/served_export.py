@@ -55,14 +55,14 @@ def main() -> None:
                     f"plan.stepover_m={1e-3 * asked.stepover}", "safety.proof=none"]  # fmt: skip
         scenario = override(default_scenario("surface"), [*settings, *asked.set, f"seed={asked.seed}"])
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
-        task = prepare_surface(scenario, plan)
-        T_base_work = task.place.reach.T_base_work
+        place = prepare_surface(scenario, plan)
+        T_base_work = place.reach.T_base_work
         own = run_experiment(scenario, plan)
         held = run_experiment(override(scenario, [HELD]), plan)
         say(part, "run", own.figures)
         say(part, "held", held.figures)
-        real = build_part(scenario, task.place)
-        robot = SimulatedRobot(build_cell(scenario, task.place, real))
+        real = build_part(scenario, place)
+        robot = SimulatedRobot(build_cell(scenario, place, real))
         controller = RobotController(robot, "5.11", Machine)
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(T_base_work))
         text = urscript_text(plan, setup).replace("part_is_placed = False", "part_is_placed = True")
@@ -75,10 +75,10 @@ def main() -> None:
             plan.path.s,
         )
         served = robot.rig.result(time.perf_counter() - begun, points, s[plan.path.process])
-        figures = measure_run(scenario, task, robot.cell, real, served).figures
+        figures = measure_run(scenario, plan, place, robot.cell, real, served).figures
         say(part, "served", figures)
         print("   ", "; ".join(controller.log), flush=True)
-        axes = plan.path.axes_work[plan.path.process] @ task.place.reach.T_base_work[:3, :3].T
+        axes = plan.path.axes_work[plan.path.process] @ place.reach.T_base_work[:3, :3].T
         for what, reference, other in (
             ("served beside run surface", own, served),
             ("served beside run surface, axis held", held, served),

@@ -42,13 +42,13 @@ def main() -> None:
                         "plan.clearance_m=0.01", f"part.file={part}"]  # fmt: skip
             base = override(default_scenario("surface"), settings)
             base = replace(base, controller=replace(base.controller, name=controller))
-            task = prepare_surface(*planned(base))
-            cell = build_cell(base, task.place, build_part(base, task.place))
+            place = prepare_surface(*planned(base))
+            cell = build_cell(base, place, build_part(base, place))
             begun, largest, lost, stops = time.perf_counter(), (0.0, 0), 0.0, list[str]()
             for seed in range(asked.first, asked.first + asked.seeds):
                 scenario = replace(base, seed=seed)
                 rng = random_streams(seed).sensor
-                cell.begin_again(scenario, build_part(scenario, task.place), rng)
+                cell.begin_again(scenario, build_part(scenario, place), rng)
                 run = cell.run(Silent())
                 force, fed = run.trace.normal_force_n, run.trace.fed
                 largest = max(largest, (float(force.max()), seed))

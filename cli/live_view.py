@@ -5,24 +5,24 @@ from __future__ import annotations
 import math
 import queue
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.faults import as_planned
 from polish_sim.cell.kernel import FEED, FORCE
 from polish_sim.cell.observer import STOPPING
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.cli.live_page import PLOT_S, LivePage, Moment, block
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
-from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import part_body, scene_solids
 from polish_sim.spatial import apply, inverse, matrices, transform
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
+    from polish_sim.cell.faults import FaultEvent
 
 SETTLED_S = 0.25  #: A slider counts when it has rested this long [s]
 STAGES = (
@@ -169,9 +169,10 @@ class LiveView(FrameSink):
             speed=float(np.linalg.norm(state.measurement.twist[:3])),
         )
 
-    def as_run(self, scenario: Scenario) -> Scenario:
-        """The scenario with what was changed by hand, so that it gives this run again."""
-        return scenario if self._cell is None else as_planned(scenario, self._cell.asked)
+    @property
+    def asked(self) -> Sequence[FaultEvent]:
+        """What was changed by hand, so that it can be planned."""
+        return self._cell.asked if self._cell else ()
 
 
 def poses_of(data: Any) -> Array:

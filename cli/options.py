@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from polish_sim.config import Scenario
+from polish_sim.config import PadConfig, PlanConfig, Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
 from polish_sim.errors import ConfigError, InputError, leave_out, number_text
 from polish_sim.scenario_file import (
@@ -450,28 +450,28 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     scenario = override(scenario, given.get("--set") or [])
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
-        scenario = _overlapping(scenario, given, keys["--stepover"])
+        scenario = merge(scenario, _overlapping(scenario.pad, given, keys["--stepover"]), "")
     if tool is not None:
         tool.check_force(given["--tool"], scenario.process.contact_force_n)
     return with_files(scenario, Path())
 
 
-def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
-    """Set the step-over that leaves neighbouring turns the overlap asked for."""
+def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
+    """Settings with the step-over that leaves neighbouring turns the overlap asked for."""
     overlap = given["--overlap"]
     if given.get("--stepover") is not None:
         raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
     if not 0.0 <= overlap < 100.0:
         raise InputError(f"--overlap {number_text(overlap)} is not a percentage from 0 to below 100.")
-    distance = 2.0 * scenario.pad.radius_m * (1.0 - 0.01 * overlap)
+    distance = 2.0 * pad.radius_m * (1.0 - 0.01 * overlap)
     least = stepover.spec["low"]
     if distance < least:
         raise InputError(
-            f"--overlap {number_text(overlap)} of a pad of {number_text(scenario.pad.radius_m * 2e3)} mm "
+            f"--overlap {number_text(overlap)} of a pad of {number_text(pad.radius_m * 2e3)} mm "
             f"leaves a step-over of {number_text(distance * 1e3, 3)} mm, less than the smallest possible, "
             f"{number_text(least * 1e3)} mm. Give a smaller overlap."
         )
-    return merge(scenario, {"plan": {"stepover_m": distance}, "pad": {"choice": scenario.pad.choice}}, "")
+    return {"plan": {"stepover_m": distance}, "pad": {"choice": pad.choice}}
 
 
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
@@ -524,13 +524,12 @@ def _refuse_idle(given: Given, options: Sequence[str], why: str) -> None:
         raise InputError(leave_out(idle, f"would change nothing {why}"))
 
 
-def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:
+def refuse_idle_on_path(plan: PlanConfig, listens: Mapping[str, Sequence[str]], given: Given) -> None:
     """Refuse options the chosen pattern, or axis smoothing that is off, takes no notice of.
 
     Raises:
         InputError: Naming the first one and where it counts.
     """
-    plan = scenario.plan
     keys = config_keys(Scenario())
     some = {name for names in listens.values() for name in names}
     for option, key in keys.items():

@@ -8,18 +8,19 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from polish_sim.cli import console
-from polish_sim.config import Scenario
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.cell.faults import FaultEvent
 
     Image = NDArray[np.uint8]
 
@@ -46,9 +47,10 @@ class FrameSink(AbstractContextManager[Any], Protocol):
         """The cell that is about to run."""
         return
 
-    def as_run(self, scenario: Scenario) -> Scenario:
-        """The scenario with what was changed by hand during the run."""
-        return scenario
+    @property
+    def asked(self) -> Sequence[FaultEvent]:
+        """What was changed by hand during the run."""
+        return ()
 
 
 class PictureQuality(NamedTuple):

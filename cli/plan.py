@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from polish_sim.cell import Observer
+    from polish_sim.experiments.part_pose import PartPlacing
     from polish_sim.experiments.placement import Reach
-    from polish_sim.experiments.setups import Patch
+    from polish_sim.experiments.setups import Patch, SetupSearch
     from polish_sim.planning import PlanResult
 
 PAIR_OPTIONS = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
@@ -82,16 +83,17 @@ def plan(part: PartFile, given: Given) -> int:
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
+    from polish_sim.experiments.setups import SetupSearch
     from polish_sim.planning import PATTERNS
 
-    refuse_idle_on_path(asked, {name: known.listens for name, known in PATTERNS.items()}, given)
+    refuse_idle_on_path(asked.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     scenario = check(asked)
     if "urscript" in wanted.formats:
         check_flange(scenario, "--export urscript")
     with claimed(given, "plan") as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
-            show = plan_setups(scenario, folder.draft, wanted, observer)
+            show = plan_setups(SetupSearch(scenario, observer), folder.draft, wanted, observer)
             unreached = ""
         else:
             result, unreached = plan_once(scenario, folder.draft, wanted, observer)
@@ -119,19 +121,21 @@ def plan_once(
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
-    from polish_sim.experiments.even_removal import axis_kept, plan_removal
+    from polish_sim.experiments.even_removal import plan_removal
+    from polish_sim.experiments.part_pose import PartPlacing
     from polish_sim.experiments.proof import prove_with_a_pad_that_fits
     from polish_sim.experiments.run_page import plan_page
 
     dual = scenario.experiment == "dual"
-    scenario = axis_kept(scenario)
     result = plan_for_two(scenario, observer) if dual else plan_removal(scenario, observer)
     plots: dict[str, Figure] = {}
     begin = time.perf_counter()
     reach = None
     unreached = ""
     if not dual:
-        reach, unreached = find_place(scenario, result, plots, wanted.reach_map, observer)
+        observer.stage("place the part")
+        placing = PartPlacing(scenario, *result.standing, result.path)
+        reach, unreached = find_place(placing, result, plots, wanted.reach_map)
     if unreached and not forced:
         return result, unreached
     if reach is not None and scenario.safety.proof != "none":
@@ -172,7 +176,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     console.table(path_table(f"plan of {result.mesh.name}", result.figures))
 
 
-def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
+def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
     """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a
     table.
 
@@ -181,10 +185,8 @@ def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Obser
     Raises:
         PlanError: No setup reaches anything of the part.
     """
-    from polish_sim.experiments.setups import SetupSearch
     from polish_sim.planning.moves.stroke import NO_WAY
 
-    search = SetupSearch(scenario, observer)
     done: list[PlanResult] = []
     while (setup := search.next()) is not None:
         name = f"setup_{len(done) + 1}"
@@ -269,17 +271,13 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
 
 
 def find_place(
-    scenario: Checked, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
+    placing: PartPlacing, result: PlanResult, plots: dict[str, Figure], reach_map: bool
 ) -> tuple[Reach | None, str]:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked
     for.
 
     Returns how the robot does the path, and why it cannot: None and the reason, or the reach and nothing.
     """
-    from polish_sim.experiments.part_pose import PartPlacing
-
-    observer.stage("place the part")
-    placing = PartPlacing(scenario, *result.standing, result.path)
     reach = None
     why = ""
     try:

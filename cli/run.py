@@ -194,7 +194,7 @@ def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Chec
     elif source is not None:
         scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
     elif row.plans:
-        refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
+        refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
     return path, check(scenario, path)
 
 
@@ -290,11 +290,12 @@ def simulate(
     What was changed by hand in one of the ``sinks`` is in the config as if it had been planned.
     """
     from polish_sim.analysis.run_record import write_record
+    from polish_sim.cell.faults import as_planned
 
     result = run_experiment(scenario, plan, observer)
     record = result.record
-    for sink in sinks:
-        record = replace(record, scenario=sink.as_run(record.scenario))
+    by_hand = [event for sink in sinks for event in sink.asked]
+    record = replace(record, scenario=as_planned(record.scenario, by_hand))
     write_record(folder, record)
     for name, text in result.files.items():
         put_file(folder, name, text)
@@ -342,15 +343,14 @@ def plan_to_run(
         PolishSimError: If the part cannot be used or planned.
     """
     row = experiment(scenario.experiment)
-    if given is None and not row.is_planned(scenario):
+    if given is None and not row.is_planned(scenario.plan.removal):
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import read_cuts, write_plan
-    from polish_sim.experiments.even_removal import axis_kept, plan_removal
+    from polish_sim.experiments.even_removal import plan_removal
     from polish_sim.experiments.proof import proof_notes, prove_with_a_pad_that_fits, why_not_proven
     from polish_sim.planning import measure_given_path
 
-    scenario = axis_kept(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     if given is None:
         plan = plan_removal(scenario, observer)

@@ -223,16 +223,15 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
     assert plan is not None  # ``surface`` plans one
-    surface = prepare_surface(scenario, plan, observer)
-    part = build_part(scenario, surface.place)
-    notes = surface.plan.notes
+    place = prepare_surface(scenario, plan, observer)
+    part = build_part(scenario, place)
     most_s = (task and scenario.process.max_feed_s) or math.inf
     return _Job(
         scenario,
-        surface.place,
+        place,
         part,
-        lambda *ran: measure_run(ran[0], surface, ran[1], part, ran[2]),
-        notes,
+        lambda *ran: measure_run(ran[0], plan, place, ran[1], part, ran[2]),
+        plan.notes,
         task,
         most_s,
     )

@@ -12,7 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.errors import ConfigError, PolishSimError
 from polish_sim.experiments.registry import ROWS, default_scenario
-from polish_sim.scenario_file import load_scenario, override, to_toml
+from polish_sim.scenario_file import check_words, load_scenario, override, to_toml
 
 
 def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any, Field[Any]]]:
@@ -171,6 +171,26 @@ NOISE, AXIA = "sensor.force_noise_n", SENSOR_MODELS["axia80"]
 
 def sensor_values(scenario: Scenario) -> dict[str, Any]:
     return {name: getattr(scenario.sensor, name) for name in AXIA}
+
+
+@pytest.mark.parametrize("key", ["process.tare", "robot.real.servo_side", "safety.tool_in_part"])
+def test_a_word_a_key_does_not_take_is_refused_in_a_file_and_in_a_scenario_made_in_python(key):
+    with pytest.raises(PolishSimError, match=rf"{key} 'sideways'.* Known: "):
+        override(Scenario(), [f"{key}=sideways"])
+    *sections, name = key.split(".")
+    made: Any = {name: "sideways"}
+    for k in reversed(range(len(sections))):
+        made = {sections[k]: replace(_section(sections[: k + 1]), **made)}
+    check_words(Scenario())
+    with pytest.raises(PolishSimError, match=rf"{key} 'sideways'.* Known: "):
+        check_words(replace(Scenario(), **made))
+
+
+def _section(names: list[str]) -> Any:
+    section: Any = Scenario()
+    for name in names:
+        section = getattr(section, name)
+    return section
 
 
 @pytest.mark.parametrize("first", [True, False])

@@ -163,7 +163,7 @@ def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, F
     by name."""
     for name, spec in known.items():
         presets, word = spec.metadata.get("presets"), table.get(name)
-        if presets is None or not isinstance(word, str):
+        if not presets or not isinstance(word, str):
             continue
         if word not in presets:
             raise unknown_name(f"{place}{name}", word, presets)
@@ -201,11 +201,23 @@ def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:
 def leaves(section: Any, place: str = "") -> Iterator[tuple[str, Any]]:
     """Every key of a section by its dotted name, with its value."""
     for f in fields(section):
-        value = getattr(section, f.name)
+        name, value = f"{place}{f.name}", getattr(section, f.name)
         if is_dataclass(value):
-            yield from leaves(value, f"{place}{f.name}.")
+            yield from leaves(value, f"{name}.")
+        elif isinstance(value, Mapping):
+            yield from ((f"{name}.{key}", own) for key, own in value.items())
         else:
-            yield f"{place}{f.name}", value
+            yield name, value
+
+
+def check_words(section: Any, place: str = "") -> None:
+    """Refuse words that keys of a section do not take (InputError)."""
+    for f in fields(section):
+        name, value, known = f"{place}{f.name}", getattr(section, f.name), f.metadata.get("presets")
+        if is_dataclass(value):
+            check_words(value, f"{name}.")
+        elif known and value not in known:
+            raise unknown_name(name, value, known)
 
 
 def to_toml(scenario: Scenario) -> str:

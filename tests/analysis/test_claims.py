@@ -9,7 +9,7 @@ from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_removal, measure_surface
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
-from polish_sim.experiments.rows import PAYLOAD_CLAIMS, arc_claims
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.identification.settings import IDENTIFY
 from polish_sim.scenario_file import merge, override
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace
@@ -33,12 +33,12 @@ def test_every_claim_names_a_figure_that_is_measured():
 
 
 def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error():
-    ideal = arc_claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
+    ideal = experiment("arc").claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good = measure_arc(arc_trace(radial_error_m=5e-5)) | {"path_done": 1.0}
     wide = measure_arc(arc_trace(radial_error_m=2e-4)) | {"path_done": 1.0}
     assert shortfalls(ideal, good) == []
     assert [claim.figure for claim in shortfalls(ideal, wide)] == ["tracking_error_max_m"]
-    usual = arc_claims(default_scenario("arc"))
+    usual = experiment("arc").claims(default_scenario("arc"))
     assert shortfalls(usual, wide) == []
     assert [claim.figure for claim in shortfalls(usual, wide | {"path_done": 0.5})] == ["path_done"]
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.cell import Stroke, build_course
 from polish_sim.cell.course import nearest_earlier
-from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, slipping_gears
+from polish_sim.cell.linear_arm import joints_about, motion_matrices
 from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
 from polish_sim.geometry.field_lookup import DistanceField
@@ -115,9 +115,7 @@ def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
     scenario = default_scenario("surface")
     about = joints_about(scenario, joints_at(TOUCH)[None])[0]
-    moving = motion_matrices(
-        about, gears_about(scenario.robot.real, 20.0, about, slipping_gears(about.arm, 0.0))
-    )
+    moving = motion_matrices(about, 0.0)
     tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares

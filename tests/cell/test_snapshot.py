@@ -21,8 +21,8 @@ SHORT = (
 
 def cell(*changes: str, seed: int = 500) -> Cell:
     scenario = replace(override(default_scenario("surface"), [*SHORT, *changes]), seed=seed)
-    task = prepare_surface(*planned(scenario))
-    return build_cell(scenario, task.place, build_part(scenario, task.place))
+    place = prepare_surface(*planned(scenario))
+    return build_cell(scenario, place, build_part(scenario, place))
 
 
 def play_to_the_end(one: Cell, piece: int) -> list[Played]:

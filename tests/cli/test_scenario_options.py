@@ -107,8 +107,8 @@ def test_of_the_options_of_a_path_those_pass_that_change_something():
         refuse_idle_options(experiment("dual"), [asked, "--stepover"])
     # The deviation of axes counts with their smoothing.
     with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
-        refuse_idle_on_path(Scenario(), {}, {"--axis-deviation": 3.0})
-    refuse_idle_on_path(Scenario(plan=PlanConfig(axis_smoothing_m=0.01)), {}, {"--axis-deviation": 3.0})
+        refuse_idle_on_path(PlanConfig(), {}, {"--axis-deviation": 3.0})
+    refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), {}, {"--axis-deviation": 3.0})
 
 
 def test_a_user_s_files_are_named_from_the_root(tmp_path, monkeypatch):

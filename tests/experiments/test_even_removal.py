@@ -15,12 +15,11 @@ from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
-from polish_sim.experiments.assembly import place_key
+from polish_sim.experiments.assembly import check, place_key
 from polish_sim.experiments.even_removal import (
     SMOOTH,
     _least_near,
     _Problem,
-    axis_kept,
     even_out,
     plan_removal,
     planned,
@@ -73,8 +72,9 @@ def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     assert spent[0] < 0.99 * spent[1]
     assert plan.figures["planned_removal_cv"] < slow.figures["planned_removal_cv"] + 0.01
     # The tool keeps its planned axis.
-    assert axis_kept(EVEN).controller.moment_tilt_limit_rad == 0.0
-    assert axis_kept(Scenario()) == Scenario()
+    assert check(EVEN).controller.moment_tilt_limit_rad == 0.0
+    assert check(check(EVEN)) == check(EVEN)
+    assert check(Scenario()) == Scenario()
 
 
 def test_no_feed_nearby_is_better(plan):

@@ -16,7 +16,7 @@ from polish_sim.cell.scene import Drawn, robot_with_tool, works_below
 from polish_sim.config import Scenario
 from polish_sim.config.key import POSE
 from polish_sim.errors import ReachError
-from polish_sim.experiments.part_pose import ArmCheck, PartPlacing, reach_path
+from polish_sim.experiments.part_pose import ArmCheck, PartPlacing
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, Reach, find_reach, tool_rotations
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS
 from polish_sim.motion import inverse_all, jacobian, link_frames, track
@@ -37,7 +37,7 @@ def planned(region: str) -> tuple[Scenario, PlanResult]:
 
 
 def reached(scenario: Scenario, plan: PlanResult) -> Reach:
-    return reach_path(scenario, plan.mesh, plan.surface, plan.path)
+    return PartPlacing(scenario, plan.mesh, plan.surface, plan.path).reach()
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -165,7 +165,7 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     assert np.abs(kept[:, 0]).min() == pytest.approx(0.002 + apart, abs=0.0011)  # its points are 1 mm apart
     assert prover.pressed.min() == 0.5
     assert prover._keeps_clear(1.0)  # it was cut, and is played again
-    assert prove(scenario, prover.task_now().plan).plan.figures["proven"]
+    assert prove(scenario, replace(prover.plan, path=prover.place_now().path)).plan.figures["proven"]
 
 
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts():

@@ -35,9 +35,9 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     )
     times = []
     for noise in (NOISELESS, ScanNoise(5e-5, math.radians(1.0))):
-        motion = stroke_motion(within_noise(Scenario(), noise).smoothing, stroke, None)
+        motion = stroke_motion(within_noise(SmoothingConfig(), noise), stroke, None)
         times.append(motion.duration)
-    assert within_noise(Scenario(), NOISELESS) == Scenario()
+    assert within_noise(SmoothingConfig(), NOISELESS) == SmoothingConfig()
     least = 0.1 / 0.02  # at the feed
     assert times[1] - least < (times[0] - least) / 3.0
 

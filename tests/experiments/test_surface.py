@@ -43,8 +43,8 @@ def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform):
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
     prepared = prepare_surface(*planned(freeform.scenario))
-    np.testing.assert_allclose(prepared.place.reach.T_base_work, T_base_work, atol=1e-12)
-    assert np.linalg.norm(tool - prepared.plan.surface.closest(tool).positions, axis=1).max() < 0.006
+    np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
+    assert np.linalg.norm(tool - prepared.surface.closest(tool).positions, axis=1).max() < 0.006
 
 
 def test_with_the_spindle_off_the_force_is_held_as_well(cap):
@@ -66,7 +66,7 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
 
 def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[dict[str, float | int], float]:
     """Figures of a run, and how far it came [m], with the tool's mass moved onto its axis."""
-    place = prepare_surface(scenario, plan).place
+    place = prepare_surface(scenario, plan)
     cell = build_cell(scenario, place, build_part(scenario, place))
     mount = cell.model.body("tool_mount")
     assert mount.ipos[0] > 0.002  # the cable's connector
@@ -86,7 +86,7 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, m
     quiet = override(
         scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"]
     )
-    x, y, z = np.array(prepare_surface(quiet, plan).place.reach.T_base_work)[:3, 3]
+    x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
     poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
     placed = [replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))) for pose in poses]
     (here, way), (there, way_there) = (polish_with_a_balanced_tool(one, plan) for one in placed)

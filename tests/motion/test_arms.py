@@ -124,7 +124,7 @@ def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_b
     """Places and circles are kept: the second call of each finds what the first one worked out."""
 
     def on_surface(scenario: Checked) -> Workplace:
-        return prepare_surface(*planned(scenario)).place
+        return prepare_surface(*planned(scenario))
 
     for prepare, name in ((prepare_arc, "arc"), (place_force, "force"), (on_surface, "surface")):
         scenarios = [checked(name, arm, "plan.stepover_m=0.05") for arm in ("ur5e", "ur10e")]

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, response_of
+from polish_sim.cell.linear_arm import joints_about
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.border import build_bench, press_bench
 from polish_sim.scoring.loop_model import (
+    FORCE_POSE,
     build_plant,
     contour,
     elastic_arm,
@@ -75,8 +77,10 @@ def test_shipped_laws_have_margins_on_the_elastic_arm_whatever_it_swings_by(name
 
 
 def test_hysteresis_is_elastic_in_small_swings_and_gone_in_large_ones():
-    stiff = [float(np.trace(elastic_arm(FORCE, swing=swing).stiffness)) for swing in (*SWINGS, 1.0)]
+    (about,) = joints_about(FORCE, FORCE_POSE[None])
+    stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
     assert np.all(np.diff(stiff) < 0.0)
-    alone = float(np.trace(elastic_arm(override(FORCE, [NO_HYSTERESIS])).stiffness))
+    (lossless,) = joints_about(override(FORCE, [NO_HYSTERESIS]), FORCE_POSE[None])
+    alone = float(np.trace(elastic_arm(lossless).stiffness))
     assert stiff[-1] == pytest.approx(alone, rel=1e-3)
-    assert np.linalg.eigvalsh(elastic_arm(FORCE, swing=1e-4).damping).min() > -1e-9
+    assert np.linalg.eigvalsh(elastic_arm(about, 1e-4).damping).min() > -1e-9

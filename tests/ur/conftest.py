@@ -19,10 +19,10 @@ __all__ = ["polish_sim"]
 def build() -> Callable[[], SimulatedRobot]:
     """What builds one."""
     scenario = override(default_scenario("surface"), ["part.file=plate", "plan.stepover_m=0.03"])
-    task = prepare_surface(*planned(scenario))
+    place = prepare_surface(*planned(scenario))
 
     def make() -> SimulatedRobot:
-        return SimulatedRobot(build_cell(scenario, task.place, build_part(scenario, task.place)))
+        return SimulatedRobot(build_cell(scenario, place, build_part(scenario, place)))
 
     make().step()  # compiles before anything has to be in time
     return make

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -193,7 +193,7 @@ def notes_of(records: Records) -> list[str]:
 
 def differences(scenarios: Sequence[Scenario]) -> list[str]:
     """Keys of the scenario, dotted, in which runs differ, but for seed and controller."""
-    tables = [dict(_flat(scenario)) for scenario in scenarios]
+    tables = [dict(leaves(scenario)) for scenario in scenarios]
     return [
         name
         for name in tables[0]
@@ -207,10 +207,10 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     A sensor given by its name counts by that name, and by what differs from the named one.
     """
     named = override(usual, [f"sensor.model={scenario.sensor.model}"])
-    theirs = dict(_flat(named)) | {"sensor.model": usual.sensor.model}
+    theirs = dict(leaves(named)) | {"sensor.model": usual.sensor.model}
     return [
         [name, _text(value), _text(theirs.get(name, ""))]
-        for name, value in _flat(scenario)
+        for name, value in leaves(scenario)
         if value != theirs.get(name)
     ]
 
@@ -254,17 +254,9 @@ def once_more(scenario: Scenario, usual: Scenario) -> str:
 
 def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:
     """``KEY=VALUE`` of every setting in which a scenario differs from another."""
-    theirs = dict(_flat(usual))
-    return [f"{name}={toml_value(value)}" for name, value in _flat(scenario) if value != theirs.get(name)]
+    theirs = dict(leaves(usual))
+    return [f"{name}={toml_value(value)}" for name, value in leaves(scenario) if value != theirs.get(name)]
 
 
 def _text(value: Any) -> str:
     return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"
-
-
-def _flat(scenario: Scenario) -> Iterator[tuple[str, Any]]:
-    for name, value in leaves(scenario):
-        if isinstance(value, Mapping):
-            yield from ((f"{name}.{key}", own) for key, own in value.items())
-        else:
-            yield name, value

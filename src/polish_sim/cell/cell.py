@@ -79,6 +79,7 @@ class CellRun(NamedTuple):
     stop_reason: str | None  #: Why the robot stopped itself, or None
     interrupted: bool
     steps: int
+    dt: float  #: Simulated time of a step [s]
     wall_s: float  #: Time spent stepping [s]
     safety: SafetyRecord  #: Faults and guards
     payload: PayloadErrors
@@ -365,6 +366,7 @@ class Cell:
             self._stop_reason(),
             interrupted or self._was_interrupted(),
             len(trace),
+            self.kernel.engine.dt,
             wall_s,
             record_safety(self.kernel, self.faults),
             self.payload_errors,

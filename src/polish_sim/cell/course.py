@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, joined, norms
 from polish_sim.cell.contact import build_pad
-from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.linear_arm import arm_modes, joints_about
 from polish_sim.cell.scene import tool_on_flange
 from polish_sim.cell.stroke import Stroke
 from polish_sim.config import Scenario
@@ -90,9 +90,8 @@ def build_course(
     modes = np.zeros(rows)
     if scenario.robot.elastic:
         tools = transform(poses.rotations[few], poses.positions[few])
-        modes = np.interp(
-            np.arange(rows), few, arm_modes(scenario, springs, track(tools, tool_on_flange(), q_start).q)
-        )
+        abouts = joints_about(scenario, track(tools, tool_on_flange(), q_start).q)
+        modes = np.interp(np.arange(rows), few, arm_modes(abouts, springs))
     statics = pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness
     return Course(SPACING, *statics, *along, earlier, modes)
 

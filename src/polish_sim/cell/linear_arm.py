@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import mujoco
@@ -26,18 +27,21 @@ class JointsAbout(NamedTuple):
     head: float  #: Mass of the head, which the inertia includes [kg]
     carried: float  #: Mass the wrist sensor carries [kg]
     weight: Array  #: Torques that hold the weight [N m], shape (6,)
+    real: RealArmConfig
+    force: float  #: It presses with [N]
 
 
 def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
     """The elastic arm of a scenario at rest with its encoders at each of ``q`` (n, 6) [rad], nothing around
-    it.
+    it; it is to press with the contact force.
 
     What is drawn of the arm, and its damping, are those of the first pose.
     """
     model = build_scene(scenario)
     data = mujoco.MjData(model)
     data.qpos[:6] = q[0]
-    arm = build_real_arm(scenario.robot.real, scenario.seed, model, data, q[0])
+    real, force = scenario.robot.real, scenario.process.contact_force_n
+    arm = build_real_arm(real, scenario.seed, model, data, q[0])
     tool = model.site("tool").id
     head = float(model.body("head").mass[0])
     abouts = []
@@ -49,7 +53,7 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
         mujoco.mj_jacSite(model, data, J[:3], J[3:], tool)
         axis = data.site_xmat[tool].reshape(3, 3)[:, 2].copy()
         carried = float(carried_payload(model, data).mass)
-        abouts.append(JointsAbout(arm, inertia[:6, :6], J[:, :6], axis, head, carried, weight))
+        abouts.append(JointsAbout(arm, inertia[:6, :6], J[:, :6], axis, head, carried, weight, real, force))
     return abouts
 
 
@@ -71,22 +75,24 @@ class Gears(NamedTuple):
     damping: Array  #: [N m s/rad]
 
 
-def gears_about(real: RealArmConfig, force: float, about: JointsAbout, slipping: Array) -> Gears:
-    """The gears under the weight and a contact force [N], with what `slipping_gears` says of their
+def gears_about(about: JointsAbout, swing: float) -> Gears:
+    """The gears under the weight and the contact force, with what `slipping_gears` says of their
     hysteresis."""
-    torque = about.weight + force * about.axis @ about.jacobian[:3]
-    more = gear_twists(real, np.stack([torque - 1e-3, torque + 1e-3]))
+    torque = about.weight + about.force * about.axis @ about.jacobian[:3]
+    more = gear_twists(about.real, np.stack([torque - 1e-3, torque + 1e-3]))
+    slipping = slipping_gears(about.arm, swing)
     return Gears(
         2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT
     )
 
 
-def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
-    """Links on gears on rotors on servos; the head slides on its spring.
+def motion_matrices(about: JointsAbout, swing: float) -> MotionMatrices:
+    """Links on gears on rotors on servos; the head slides on its spring. The gears swing by an amplitude
+    [rad].
 
     Coulomb friction of the motors is left out; it damps.
     """
-    arm = about.arm
+    arm, gears = about.arm, gears_about(about, swing)
     tool = about.axis @ about.jacobian[:3]
     mass = np.zeros((12, 12))
     mass[:6, :6], mass[6:, 6:] = about.inertia - about.head * np.outer(tool, tool), np.diag(arm.inertia)
@@ -103,17 +109,17 @@ def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
 _ABOVE: Final = 1.1  # the servos hold rotors that the resting shape leaves alone
 
 
-def arm_modes(scenario: Scenario, springs: float, q: Array) -> Array:
-    """Frequency at which the arm swings along the tool axis, pressing on the part, at each of ``q`` (n, 6)
-    [rad], shape (n,) [rad/s]; ``springs``: head and pad in series [N/m].
+def arm_modes(abouts: Sequence[JointsAbout], springs: float) -> Array:
+    """Frequency at which the arm swings along the tool axis, pressing on the part, in each of n poses, shape
+    (n,) [rad/s]; ``springs``: head and pad in series [N/m].
 
     One for all modes that share the axis: Rayleigh's quotient of the shape into which the tool's force bends
     the arm, and a tenth more. On twenty poses the loop of ``hybrid-adaptive`` has the largest gain margin
     with its notch there (`python -m benchmarks.arm_notch`).
     """
-    real, force, modes = scenario.robot.real, scenario.process.contact_force_n, []
-    for about in joints_about(scenario, q):
-        moving = motion_matrices(about, gears_about(real, force, about, slipping_gears(about.arm, 0.0)))
+    modes = []
+    for about in abouts:
+        moving = motion_matrices(about, 0.0)
         tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
         bent = np.linalg.solve(moving.stiffness + springs * np.outer(tool, tool), tool)
         modes.append(math.sqrt(tool @ bent / (bent @ moving.mass @ bent)))

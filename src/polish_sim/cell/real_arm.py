@@ -17,13 +17,11 @@ from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
 from polish_sim.cell.scene import bend_links, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
-from polish_sim.config.cell import ARM_PRESETS
-from polish_sim.errors import ConfigError, unknown_name
+from polish_sim.errors import ConfigError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 from polish_sim.motion.makes import use_arm
+from polish_sim.scenario_file import check_words
 
-SIDES = ("motor", "link")
-TABLES = ("calibrated", "uncalibrated", "exact")
 _STREAM = 17  # of the scenario's seed, for what is drawn of the arms themselves
 # share of a joint's inertia its gear's stiffness may have in a step without more damping
 _LIGHT = 0.25
@@ -65,11 +63,7 @@ def take_arm(robot: RobotConfig) -> None:
         PolishSimError: Naming the key.
     """
     real = robot.real
-    choices = (("robot.arm", robot.arm, ARM_PRESETS), ("robot.real.servo_side", real.servo_side, SIDES),
-               ("robot.real.kinematics", real.kinematics, TABLES))  # fmt: skip
-    for key, word, known in choices:
-        if word not in known:
-            raise unknown_name(key, word, known)
+    check_words(robot, "robot.")
     if np.any(np.array(real.knee_2_nm) <= real.knee_1_nm):
         raise ConfigError("robot.real.knee_2_nm must be above robot.real.knee_1_nm in every joint.")
     use_arm(robot.arm)

@@ -58,6 +58,7 @@ class GuideConfig:
         "link",
         "robot.arm = ur5e: encoders the law reads, link or motor; by the motors' inertia's compensation is "
         "unstable",
+        words=("link", "motor"),
     )
     payload_kg: float = key(0.0, "mass at the tool point that is not configured [kg]", 0.0, 20.0)
     model_file: str = key(

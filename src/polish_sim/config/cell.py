@@ -77,13 +77,16 @@ class RealArmConfig:
     warming_s: float = key(1200.0, "time constant of the warming up [s]", 1.0, 1e6)
     encoder_rad: float = key(4e-6, "step of the encoders, 0 = none [rad]", 0.0, 0.01)
     servo_side: str = key(
-        "motor", "encoders that control the position and that the host reads: motor or link"
+        "motor",
+        "encoders that control the position and that the host reads: motor or link",
+        words=("motor", "link"),
     )
     link_servo_hz: float = key(0.3, "link: bandwidth of the correction by the encoders there [Hz]", 0.0, 5.0)
     servo_lag_s: float = key(0.002, "low-pass on the servos' set points, 0 = none [s]", 0.0, 0.1)
     kinematics: str = key(
         "calibrated",
         "table the host computes with: calibrated (with the weight acting), uncalibrated or exact",
+        words=("calibrated", "uncalibrated", "exact"),
     )
     length_error_m: float = key(0.0005, "links as built, off the nominal table, rms [m]", 0.0, 0.01)
     angle_error_rad: float = key(0.001, "joint zeros and twists as built, rms [rad]", 0.0, 0.02)
@@ -369,7 +372,9 @@ class SafetyConfig:
         0.05, "share of an active flange's stroke left at either end as it stops, 0 = never [-]", 0.0, 0.4
     )
     tool_in_part: str = key(
-        "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
+        "refuse",
+        "a path on which the tool runs into the part: refuse, before anything moves, or allow",
+        words=("refuse", "allow"),
     )
     proof: str = key(
         "1",

@@ -64,21 +64,22 @@ def key(
     length: int = 0,
     option: Option | None = None,
     presets: Mapping[str, Mapping[str, Any]] | None = None,
+    words: tuple[str, ...] = (),
 ) -> Any:
     """Declare a field: default, meaning with the unit in brackets, range, length of a list, option on the
-    command line; ``presets``: the words it takes, each with other keys of the section, or of sections in it,
-    and values that it stands for."""
+    command line; ``words`` or ``presets``: those it takes, of presets each with other keys of the section, or
+    of sections in it, and values that it stands for."""
     metadata = {
         "text": text,
         "low": low,
         "high": high,
         "length": length,
         "option": option,
-        "presets": presets,
+        "presets": presets or {word: {} for word in words},
     }
     return field(default=default, metadata=metadata)
 
 
 def free_keys(text: str) -> Any:
     """Declare a section whose keys a user names: numbers, words and switches."""
-    return field(default_factory=dict, hash=False, metadata={"text": text, "option": None, "presets": None})
+    return field(default_factory=dict, hash=False, metadata={"text": text, "option": None, "presets": {}})

@@ -231,7 +231,9 @@ class ProcessConfig:
         50.0,
     )
     tare: str = key(
-        "start", "when the sensor is zeroed in free space: start (of the run) or strokes (before each one)"
+        "start",
+        "when the sensor is zeroed in free space: start (of the run) or strokes (before each one)",
+        words=("start", "strokes"),
     )
     search_depth_m: float = key(0.01, "how far past the nominal surface contact is sought [m]", 0.0, 0.1)
     preston_1_pa: float = key(

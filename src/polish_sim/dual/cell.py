@@ -34,7 +34,6 @@ from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
 from polish_sim.cell.stroke import FEEDING
-from polish_sim.config import Scenario
 from polish_sim.dual.carrier import (
     FIRST_CONTROL,
     FIRST_JOINT,
@@ -78,14 +77,13 @@ class PairCell(Cell):
     )
     more_columns = 6
 
-    def __init__(self, master: MasterRows, host_arm: HostArm, scenario: Scenario, *cell: Any) -> None:
+    def __init__(self, master: MasterRows, host_arm: HostArm, *cell: Any) -> None:
         self._rows = master
         self.host_arm = host_arm
         self.master_arm = RealArm()
-        super().__init__(scenario, *cell)
-        self.master = build_master(
-            self.model, self.data, master, self.kernel.part, scenario.robot, scenario.safety
-        )
+        super().__init__(*cell)
+        asked = self.scenario
+        self.master = build_master(self.model, self.data, master, self.kernel.part, asked.robot, asked.safety)
 
     def _set_joints(self, q_start: Array) -> None:
         super()._set_joints(q_start)

@@ -16,15 +16,14 @@ from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
 from polish_sim.dual.frames import settled_bases
-from polish_sim.dual.scene import Held, build_pair_scene, seat_text
+from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
-from polish_sim.experiments.assembly import course_for
+from polish_sim.experiments.assembly import Workplace, course_for
 from polish_sim.experiments.beliefs import believe_tool
 from polish_sim.experiments.part_setup import (
     path_done,
     random_streams,
 )
-from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.surface import remove_material
 from polish_sim.log import RunLog, Trace, with_column
@@ -34,10 +33,9 @@ from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, into_plane, inverse, matrices, transform
 
 
-def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
+def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> Workplace:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
-    task = prepare_dual(scenario, plan, observer)
-    return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
+    return prepare_dual(scenario, plan, observer).place
 
 
 def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
@@ -51,14 +49,14 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0
-    cell, strokes, part = build_dual_cell(scenario, task)
+    cell, part = build_dual_cell(scenario, task)
     observer.stage("simulate")
     run = cell.run(observer)
     path = task.place.path
     reach = task.place.reach
     fed = run.trace.path_s_m[run.trace.fed]
     turns = work_turns(run, task)
-    errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
+    errors = pair_errors(run.trace, wanted_on_part(task.strokes, reach.T_base_work), turns, pressing)
     figures: Figures = measure_pair(run.trace, errors, turns)
     log = run.log
     removal = None
@@ -79,7 +77,6 @@ class DualCell(NamedTuple):
     """Two robots about to start."""
 
     cell: PairCell  #: Not yet run
-    strokes: list[Stroke]  #: As the host commands them, with the tool where the host believes it
     part: RealPart  #: At the start
 
 
@@ -89,10 +86,9 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
     place = task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
-    strokes = task.strokes
     part = build_real_part(
-        place.actual(scenario), scenario.part, task.master.T_base_work, place.region.surface, place.mesh.up,
-        streams.part,
+        place.fields(place.shape, scenario), scenario.part, task.master.T_base_work, place.region.surface,
+        place.mesh.up, streams.part,
     )  # fmt: skip
     true = task.frames.true
     held = Held(place.shape.mesh, scenario.dual.density_kg_m3, _part_on_flange(task, part), task.seat.nose)
@@ -105,11 +101,11 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
         task.arms.known["follower"],
     )  # fmt: skip
     cell = PairCell(
-        task.master, host_arm, scenario, model, part, strokes, q_start, controller, streams.sensor,
-        course_for(controller, scenario, place, strokes),
+        task.master, host_arm, scenario, model, part, task.strokes, q_start, controller, streams.sensor,
+        course_for(controller, scenario, place, task.strokes),
     )  # fmt: skip
     believe_tool(cell, streams.payload)
-    return DualCell(cell, strokes, part)
+    return DualCell(cell, part)
 
 
 def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array:

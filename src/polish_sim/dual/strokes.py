@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
-from polish_sim.config import Checked, ProcessConfig
+from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
@@ -36,11 +37,15 @@ def pair_strokes(scenario: Checked, path: ToolPath, placed: PlacedTool) -> list[
     Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to
     change.
     """
-    strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
+    strokes = (
+        partial(placed_strokes, scenario)
+        if scenario.dual.standoff_m == 0.0
+        else partial(free_strokes, scenario.process, scenario.smoothing)
+    )
     kept = _fed_at_most(scenario.process, path)
     placed = placed._replace(rotations=placed.rotations[kept])
     try:
-        return strokes(scenario, path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
+        return strokes(path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
     except SmoothingError as error:
         if placed.arm is None:
             raise
@@ -95,7 +100,12 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
 
 
 def free_strokes(
-    scenario: Checked, path: ToolPath, placed: PlacedTool, hold: float, lift: float
+    process: ProcessConfig,
+    asked: SmoothingConfig,
+    path: ToolPath,
+    placed: PlacedTool,
+    hold: float,
+    lift: float,
 ) -> list[Stroke]:
     """Every stretch of a path followed where it is, without touching anything; between two the tool is
     lifted.
@@ -104,7 +114,6 @@ def free_strokes(
     ``hold``: time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches
     [m].
     """
-    process = scenario.process
     in_contact = stretches(path.process)
     limits = air_limits(process.feed_m_s)
     points = apply(placed.T_base_work, path.positions_work)
@@ -119,8 +128,8 @@ def free_strokes(
         along = stroke_path(path, during, points, rotations, process.feed_m_s, limits)
         table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
         motion = time_path(table, pace)
-        if scenario.smoothing.limits_file or not is_gentle(motion, limits):
-            motion = stroke_motion(scenario.smoothing, along, placed.arm) or motion
+        if asked.limits_file or not is_gentle(motion, limits):
+            motion = stroke_motion(asked, along, placed.arm) or motion
         start = build_path_table(points[first][None], rotations[first][None])
         more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(

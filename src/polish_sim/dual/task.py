@@ -37,6 +37,7 @@ from polish_sim.dual.scene import (
     build_pair_scene,
     check_load,
     seat_part,
+    seat_text,
 )
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import PlanError, SmoothingError
@@ -93,7 +94,10 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     path = lifted(path, dual.standoff_m)
     check_shaft(path, surface, dual.pad_clearance_m)
     seat = seat_part(surface, region.up, dual.part_on_gripper)
-    visits = _visits(scenario, path)
+    # The tool's limits alone decide how fast the work goes.
+    loose, feed = pair_strokes(scenario, path, unplaced_tool(path)), scenario.process.feed_m_s
+    lasts = sum(map(expected_duration, loose))
+    visits = plan_visits(loose, min(lasts / SAMPLES, SAMPLE_M / feed))
     true = true_chain(dual, seat.T_gripper_work)
     job = PairJob(scenario, mesh, path, visits, region.up, seat.nose)
     marks = spread_marks(region, surface, dual.marks)
@@ -116,11 +120,12 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
-    place = Workplace(mesh, surface, region, path, own, real_shape(scenario, mesh, surface, path))
+    shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
+    place = Workplace(mesh, surface, region, path, own, shape, held=seat_text(seat.T_gripper_work))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
     master = _master_rows(dual, frames, arms, reach, work)
-    closely = _visits(scenario, path, min(CHECK_S, CHECK_M / scenario.process.feed_m_s))
+    closely = plan_visits(loose, min(CHECK_S, CHECK_M / feed))
     check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
     return DualTask(place, frames, arms, seat, reach, work, strokes, master, _residual(work, reach, arms))
@@ -161,14 +166,6 @@ def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = Non
     """The scene by a chain, nominal arms."""
     held = Held(job.mesh, job.scenario.dual.density_kg_m3, chain.T_flange_work, job.nose, clearances)
     return build_pair_scene(job.scenario, inverse(chain.T_master_follower), held)
-
-
-def _visits(scenario: Checked, path: ToolPath, step: float | None = None) -> Visits:
-    """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it
-    goes."""
-    strokes = pair_strokes(scenario, path, unplaced_tool(path))
-    lasts = sum(expected_duration(stroke) for stroke in strokes)
-    return plan_visits(strokes, step or min(lasts / SAMPLES, SAMPLE_M / scenario.process.feed_m_s))
 
 
 def _given_or_rim(

@@ -24,11 +24,11 @@ from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
-from polish_sim.config import Checked, Scenario
+from polish_sim.config import Checked, Scenario, SimulationConfig
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, Numbers, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
-from polish_sim.experiments.assembly import Workplace, build_part, cell_for, check, course_for, strokes_for
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check, course_for, strokes_for
 from polish_sim.experiments.registry import default_scenario, experiment
 from polish_sim.experiments.surface import place_work
 from polish_sim.scenario_file import load_scenario, override
@@ -107,11 +107,6 @@ class Stage:
             self._forms[scenario.seed] = build_part(replace(scenario, part=straight), self.place)
         return self._forms[scenario.seed]
 
-    def build(self, scenario: Checked, part: RealPart) -> Cell:
-        """A cell that follows the path on a part."""
-        strokes = strokes_for(scenario, self.place) if self.rebuilds else self.strokes
-        return cell_for(scenario, self.place, part, strokes)
-
     def displaced(self, form: RealPart, config: Any, rng: np.random.Generator) -> RealPart:
         """A bent part where an episode finds it."""
         normal = form.rotation.T @ np.array(form.normal)
@@ -181,7 +176,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         if force_steps:
             dt = chosen.simulation.timestep_s
             check_contact_settings(chosen.pad, chosen.head, chosen.safety, dt, max(force_range_n))
-        self._every = steps_per_action(chosen, rate_hz)
+        self._every = steps_per_action(chosen.simulation, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n
         self._stage = Stage(chosen, ranges_of(ranges), bodies)
@@ -228,7 +223,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         scenario = replace(scenario, seed=scenario.seed + body)
         part = stage.displaced(stage.form(scenario), scenario.part, rng)
         if stage.rebuilds or body not in self._cells:
-            self._cells[body] = stage.build(scenario, part)
+            strokes = () if stage.rebuilds else stage.strokes
+            self._cells[body] = build_cell(scenario, stage.place, part, strokes)
         self.cell = cell = self._cells[body]
         cell.begin_again(scenario, part, np.random.default_rng(noise))
         cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(cell.strokes[0]))
@@ -349,9 +345,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self._renderer = None
 
 
-def steps_per_action(scenario: Scenario, rate_hz: float) -> int:
+def steps_per_action(simulation: SimulationConfig, rate_hz: float) -> int:
     """Physics steps an action holds; a whole number of the host's cycles."""
-    simulation = scenario.simulation
     cycle = simulation.timestep_s * simulation.control_every
     cycles = round(1.0 / (rate_hz * cycle)) if rate_hz > 0.0 else 0
     if cycles < 1 or abs(cycles * cycle * rate_hz - 1.0) > 1e-6:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked
+from polish_sim.experiments.assembly import kept_place
 from polish_sim.experiments.beliefs import arm_file, believe_tool
 from polish_sim.experiments.free_space import free_cell
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.motion import use_arm
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -48,12 +47,10 @@ def prepare_arc(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     Raises:
         ReachError: If it cannot; names the first bad point.
     """
-    use_arm(scenario.robot.arm)
-    return _circle(scenario.robot.arm)
+    return kept_place(scenario, _circle)
 
 
-@cache
-def _circle(arm: str) -> CheckedPath:
+def _circle() -> CheckedPath:
     path, T_flange_tool = arc_path(), tool_on_flange()
     reach = find_reach(
         path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False

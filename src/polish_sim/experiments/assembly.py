@@ -23,7 +23,7 @@ from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_pa
 from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError
 from polish_sim.experiments.beliefs import (
     believe_tool,
     check_compensation,
@@ -43,7 +43,7 @@ from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
 from polish_sim.motion import use_arm
-from polish_sim.scenario_file import FILE_KEYS
+from polish_sim.scenario_file import FILE_KEYS, check_words
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
@@ -66,15 +66,13 @@ class Workplace:
     reach: Reach
     shape: RealShape
     fixture: Fixture | None = None
+    held: str = ""  #: How a second robot holds the part, for the user
     _kept: dict[tuple[bool, float, float], PartFields] = field(default_factory=dict, init=False, repr=False)
 
-    def drawn(self, scenario: Checked) -> PartFields:
-        """Distances of the nominal part where a scenario's pad goes; sampled at first use and kept."""
-        return self._fields(RealShape(self.mesh, self.surface, given=False), scenario)
-
-    def actual(self, scenario: Checked) -> PartFields:
-        """Distances of the part as it is, before it is displaced and bent; sampled at first use and kept."""
-        return self._fields(self.shape, scenario)
+    @property
+    def drawn(self) -> RealShape:
+        """The part as drawn."""
+        return RealShape(self.mesh, self.surface, given=False)
 
     def along(self, path: ToolPath, reach: Reach) -> Workplace:
         """The place under a path that goes nowhere else, with the distances that were sampled."""
@@ -82,7 +80,9 @@ class Workplace:
         place._kept.update(self._kept)
         return place
 
-    def _fields(self, shape: RealShape, scenario: Checked) -> PartFields:
+    def fields(self, shape: RealShape, scenario: Checked) -> PartFields:
+        """Distances of the part as ``drawn``, or as it is before it is displaced and bent (``shape``), where
+        a scenario's pad goes; sampled at first use and kept."""
         force = self.path.largest_force(scenario.process.contact_force_n)
         depth = modelled_depth(scenario.head, scenario.pad, force)
         key = (shape.given, scenario.pad.radius_m, depth)
@@ -97,7 +97,7 @@ def build_part(scenario: Checked, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run
     with it."""
     part = scenario.part
-    fields = place.actual(scenario)
+    fields = place.fields(place.shape, scenario)
     drawn = part.displacement_m, part.rotation_rad, part.form_error_m, scenario.seed
     return PARTS.get(
         (drawn, Same(place), Same(fields)),
@@ -200,12 +200,6 @@ def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def build_cell(scenario: Checked, place: Workplace, part: RealPart) -> Cell:
-    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated
-    payload."""
-    return cell_for(scenario, place, part, strokes_for(scenario, place))
-
-
 def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is
     lifted."""
@@ -213,11 +207,14 @@ def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     holds = experiment(scenario.experiment).holds
     hold, lift = (scenario.process.hold_s, 0.0) if holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
-    return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
+    scenario = replace(scenario, smoothing=within_noise(scenario.smoothing, place.mesh.noise))
+    return placed_strokes(scenario, place.path, placed, hold, lift)
 
 
-def cell_for(scenario: Checked, place: Workplace, part: RealPart, strokes: Sequence[Stroke]) -> Cell:
-    """`build_cell` with strokes made before."""
+def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Sequence[Stroke] = ()) -> Cell:
+    """Set the cell up for a path on a part of ``build_part``, not yet run, with its ``strokes_for`` unless
+    they were made before; its host believes its calibrated payload."""
+    strokes = strokes or strokes_for(scenario, place)
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
     lesson = NO_LESSON
@@ -261,14 +258,12 @@ def course_for(
     """What lies ahead on the path, for a controller that prepares for it; None for the others."""
     if not callable(getattr(controller, "prepare", None)):
         return None
-    return build_course(
-        scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work, place.reach.q_start
-    )
+    near, reach = place.fields(place.drawn, scenario).near, place.reach
+    return build_course(scenario, strokes, near, reach.T_base_work, reach.q_start)
 
 
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
-TOOL_IN_PART = ("refuse", "allow")
 PROOFS = ("none", "nominal")
 MOST_SEEDS = 1000
 
@@ -298,13 +293,12 @@ def check_settings(scenario: Scenario) -> None:
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events, known_faults())
+    check_words(scenario)
     take_arm(scenario.robot)
     proof_seeds(scenario.safety.proof)
-    if scenario.safety.tool_in_part not in TOOL_IN_PART:
-        raise unknown_name("answer to a tool in the part", scenario.safety.tool_in_part, TOOL_IN_PART)
     row = experiment(scenario.experiment)
     check_flange(scenario)
-    check_compensation(scenario, row.controlled, row.carried)
+    check_compensation(scenario.robot, scenario.seed, row)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.fixtures:
@@ -328,12 +322,16 @@ def check_settings(scenario: Scenario) -> None:
     check_rates(scenario)
     planned_events(scenario.faults, scenario.process, row.on_part, load(row.faults), known_faults())
     if scenario.process.learn:
-        check_learning(scenario, controller)
+        check_learning(scenario.process.learn, scenario.controller.label, controller)
 
 
 def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
     """`check_settings`, and refuse a force that pad, head and guards cannot bear; a ``path`` made before may
-    say its own forces."""
+    say its own forces.
+
+    For an even removal the tool keeps its planned axis: where the pad hangs over an edge the moment loop
+    would turn the tool by up to 2 deg, and the map with it.
+    """
     check_settings(scenario)
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
@@ -343,4 +341,6 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
         ]
         pad, head, dt = scenario.pad, scenario.head, scenario.simulation.timestep_s
         check_contact_settings(pad, head, scenario.safety, dt, force / usual * max([usual, *raised]))
+    if scenario.plan.removal:
+        scenario = replace(scenario, controller=replace(scenario.controller, moment_tilt_limit_rad=0.0))
     return Checked(scenario)

@@ -29,10 +29,11 @@ from polish_sim.cell.gears import HostArm, build_host_arm
 from polish_sim.cell.kernel import Lesson
 from polish_sim.cell.real_arm import AROUND, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
-from polish_sim.config import Checked, Scenario
+from polish_sim.config import Checked, HeadConfig, RobotConfig, Scenario
 from polish_sim.control import Controller
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.registry import Experiment
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.toml_text import read_toml, toml_text
 
@@ -63,32 +64,30 @@ def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:
     return build_host_arm(found.table, found.T_tracker_base, T_flange_tool, found.gears)
 
 
-def check_compensation(scenario: Scenario, controlled: bool, two_arms: bool) -> None:
-    """Refuse a compensation that changes nothing or cannot be used.
+def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
+    """Refuse a compensation that changes nothing in an experiment or cannot be used.
 
     Raises:
         PolishSimError: Saying why and what to do.
     """
-    asked = scenario.robot.compensation
+    asked = robot.compensation
     if asked == NONE:
         return
-    if not controlled:
-        raise ConfigError(
-            f"robot.compensation is for a tool on a path: leave it out of '{scenario.experiment}'."
-        )
-    if not scenario.robot.elastic:
+    if not row.controlled:
+        raise ConfigError(f"robot.compensation is for a tool on a path: leave it out of '{row.name}'.")
+    if not robot.elastic:
         raise ConfigError("robot.compensation changes nothing on robot.arm = ideal: leave one of them out.")
     if asked != TRACKER:
         if not Path(asked).is_file():
             raise unknown_name("robot.compensation or file", asked, (NONE, TRACKER))
-        if two_arms:
+        if row.carried:
             raise ConfigError(
                 f"robot.compensation = '{asked}' is of one arm: for two set it to tracker, or give "
                 "--calibration a file of 'calibrate arm'."
             )
-        if read_arm(Path(asked), scenario.seed) is None:
+        if read_arm(Path(asked), seed) is None:
             raise InputError(
-                f"'{asked}' is not of the arm of seed {scenario.seed}: run its own seed, or set "
+                f"'{asked}' is not of the arm of seed {seed}: run its own seed, or set "
                 "robot.compensation = tracker. To try what another arm's figures do, take the line 'seed' "
                 "out."
             )
@@ -105,18 +104,14 @@ def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
     known = None if asked == TRACKER else read_arm(Path(asked), scenario.seed)
     if known is not None:
         return known
-    arm = Scenario(
-        seed=scenario.seed, robot=scenario.robot, head=scenario.head, simulation=scenario.simulation
-    )
-    return track_arm(arm, tuple(q_start))
+    return track_arm(scenario.robot, scenario.head, scenario.seed, tuple(q_start))
 
 
 @lru_cache(4)
-def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
-    """Measure the arm of a scenario at rest around ``q_start`` (6,) [rad] and find how it is built; kept for
-    the next cell."""
-    model = robot_with_tool(scenario).compile()
-    real, seed = scenario.robot.real, scenario.seed
+def track_arm(robot: RobotConfig, head: HeadConfig, seed: int, q_start: tuple[float, ...]) -> ArmEstimate:
+    """Measure the arm of a seed at rest around ``q_start`` (6,) [rad] and find how it is built; kept for the
+    next cell."""
+    model, real = robot_with_tool(Scenario(robot=robot, head=head)).compile(), robot.real
     rng = np.random.default_rng([seed, _STREAM])
     arm, table = resting_arm(real, seed, model), built_table(real, seed, model, np.array(q_start))
     built = ArmEstimate(table, np.eye(4), tool_on_flange()[:3, 3])
@@ -205,23 +200,23 @@ FREE = ("part.pose", "process.learn", "process.preston_1_pa")
 FIGURE = "learned_from"  #: Figure of a run: how many before it, each learned from the one before
 
 
-def check_learning(scenario: Scenario, controller: Controller) -> None:
-    """Refuse a controller that cannot learn, and a run that cannot be learned from.
+def check_learning(folder: str, label: str, controller: Controller) -> None:
+    """Refuse a controller, of a ``label``, that cannot learn, and a run in a folder that cannot be learned
+    from.
 
     Raises:
         InputError: Saying which and what to do.
     """
     if callable(getattr(controller, "prepare", None)):
         raise InputError(
-            f"--learn is not for {scenario.controller.label}: it prepares for the path itself and turns the "
+            f"--learn is not for {label}: it prepares for the path itself and turns the "
             "tool by what it feels, so that its depths do not repeat. Take hybrid-pi, or a law of your own "
             "without prepare()."
         )
-    record = read_record(Path(scenario.process.learn))
+    record = read_record(Path(folder))
     if "host_depth_m" not in record.log.columns or record.path is None:
         raise InputError(
-            f"nothing can be learned from '{scenario.process.learn}': it is no run of 'surface', or one of "
-            "an older version."
+            f"nothing can be learned from '{folder}': it is no run of 'surface', or one of an older version."
         )
 
 

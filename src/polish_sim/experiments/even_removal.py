@@ -63,17 +63,14 @@ PLANS = Memory()
 def planned(
     scenario: Checked, plan: PlanResult | None = None, observer: PlanObserver = UNSEEN
 ) -> tuple[Checked, PlanResult | None]:
-    """The plan a run goes along, made unless it is given, and the scenario with what it has chosen; None: the
-    experiment plans no path, or its own. The last few plans are kept."""
-    if plan is None and experiment(scenario.experiment).is_planned(scenario):
+    """The plan a run goes along, made unless it is given, and the scenario with the pad and the step-over it
+    has chosen; None: the experiment plans no path, or its own. The last few plans are kept."""
+    if plan is None and experiment(scenario.experiment).is_planned(scenario.plan.removal):
         plan = PLANS.get(place_key(scenario), lambda: plan_removal(scenario, observer))
-    return scenario if plan is None else with_plan(scenario, plan), plan
-
-
-def with_plan(scenario: Checked, plan: PlanResult) -> Checked:
-    """The scenario with the pad and the step-over of a plan, which may have chosen others than asked for."""
-    asked = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
-    return replace(scenario, pad=plan.tool.pad, plan=asked)
+    if plan is not None:
+        asked = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
+        scenario = replace(scenario, pad=plan.tool.pad, plan=asked)
+    return scenario, plan
 
 
 def plan_removal(scenario: Checked, observer: PlanObserver = UNSEEN) -> PlanResult:
@@ -95,16 +92,6 @@ def plan_removal(scenario: Checked, observer: PlanObserver = UNSEEN) -> PlanResu
         asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
     plan = plan_part(scenario.part, asked, scenario.process, pad, observer)
     return even_out(scenario, plan, observer) if asked.removal else plan
-
-
-def axis_kept(scenario: Checked) -> Checked:
-    """The scenario of an even removal: the tool keeps its planned axis.
-
-    Where the pad hangs over an edge the moment loop would turn the tool by up to 2 deg, and the map with it.
-    """
-    if not scenario.plan.removal:
-        return scenario
-    return replace(scenario, controller=replace(scenario.controller, moment_tilt_limit_rad=0.0))
 
 
 def even_out(

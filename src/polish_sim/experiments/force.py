@@ -7,12 +7,11 @@ import numpy as np
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.arrays import Figures
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
-from polish_sim.config import Checked, Scenario
+from polish_sim.config import Checked
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, kept_place
 from polish_sim.experiments.beliefs import arm_file
-from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.part_setup import real_shape
-from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.planning.part_plan import load_mesh
@@ -47,18 +46,19 @@ def place_force(scenario: Checked, observer: Observer = SILENT) -> Workplace:
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
     """
-    return kept_place(scenario, lambda: _place(scenario, observer))
 
+    def make() -> Workplace:
+        observer.stage("fit the surface")
+        mesh = load_mesh(scenario.part)
+        angle = scenario.plan.feature_angle_rad
+        surface = fit_surface(mesh, angle)
+        region = select_region(surface, mesh, scenario.plan.region, angle)
+        path = touch_path(region)
+        reach = PartPlacing(scenario, mesh, surface, path).reach()
+        shape = real_shape(scenario.part, angle, mesh, surface, path)
+        return Workplace(mesh, surface, region, path, reach, shape)
 
-def _place(scenario: Checked, observer: Observer) -> Workplace:
-    observer.stage("fit the surface")
-    mesh = load_mesh(scenario.part)
-    angle = scenario.plan.feature_angle_rad
-    surface = fit_surface(mesh, angle)
-    region = select_region(surface, mesh, scenario.plan.region, angle)
-    path = touch_path(region)
-    reach = reach_path(scenario, mesh, surface, path)
-    return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
+    return kept_place(scenario, make)
 
 
 def prepare_force(scenario: Checked, observer: Observer = SILENT) -> tuple[Workplace, Cell]:
@@ -69,11 +69,10 @@ def prepare_force(scenario: Checked, observer: Observer = SILENT) -> tuple[Workp
     return place, build_cell(scenario, place, build_part(scenario, place))
 
 
-def check_force_point(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
+def check_force_point(scenario: Checked, observer: Observer = SILENT) -> Workplace:
     """The point to press on and how the arm reaches it, the cell set up but not run; raises as
     `place_force`."""
-    place, _ = prepare_force(scenario, observer)
-    return CheckedPath(place.path, place.reach)
+    return prepare_force(scenario, observer)[0]
 
 
 def run_force(scenario: Checked, observer: Observer = SILENT) -> RunResult:
@@ -89,14 +88,13 @@ def run_force(scenario: Checked, observer: Observer = SILENT) -> RunResult:
 def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult:
     """How well a ``run`` has pressed on its point."""
     figures: Figures = dict(measure_force(run.trace, scenario.process.contact_force_n))
-    figures |= common_figures(run, scenario, hold_done(scenario, run), place.reach.T_base_work)
+    figures |= common_figures(run, scenario, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, place.path, None,
         arm_file(scenario, place.reach.q_start),
     )  # fmt: skip
 
 
-def hold_done(scenario: Scenario, run: CellRun) -> float:
+def hold_done(hold_s: float, run: CellRun) -> float:
     """Share of the time on the point that was held, 0 to 1."""
-    steps = round(scenario.process.hold_s / scenario.simulation.timestep_s)
-    return min(1.0, float(np.sum(run.trace.fed)) / steps)
+    return min(1.0, float(np.sum(run.trace.fed)) / round(hold_s / run.dt))

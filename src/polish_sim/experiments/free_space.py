@@ -186,13 +186,22 @@ def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -
 
 
 def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.random.Generator) -> Cell:
-    """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is."""
+    """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is.
+
+    There is nothing to press on, and no limit on a force that is the weight of a tool not known yet.
+    """
     start = build_path_table(
         visit.table.positions[:1],
         matrices(visit.table.quaternions[:1]),
     )
-    whole = replace(scenario, process=replace(scenario.process, max_feed_s=0.0))
-    cell = free_cell(whole, start, visit.table, CLOCK_FEED, q_start, rng)
+    free = replace(
+        scenario,
+        process=replace(scenario.process, max_feed_s=0.0),
+        pad=replace(scenario.pad, damping_s_m=0.0),
+        spindle=replace(scenario.spindle, speed_rpm=0.0),
+        safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
+    )
+    cell = free_cell(free, start, visit.table, CLOCK_FEED, q_start, rng)
     cell.compensate(0.0, np.zeros(3))
     return cell
 

@@ -28,7 +28,7 @@ from polish_sim.cell.scene import (
 )
 from polish_sim.config import Checked
 from polish_sim.errors import ReachError, place_in_mm
-from polish_sim.experiments.part_setup import pressing_depths
+from polish_sim.experiments.part_setup import sunk_under
 from polish_sim.experiments.placement import (
     SPINS,
     Reach,
@@ -179,7 +179,8 @@ class PartPlacing:
         self, scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
     ) -> None:
         self.scenario, self.mesh = scenario, mesh
-        followed = pressed(path, pressing_depths(scenario, path)) if pressed_in else path
+        force = path.force_at(path.s, scenario.process.contact_force_n)
+        followed = pressed(path, sunk_under(scenario.head, scenario.pad, force)) if pressed_in else path
         self.positions = followed.positions_work
         self.axes = path.axes_work
         self.lowest = float((mesh.vertices @ mesh.up).min())
@@ -277,14 +278,3 @@ class PartPlacing:
         turn = np.degrees(Rotation.from_matrix(T[:3, :3]).as_rotvec())
         numbers = ",".join(f"{round(float(value), 3) + 0.0:.7g}" for value in [*(1e3 * T[:3, 3]), *turn])
         return f"It fits with --part-pose {numbers}, or leave --part-pose out."
-
-
-def reach_path(
-    scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
-) -> Reach:
-    """Place the part and check that the arm does the whole path, ``pressed_in`` or as given, and lifted off.
-
-    Raises:
-        ReachError: Naming the first point that cannot be done.
-    """
-    return PartPlacing(scenario, mesh, surface, path, pressed_in).reach()

@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, Figures, dots, norms
 from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
 from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
-from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
+from polish_sim.errors import MeshError, PlanError, place_in_mm
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import stroke_motion, stroke_path
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
@@ -30,8 +30,6 @@ from polish_sim.motion.trajectory import (
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, stretches
 from polish_sim.spatial import apply, matrices
 
-TARES = ("start", "strokes")
-
 
 class Streams(NamedTuple):
     """Independent generators of one seed."""
@@ -44,11 +42,6 @@ class Streams(NamedTuple):
 def random_streams(seed: int) -> Streams:
     """The generators of a seed."""
     return Streams(*map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3)))
-
-
-def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
-    """How far the tool is pressed in at every point, (n,) [m]."""
-    return sunk_under(scenario.head, scenario.pad, path.force_at(path.s, scenario.process.contact_force_n))
 
 
 def sunk_under(head: HeadConfig, pad: PadConfig, force: Array) -> Array:
@@ -117,9 +110,8 @@ def placed_strokes(
     lifted by ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length
     [m].
     """
-    process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
-    if process.tare not in TARES:
-        raise unknown_name("moment to tare", process.tare, TARES)
+    process, rotations = scenario.process, placed.rotations
+    depths = sunk_under(scenario.head, scenario.pad, path.force_at(path.s, process.contact_force_n))
     nominal = apply(placed.T_base_work, path.positions_work)
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
     strokes: list[Stroke] = []
@@ -240,20 +232,22 @@ class RealShape(NamedTuple):
     given: bool  #: Whether it has a mesh of its own
 
 
-def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> RealShape:
-    """Load the real part's mesh, if the scenario names one, and check that it is where the path on the
+def real_shape(
+    config: PartConfig, angle: float, mesh: PartMesh, surface: Surface, path: ToolPath
+) -> RealShape:
+    """Load the real part's mesh, if there is one, and check that it is where the path on the
     nominal one is.
 
-    It is read as the nominal one is, which is the shape if none is named.
+    It is read as the nominal one is, with features of the same ``angle`` [rad]; that is the shape if none is
+    named.
 
     Raises:
         MeshError: If it cannot be read, or does not lie where the drawing says.
     """
-    config = scenario.part
     if not config.real_file:
         return RealShape(mesh, surface, given=False)
     actual = load_part(part_path(config.real_file), mesh.unit, config.up)
-    shape = RealShape(actual, fit_surface(actual, scenario.plan.feature_angle_rad), given=True)
+    shape = RealShape(actual, fit_surface(actual, angle), given=True)
     _check_place(shape, mesh, config, path.positions_work[path.process])
     return shape
 

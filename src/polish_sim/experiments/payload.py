@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -79,7 +79,7 @@ def run_payload_calibration(
     poses = calibration.plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
-    cell = visiting_cell(_in_free_space(scenario), visit, q[0], streams.sensor)
+    cell = visiting_cell(scenario, visit, q[0], streams.sensor)
     observer.stage(f"visit {payload.poses} poses and the first again")
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
@@ -93,23 +93,12 @@ def run_payload_calibration(
         "drift_600s_retared_rms_n": rms_length(long_run.tared_again),
         "drift_600s_max_n": float(norms(long_run.tared_once).max()),
         "drift_600s_retared_max_n": float(norms(long_run.tared_again).max()),
-        "simulated_s": run.steps * scenario.simulation.timestep_s,
+        "simulated_s": run.steps * run.dt,
         "wall_s": run.wall_s,
         "steps": run.steps,
         "seed": scenario.seed,
     }
     return PayloadCalibration(scenario, readings, estimate, figures, q, long_run)
-
-
-def _in_free_space(scenario: Scenario) -> Scenario:
-    """Spindle off, nothing to press on, and no limit on a force that is the tool's own weight: it is not
-    known yet."""
-    return replace(
-        scenario,
-        pad=replace(scenario.pad, damping_s_m=0.0),
-        spindle=replace(scenario.spindle, speed_rpm=0.0),
-        safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
-    )
 
 
 def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:

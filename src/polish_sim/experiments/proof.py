@@ -36,17 +36,17 @@ from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, Plan
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
-    TOOL_IN_PART,
     Same,
+    Workplace,
     config_hash,
     kept_place,
     proof_seeds,
 )
-from polish_sim.experiments.even_removal import even_out, plan_removal, with_plan
+from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.experiments.surface import SurfaceTask, prepare_surface
+from polish_sim.experiments.surface import prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.stroke import Remaining, lift_over
 from polish_sim.planning.part_plan import (
@@ -160,11 +160,11 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
     best: Proven | None = None
     failed: PolishSimError | None = None
     work = Work(plan)
-    for pad, planned in _pads_from(scenario, plan.tool.pad):
+    for pad, asked in _pads_from(scenario.pad, scenario.plan, plan.tool.pad):
         if work.used > 1.0:
             break
         try:
-            other = replace(scenario, pad=pad, plan=planned)
+            other = replace(scenario, pad=pad, plan=asked)
             made = plan if pad is scenario.pad else plan_removal(other)
             found = prove(replace(scenario, pad=pad), made, observer, work)
             refuse_almost_nothing(found.plan)
@@ -201,15 +201,14 @@ def refuse_almost_nothing(plan: PlanResult) -> None:
     )
 
 
-def _pads_from(scenario: Checked, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
-    """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be
-    planned."""
-    yield scenario.pad, scenario.plan
-    asked = scenario.pad
-    if asked.choice == "auto" and asked.radius_m == PadConfig().radius_m and not scenario.plan.file:
+def _pads_from(given: PadConfig, asked: PlanConfig, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
+    """The pad that is given, then ones smaller than the ``pad`` a plan has with the step-over in proportion,
+    each with what is to be planned."""
+    yield given, asked
+    if given.choice == "auto" and given.radius_m == PadConfig().radius_m and not asked.file:
         smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
         for size in smaller[:MOST_PADS]:
-            yield with_pad(asked, scenario.plan, size)
+            yield with_pad(given, asked, size)
 
 
 def _lost(plan: PlanResult) -> float:
@@ -232,8 +231,9 @@ class _Prover:
 
     def __init__(self, scenario: Checked, plan: PlanResult, observer: Observer, work: Work) -> None:
         self.work = work
-        self.scenario = scenario = with_plan(scenario, plan)
-        self.task = prepare_surface(scenario, plan, observer)
+        scenario, _ = planned(scenario, plan)
+        self.scenario = scenario
+        self.place = prepare_surface(scenario, plan, observer)
         self.plan, self.path, self.observer = plan, plan.path, observer
         self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
         self.pressed = np.ones(len(plan.path.s))  #: Of the force asked for, by rows of the path
@@ -268,7 +268,7 @@ class _Prover:
         depth = modelled_depth(
             scenario.head, scenario.pad, path.largest_force(scenario.process.contact_force_n)
         )
-        fields, axes = self.task.place.drawn(scenario), path.axes_work[rows]
+        fields, axes = self.place.fields(self.place.drawn, scenario), path.axes_work[rows]
 
         def sinking(share: float) -> Bools:
             """Rows in contact at which the pad would sink under a share of the force."""
@@ -341,10 +341,10 @@ class _Prover:
         """Leave out where the tool would stand in the part, as the path is mended and with the force of an
         even removal, which is found after it was planned; whether it stands there nowhere."""
         as_planned = not self.mends and self.path.force is None
-        if as_planned or self.scenario.safety.tool_in_part != TOOL_IN_PART[0]:
+        if as_planned or self.scenario.safety.tool_in_part != "refuse":
             return True
         ready = self.plan.ready
-        inside = ready.measure(self.task_now().plan.path).pad_in_part.positions
+        inside = ready.measure(self.place_now().path).pad_in_part.positions
         remaining = out_of_part(ready, self.path, inside, wider) if len(inside) else None
         if remaining is not None:
             self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
@@ -365,7 +365,7 @@ class _Prover:
             else:
                 self.late += work.used > 2.0
                 self._mend(found)
-            play.go_back(self.task_now(), self.kept_until)
+            play.go_back(self.place_now(), self.kept_until)
             found = play.play_on(self.observer)
         work.done_s = before + play.worked_s
         for name, kept in play.passing.items():
@@ -373,7 +373,7 @@ class _Prover:
 
     def _even_out(self) -> None:
         """Find the dwell of an even removal for the path as it is mended, its force as given."""
-        plan = self.task_now().plan
+        plan = replace(self.plan, path=self.place_now().path)
         if not self.scenario.plan.removal or plan.path.feed is None or len(self.mends) == self.evened:
             return
         self.most = np.minimum(self.most, np.where(self.share < 1.0, plan.path.feed, math.inf))
@@ -383,25 +383,24 @@ class _Prover:
         self.evened = len(self.mends)
 
     def _play(self, seed: int | None) -> Play:
-        play = Play(self.scenario, seed, self.task_now())
+        play = Play(self.scenario, seed, self.place_now())
         play.margin *= self.work.used <= 1.0
         return play
 
-    def task_now(self) -> SurfaceTask:
-        """The task with the path as it is mended so far, on the same part and in the same place."""
+    def place_now(self) -> Workplace:
+        """The place with the path as it is mended so far, on the same part and in the same pose."""
         path, process = self.path, self.scenario.process
         feed, force = path.feed, path.force
         if (self.share < 1.0).any():
             feed = self.share * (process.feed_m_s if feed is None else feed)
         if (self.pressed < 1.0).any():
             force = self.pressed * path.force_at(path.s, process.contact_force_n)
-        plan = replace(self.plan, path=replace(path, feed=feed, force=force))
-        return SurfaceTask(plan, self.task.place.along(plan.path, self._reach_now()))
+        return self.place.along(replace(path, feed=feed, force=force), self._reach_now())
 
     def _reach_now(self) -> Reach:
         """How the arm does the path as it is mended so far: with its first stroke cut, it starts
         elsewhere."""
-        path, whole, reach = self.path, self.plan.path, self.task.place.reach
+        path, whole, reach = self.path, self.plan.path, self.place.reach
         if path.positions_work is whole.positions_work:
             return reach
         joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
@@ -523,12 +522,12 @@ class _Prover:
 
     def result(self) -> Proven:
         """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
-        task, scenario, plan = self.task_now(), self.scenario, self.plan
-        reach = task.place.reach
+        place, scenario, plan = self.place_now(), self.scenario, self.plan
+        reach = place.reach
         pose = to_pose(reach.T_base_work)
         made, mends = {mend.what for mend in self.mends}, (*self.plan.mends, *self.mends)
         if LEFT_OUT in made:
-            plan = plan.along(task.plan.path, self.mends)
+            plan = plan.along(place.path, self.mends)
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
         whole = self.plan.path
@@ -538,7 +537,7 @@ class _Prover:
             "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
-            "settings": config_hash(_settings(scenario), {}), "path": path_key(task.plan.path),
+            "settings": config_hash(_settings(scenario), {}), "path": path_key(place.path),
             "changed": _changed(_settings(scenario)),
             "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
             "work_used": self.work.used,
@@ -555,8 +554,8 @@ class _Prover:
             "proof_work_s": self.work.done_s,
         }
         notes = (*plan.notes, *proof_notes(proof))
-        plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
-        kept_place(scenario, lambda: SurfaceTask(plan, task.place), Same(plan))
+        plan = replace(plan, path=place.path, mends=mends, proof=proof, figures=figures, notes=notes)
+        kept_place(scenario, lambda: place, Same(plan))
         return Proven(plan, scenario)
 
 

@@ -20,9 +20,8 @@ from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
 from polish_sim.cell.kernel import CellSnapshot
 from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
-from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, course_for, strokes_for
 from polish_sim.experiments.rows import most_astray
-from polish_sim.experiments.surface import SurfaceTask
 from polish_sim.log import PROCESS_PHASE
 
 MARGIN = 0.2
@@ -63,10 +62,10 @@ class Play:
     """A path under way on one part: as drawn, or as a seed draws it.
 
     Raises:
-        PolishSimError: As of `cell_for`.
+        PolishSimError: As of `build_cell`.
     """
 
-    def __init__(self, usual: Checked, seed: int | None, task: SurfaceTask) -> None:
+    def __init__(self, usual: Checked, seed: int | None, place: Workplace) -> None:
         part, nominal = usual.part, seed is None
         if nominal:
             part = replace(
@@ -77,25 +76,25 @@ class Play:
         self.usual = usual
         self.scenario = replace(usual, part=part, process=process, faults=FaultsConfig(), seed=seed)
         self.nominal, self.margin = nominal, MARGIN if nominal else DRAWN_MARGIN
-        self.part = build_part(self.scenario, task.place)
+        self.part = build_part(self.scenario, place)
         self.passing: dict[str, tuple[float, float]] = {}  #: Largest shares of the limits, and where
         self.worked_s, self.wanted = 0.0, True
         self.found: list[Failure] = []  #: What has to be mended before it can continue
         self._timed: list[Stroke] = []
         self._saved: list[_Saved] = []
-        self._begin(task)
+        self._begin(place)
 
-    def _begin(self, task: SurfaceTask) -> None:
+    def _begin(self, place: Workplace) -> None:
         """A cell at the start of a path, its guards' limits tightened."""
-        self.task, scenario = task, self.scenario
-        self.cell = cell_for(scenario, task.place, self.part, self._strokes())
+        self.place = place
+        self.cell = build_cell(self.scenario, place, self.part, self._strokes())
         self._tighten()
         self.cell.play(1)  # kernels are compiled here, not by two threads at once
 
     def _strokes(self) -> list[Stroke]:
         """The strokes of the path; to time a motion takes about as long as to play it."""
         known = {id(stroke.motion) for stroke in self._timed}
-        self._timed = strokes_for(self.scenario, self.task.place)
+        self._timed = strokes_for(self.scenario, self.place)
         self.worked_s += sum(
             stroke.motion.playing_time for stroke in self._timed if id(stroke.motion) not in known
         )
@@ -104,7 +103,7 @@ class Play:
     def _tighten(self) -> None:
         """Leave the margin to every limit; to the surface's place on the drawing, what the part may be off
         it."""
-        guards, part, path = self.cell.state.guards, self.usual.part, self.task.plan.path
+        guards, part, path = self.cell.state.guards, self.usual.part, self.place.path
         kept = 1.0 - self.margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(path.positions_work[path.process], axis=0)))
@@ -113,14 +112,14 @@ class Play:
         less = drawn if self.nominal else self.margin * guards.offset
         guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
 
-    def go_back(self, task: SurfaceTask, until: float) -> None:
+    def go_back(self, place: Workplace, until: float) -> None:
         """Resume a path as it is mended now, from the last state before ``until`` [m] of the path."""
         self._saved[:] = [state for state in self._saved if state.s <= until]
         if not self._saved:
             # The path may begin elsewhere now, and the sensor is zeroed there with the arm at rest.
-            self._begin(task)
+            self._begin(place)
             return
-        self.task, place, cell, scenario = task, task.place, self.cell, self.scenario
+        self.place, cell, scenario = place, self.cell, self.scenario
         strokes = self._strokes()
         cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
         cell.restore(self._saved[-1].state)
@@ -164,7 +163,7 @@ class Play:
         """What went wrong in the steps just played, if anything: the exact force left its band, a guard came
         nearer to its limit than the margin allows, or one tripped."""
         cell, s, force = self.cell, steps["path_s_m"], steps["normal_force_n"]
-        status, path, usual = cell.state.status, self.task.plan.path, self.scenario.process.contact_force_n
+        status, path, usual = cell.state.status, self.place.path, self.scenario.process.contact_force_n
         wanted = path.force_at(s, usual)
         fed = steps["phase"] == PROCESS_PHASE
         # After landing the force has the first millimetre of the feed to settle.
@@ -195,7 +194,7 @@ class Play:
     def _most(self) -> dict[str, float]:
         """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
         kept, limit = 1.0 - self.margin, self.scenario.safety.force_limit_n
-        asked = self.task.plan.path.largest_force(self.scenario.process.contact_force_n)
+        asked = self.place.path.largest_force(self.scenario.process.contact_force_n)
         return {
             "force": (asked + kept * (limit - asked)) / limit,
             "torque": kept,

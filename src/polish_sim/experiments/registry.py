@@ -69,10 +69,6 @@ TRIAL_OPTIONS = ("--controller", "--calibration", *SEED_OPTIONS, "--fault", "--d
 WATCH_OPTIONS = ("--view", "--live", "--live-port", "--live-host", "--video", "--log-rate")
 
 
-def _usual_title(scenario: Scenario) -> str:
-    return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
-
-
 class Setting(NamedTuple):
     """What a run was asked, as a row of a table."""
 
@@ -107,7 +103,8 @@ class Experiment:
     options: tuple[str, ...]
     settings: tuple[Setting, ...] = ()  #: Its own, beside ``SETTINGS``
     path_name: str = ""  #: Of the path that is planned; empty: its pattern
-    #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
+    #: Arguments as of ``run`` -> what has the fields of CheckedPath: everything but the simulation; empty:
+    #: nothing to check
     prepare: str = ""
     along_plan: bool = False  #: Whether it can run along a finished plan
     plans: bool = False  #: Whether a plan is made before it where none is given
@@ -120,7 +117,7 @@ class Experiment:
     forms: Mapping[str, Any] = field(default_factory=dict)
     #: More pictures of many seeds, as ``comparisons``
     seeds_plots: Mapping[str, str] = field(default_factory=dict)
-    title: Callable[[Scenario], str] = _usual_title
+    title: Callable[[Scenario], str] = lambda s: f"{s.experiment}, {s.controller.label}, seed {s.seed}"
     notes: str = ""  #: (figures) -> lines to print beside the table of a run; empty: none
     controlled: bool = True  #: Whether a controller drives the cell
     on_part: bool = True  #: Whether there is a part to press on
@@ -136,13 +133,9 @@ class Experiment:
         """Whether a controller feeds the tool along a path."""
         return self.controlled and not self.holds
 
-    def is_planned(self, scenario: Scenario) -> bool:
-        """Whether a run without a path has one planned by pattern."""
-        return self.plans or (self.along_plan and bool(scenario.plan.removal))
-
-    def is_paper_trial(self, scenario: Scenario) -> bool:
-        """Whether part, path, force and feed of a run are those of the paper's trial."""
-        return all(attrgetter(name)(scenario) == value for name, value in self.paper.items())
+    def is_planned(self, removal: str) -> bool:
+        """Whether a run without a path has one planned by pattern, with this ``plan.removal``."""
+        return self.plans or (self.along_plan and bool(removal))
 
 
 def always(value: Any) -> Callable[[Any], Any]:
@@ -211,7 +204,8 @@ def check_experiment(
     row = experiment(scenario.experiment)
     if not row.prepare:
         raise InputError(f"'{row.name}' has no path to check: run it.")
-    return CheckedPath(*_call(row, row.prepare, scenario, plan, observer))
+    found = _call(row, row.prepare, scenario, plan, observer)
+    return CheckedPath(found.path, found.reach, found.held)
 
 
 def run_experiment(
@@ -282,7 +276,11 @@ def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:
             before = asked.get(claim.figure, claim)
             alike = (claim.low, claim.high) == (before.low, before.high)
             asked[claim.figure] = claim if alike else claim._replace(low=-math.inf, high=math.inf)
-    papers = all(row.is_paper_trial(scenario) for row, scenario in zip(rows, scenarios, strict=True))
+    papers = all(
+        attrgetter(name)(scenario) == value
+        for row, scenario in zip(rows, scenarios, strict=True)
+        for name, value in row.paper.items()
+    )
     return tuple(asked.values()) if papers else without_paper(asked.values())
 
 

@@ -54,13 +54,13 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     simulated_s, wall_s, real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of
     its stroke used.
     """
-    simulated = run.steps * scenario.simulation.timestep_s
+    simulated = run.steps * run.dt
     travel = run.trace.pad_travel_m[run.trace.fed]
     stroke = {"flange_stroke_used": float(np.ptp(travel)) / scenario.head.travel_m} if len(travel) else {}
     return {
         **(stroke if scenario.head.flange.bandwidth_hz else {}),
         "path_done": path_done,
-        **_stop(run, scenario, T_base_work),
+        **_stop(run, _with_values(run.stop_reason, scenario), T_base_work),
         **run.safety._asdict(),
         **run.payload._asdict(),
         "peak_force_n": float(run.trace.normal_force_n.max()),
@@ -75,16 +75,14 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     }
 
 
-def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> Figures:
-    """Why the robot stopped itself, with the limit's value, when, where and at what force; None if it did
-    not.
+def _stop(run: CellRun, limits: str | None, T_base_work: Array | None) -> Figures:
+    """Why the robot stopped itself, with the ``limits`` it kept, when, where and at what force; None if it
+    did not.
 
     ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and
     on the part, tool_on_part_m.
     """
-    trace, limits, at = run.trace, run.stop_reason, run.safety.protective_stop_time_s
-    if limits:
-        limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), limits)
+    trace, at = run.trace, run.safety.protective_stop_time_s
     if limits is None or at is None or not len(trace.time_s):
         return {"protective_stop": limits, "protective_stop_at": None}
     row = min(int(np.searchsorted(trace.time_s, at)), len(trace.time_s) - 1)
@@ -117,10 +115,14 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> Figure
     }
 
 
-def _with_value(key: re.Match[str], scenario: Scenario) -> str:
-    """A key's name with its value, if that is a number."""
-    value = getattr(getattr(scenario, key[1], None), key[2], None)
-    return f"{key[0]} = {number_text(value)}" if isinstance(value, (int, float)) else key[0]
+def _with_values(text: str | None, scenario: Scenario) -> str | None:
+    """A text with the values of the keys it names, where they are numbers."""
+
+    def value_of(key: re.Match[str]) -> str:
+        value = getattr(getattr(scenario, key[1], None), key[2], None)
+        return f"{key[0]} = {number_text(value)}" if isinstance(value, (int, float)) else key[0]
+
+    return text and re.sub(r"\b([a-z]+)\.([a-z]\w+)", value_of, text)
 
 
 # Progress of one of several equal tasks, as progress of the whole.

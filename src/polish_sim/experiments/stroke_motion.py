@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
-from polish_sim.config import Scenario, SmoothingConfig
+from polish_sim.config import SmoothingConfig
 from polish_sim.kernels import memory_of
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
@@ -119,12 +119,11 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     return motion
 
 
-def within_noise(scenario: Scenario, noise: ScanNoise) -> Scenario:
-    """The scenario for a surface that is known within a noise only: its strokes may be as far from the path
-    as that."""
-    asked = scenario.smoothing
+def within_noise(asked: SmoothingConfig, noise: ScanNoise) -> SmoothingConfig:
+    """The smoothing for a surface that is known within a noise only: strokes may be as far from the path as
+    that."""
     tip, axis = max(asked.tolerance_m, noise.offset), max(asked.axis_tolerance_rad, noise.slope)
-    return replace(scenario, smoothing=replace(asked, tolerance_m=tip, axis_tolerance_rad=axis))
+    return replace(asked, tolerance_m=tip, axis_tolerance_rad=axis)
 
 
 def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
 from polish_sim.experiments.assembly import (
-    TOOL_IN_PART,
     Same,
     Workplace,
     build_cell,
@@ -25,7 +23,7 @@ from polish_sim.experiments.assembly import (
 from polish_sim.experiments.beliefs import FIGURE, arm_file
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.force import place_force
-from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.part_setup import (
     check_set_points,
     path_done,
@@ -33,7 +31,7 @@ from polish_sim.experiments.part_setup import (
     shape_figures,
     touched,
 )
-from polish_sim.experiments.registry import CheckedPath, experiment
+from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.log import RemovalMap, RunLog, with_column
@@ -95,35 +93,25 @@ def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
     return np.interp(rows, moments, np.stack([total - removed.gained, total], axis=1).ravel())
 
 
-@dataclass(frozen=True)
-class SurfaceTask:
-    """A part, the path on it and the way the arm does it, all checked before anything moves."""
+def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Workplace:
+    """Place the part of a plan and check that the arm can do all of its path, before anything moves.
 
-    plan: PlanResult
-    place: Workplace  #: Part, path and reach, as the cell is set up from them
-
-
-def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> SurfaceTask:
-    """Place the part of a plan and check that the arm can do all of its path.
-
-    See `planned` for plans. The last few tasks are kept: the next run of the same plan has it at once.
+    See `planned` for plans. The last few places are kept: the next run of the same plan has it at once.
 
     Raises:
         PolishSimError: If the part cannot be used or reached.
     """
-    return kept_place(scenario, lambda: _prepare(scenario, plan, observer), Same(plan))
 
+    def make() -> Workplace:
+        check_set_points(plan.path)
+        refuse_collision(scenario.safety.tool_in_part, plan)
+        observer.stage("check the reach")
+        standing = *plan.standing, plan.path
+        reach = PartPlacing(scenario, *standing).reach()
+        shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, *standing)
+        return Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture)
 
-def _prepare(scenario: Checked, plan: PlanResult, observer: Observer) -> SurfaceTask:
-    check_set_points(plan.path)
-    refuse_collision(scenario.safety.tool_in_part, plan)
-    observer.stage("check the reach")
-    reach = reach_path(scenario, *plan.standing, plan.path)
-    shape = real_shape(scenario, *plan.standing, plan.path)
-    return SurfaceTask(
-        plan,
-        Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture),
-    )
+    return kept_place(scenario, make, Same(plan))
 
 
 def refuse_collision(answer: str, plan: PlanResult) -> None:
@@ -133,32 +121,29 @@ def refuse_collision(answer: str, plan: PlanResult) -> None:
         PlanError: Saying where, how deep and what to do.
     """
     warning = pad_in_part_warning(plan.figures)
-    if warning and answer == TOOL_IN_PART[0]:
+    if warning and answer == "refuse":
         raise PlanError(
             f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, "
             "take a smaller --pad-diameter, or run it all the same with --allow-contact."
         )
 
 
-def check_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> CheckedPath:
-    """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
-    return CheckedPath(plan.path, prepare_surface(scenario, plan, observer).place.reach)
-
-
 def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> RunResult:
     """Polish a part along a plan and measure how well the force was held; arguments as of `planned`, errors
     of `prepare_surface`."""
-    task = prepare_surface(scenario, plan, observer)
+    place = prepare_surface(scenario, plan, observer)
     observer.stage("prepare the cell")
-    part = build_part(scenario, task.place)
-    cell = build_cell(scenario, task.place, part)
+    part = build_part(scenario, place)
+    cell = build_cell(scenario, place, part)
     observer.stage("simulate")
-    return measure_run(scenario, task, cell, part, cell.run(observer))
+    return measure_run(scenario, plan, place, cell, part, cell.run(observer))
 
 
-def measure_run(scenario: Checked, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
-    """How well a ``run`` of a ``cell`` has polished the task's part."""
-    plan, place, path = task.plan, task.place, task.plan.path
+def measure_run(
+    scenario: Checked, plan: PlanResult, place: Workplace, cell: Cell, part: RealPart, run: CellRun
+) -> RunResult:
+    """How well a ``run`` of a ``cell`` has polished the part of a plan."""
+    path = plan.path
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0
@@ -183,4 +168,4 @@ def place_work(scenario: Checked) -> Workplace:
         return place_force(scenario)
     scenario, plan = planned(scenario)
     assert plan is not None  # ``surface`` plans one
-    return prepare_surface(scenario, plan).place
+    return prepare_surface(scenario, plan)

@@ -13,10 +13,9 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.real_arm import SIDES
 from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.config import HandConfig, Scenario
-from polish_sim.errors import InputError, regular, unknown_name
+from polish_sim.errors import InputError, regular
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
@@ -151,8 +150,6 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
     gains = gains_of(mode, guide, scenario.simulation.timestep_s)
     if not scenario.robot.elastic:
         return GuidedArm(model, belief, gains, limits, hand)
-    if guide.encoder_side not in SIDES:
-        raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
     real = replace(scenario.robot.real, servo_side=guide.encoder_side)
     if gains.assist > 0.0 and real.encoder_rad > COARSEST_RAD:
         raise InputError(

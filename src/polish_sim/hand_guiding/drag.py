@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array, Figures, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
-from polish_sim.config import Checked, DragConfig, HandConfig
+from polish_sim.config import Checked, DragConfig, HandConfig, SimulationConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
 from polish_sim.experiments.free_space import free_log
-from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
@@ -285,7 +285,7 @@ def prepare_drag(scenario: Checked) -> DragTask:
         path = path.rows(path.segment == PROCESS)
     if len(path.s) < 2 or arc_length(path.positions_work)[-1] < SPACING_M:
         raise PlanError(f"'{scenario.drag.follow}' has no way on the part to be dragged along.")
-    return DragTask(mesh, surface, path, reach_path(scenario, mesh, surface, path, pressed_in=False))
+    return DragTask(mesh, surface, path, PartPlacing(scenario, mesh, surface, path, pressed_in=False).reach())
 
 
 def _rim(surface: Surface, loop: Array) -> ToolPath:
@@ -332,7 +332,7 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
-        taught, more = _teach(scenario, task, dragged, run.rows["read"])
+        taught, more = _teach(scenario.drag, scenario.simulation, task, dragged, run.rows["read"])
         path = taught.path
         figures = figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
@@ -348,14 +348,15 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     )
 
 
-def _teach(scenario: Checked, task: DragTask, dragged: DragTable, read: Array) -> tuple[Taught, Figures]:
+def _teach(
+    drag: DragConfig, simulation: SimulationConfig, task: DragTask, dragged: DragTable, read: Array
+) -> tuple[Taught, Figures]:
     """The recording at the log's rate as a path, and how near it came."""
-    drag = scenario.drag
-    every = scenario.simulation.log_every
+    every = simulation.log_every
     # What the encoders say is all that is known of the tool.
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
-    clock: Array = np.arange(len(read)) * np.float64(every * scenario.simulation.timestep_s)
+    clock: Array = np.arange(len(read)) * np.float64(every * simulation.timestep_s)
     record = Recording(clock, T_work_tool[:, :3, 3])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polish_sim.analysis.claim import PATH_DONE, Claim
-from polish_sim.config import Scenario, SpindleConfig
+from polish_sim.config import GuideConfig, Scenario, SpindleConfig
 from polish_sim.experiments.registry import (
     PART_OPTIONS,
     REGION_OPTIONS,
@@ -67,11 +67,10 @@ CLAIMS: Mapping[str, tuple[Claim, ...]] = {
 """What is asked of each kind of run."""
 
 
-def kind_of(scenario: Scenario) -> str:
+def kind_of(guide: GuideConfig, follow: str) -> str:
     """Which figures a run has: the whole trial, some of its moves, one mode, an arm that sags, or a taught
     path."""
-    guide = scenario.guide
-    if scenario.drag.follow:
+    if follow:
         return "path"
     if not (guide.mode or guide.direction or guide.duration_s):
         return "trial"
@@ -98,7 +97,7 @@ TEACH = Experiment(
     "a hand guides the arm, whose torques make it light (paper 3, fig. 6)",
     Scenario(experiment="teach", spindle=SpindleConfig(speed_rpm=0.0)),
     run="polish_sim.hand_guiding.drag:run_guiding",
-    claims=lambda scenario: CLAIMS[kind_of(scenario)],
+    claims=lambda s: CLAIMS[kind_of(s.guide, s.drag.follow)],
     plots=_plots,
     forms={"moves": [str]},
     comparisons={"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding_runs"},

@@ -13,7 +13,6 @@ from polish_sim.config import Checked, Scenario
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.experiments.assembly import check
-from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.job.tools import JobTool, named_place, naming_line, read_tools
 from polish_sim.scenario_file import merge, region_with_file, with_files
@@ -157,7 +156,7 @@ def _pass(
     tool.check_force(head.tool, scenario.process.contact_force_n)
     read = (_split(zone, Zone(), ())[0] for zone in zones)
     placed = (replace(zone, region=region_with_file(zone.region, folder)) for zone in read)
-    return Pass(*number, setup, head, tool, tuple(placed), axis_kept(check(scenario)))
+    return Pass(*number, setup, head, tool, tuple(placed), check(scenario))
 
 
 def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str, Any]]:

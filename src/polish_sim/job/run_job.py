@@ -22,7 +22,7 @@ from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
-from polish_sim.config import Checked
+from polish_sim.config import Checked, ProcessConfig
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
@@ -119,9 +119,9 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
     parts: list[RunResult] = []
     planned_s = math.nan
     while True:
-        task = prepare_surface(scenario, plan)
-        part = build_part(scenario, task.place)
-        cell = build_cell(scenario, task.place, part)
+        place = prepare_surface(scenario, plan)
+        part = build_part(scenario, place)
+        cell = build_cell(scenario, place, part)
         planned_s = planned_s if parts else cycle_time(cell.strokes)
         pieces = folder / "pieces" / str(len(parts))
         before = _read_pieces(pieces)
@@ -134,7 +134,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
             default=None,
         )
         played = before if reached is not None else _play(cell, pieces, observer)
-        parts.append(measure_run(scenario, task, cell, part, cell.result(played)))
+        parts.append(measure_run(scenario, plan, place, cell, part, cell.result(played)))
         starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
         if reached is None or reached >= ends[-1] - NOTHING_M:
             break
@@ -157,10 +157,10 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
             measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
             scenario,
         )
-    plan = zoned(one, scenario, plan_removal(scenario, observer))
+    plan = zoned(one, scenario.process, plan_removal(scenario, observer))
     if scenario.safety.proof != "none":
         plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
-    pose = to_pose(prepare_surface(scenario, plan).place.reach.T_base_work)
+    pose = to_pose(prepare_surface(scenario, plan).reach.T_base_work)
     scenario = replace(scenario, part=replace(scenario.part, pose=pose))
     # A job is repeated byte for byte.
     plan = replace(plan, figures={**plan.figures, "plan_time_s": 0.0})
@@ -173,10 +173,9 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
     return plan, scenario
 
 
-def zoned(one: Pass, scenario: Checked, plan: PlanResult) -> PlanResult:
+def zoned(one: Pass, process: ProcessConfig, plan: PlanResult) -> PlanResult:
     """The plan with less force near the region's border, and the zones' own force and feed."""
     path = plan.path
-    process = scenario.process
     asked = plan.plan
     force = path.force_at(path.s, process.contact_force_n)
     feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed

@@ -19,12 +19,12 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell import RealPart
-from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.linear_arm import arm_modes, joints_about
 from polish_sim.config import Checked, Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
 from polish_sim.experiments.assembly import Memory, Workplace, build_cell, build_part, check, place_key
 from polish_sim.experiments.force import place_force
-from polish_sim.experiments.part_pose import reach_path
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry, latency_settings
@@ -123,7 +123,7 @@ def build_bench(scenario: Scenario) -> Bench:
     low = place.path.positions_work.copy()
     low[0] = low[1] + START_HEIGHT * place.path.axes_work[1]
     path = replace(place.path, positions_work=low, s=np.array([0.0, START_HEIGHT]))
-    place = replace(place, path=path, reach=reach_path(calm, place.mesh, place.surface, path))
+    place = replace(place, path=path, reach=PartPlacing(calm, place.mesh, place.surface, path).reach())
     return Bench(place, build_part(calm, place))
 
 
@@ -192,7 +192,7 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     controller = scenario.controller
     setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)), one_mass())
     if scenario.robot.elastic and controller.adaptive.arm_mode_hz:
-        mode = float(arm_modes(scenario, setup.stiffness, FORCE_POSE[None])[0])
+        mode = float(arm_modes(joints_about(scenario, FORCE_POSE[None]), setup.stiffness)[0])
         known = replace(controller.adaptive, arm_mode_hz=mode / (2.0 * math.pi))
         controller = replace(controller, adaptive=known)
     return measure_law(

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, slipping_gears
+from polish_sim.cell.linear_arm import JointsAbout, joints_about, motion_matrices
 from polish_sim.config import Scenario
 
 Complex = NDArray[np.complex128]
@@ -61,22 +61,18 @@ FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717]
 """Joints in the experiment ``force`` [rad], shape (6,)."""
 
 
-def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -> LoopArm:
-    """The arm with gears and rotors about a pose (6,) [rad], that of ``force`` if not given, loaded by its
-    weight and the contact force.
+def elastic_arm(about: JointsAbout, swing: float = 0.0) -> LoopArm:
+    """The arm with gears and rotors about a pose, loaded by its weight and the contact force.
 
     Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part
     damps (by harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it
     damps. The host's loops across the tool axis are left out, too, and so is the slow correction of servos on
     the links' side.
     """
-    about = joints_about(scenario, q[None])[0]
     arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))
-    force = scenario.process.contact_force_n
-    gears = gears_about(scenario.robot.real, force, about, slipping_gears(arm, swing))
-    mass, stiffness, damping = motion_matrices(about, gears)
+    mass, stiffness, damping = motion_matrices(about, swing)
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
     host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
@@ -109,8 +105,10 @@ def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
     ``arm``: in its pose; that of ``force`` if not given, elastic joints swinging by next to nothing.
     """
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
+    if arm is None and scenario.robot.elastic:
+        arm = elastic_arm(joints_about(scenario, FORCE_POSE[None])[0])
     return LoopSetup(
-        arm or (elastic_arm(scenario) if scenario.robot.elastic else one_mass()),
+        arm or one_mass(),
         head.stiffness_n_m * head.spring_scale,
         head.damping_n_s_m,
         head.mass_kg,

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.metrics import errors_at_peaks, peaks_passed
-from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_arm import take_arm
@@ -97,20 +96,20 @@ def _measure(task: Task) -> Row:
 
 def measured(task: Task, place: Workplace, run: CellRun) -> Row:
     """The figures of a run of a task's scenario, whatever drove the robot."""
-    scenario = task.scenario
     return (
         _named(task)
-        | _figures(task, scenario, place, run)
+        | _figures(task, place, run)
         | {
             "protective_stop": run.stop_reason,
             "largest_force_n": float(run.trace.normal_force_n.max()),
-            "duration": run.steps * scenario.simulation.timestep_s,
+            "duration": run.steps * run.dt,
         }
     )
 
 
-def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> Row:
-    trace, force = run.trace, scenario.process.contact_force_n
+def _figures(task: Task, place: Workplace, run: CellRun) -> Row:
+    process, trace = task.scenario.process, run.trace
+    force = process.contact_force_n
     wanted = (
         place.path.force_at(trace.path_s_m, force) if task.case.moving else np.full(len(trace.time_s), force)
     )
@@ -123,24 +122,20 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
         return figures | {"peaks_error_n": None, "slowed": None}
     error = (trace.normal_force_n - wanted)[fed]
     at_peaks = errors_at_peaks(path_s, error, peaks_passed(place.path, path_s)).at_peaks_n
-    return figures | {"peaks_error_n": plain(at_peaks), "slowed": _slowed(scenario, path_s)}
-
-
-def _slowed(scenario: Scenario, path_s: Array) -> float | None:
-    """Share of the wanted feed that was not driven [-]; the places on the path at the steps of the feed,
-    shape (n,)."""
-    planned = len(path_s) * scenario.simulation.timestep_s * scenario.process.feed_m_s
-    return 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
+    # Share of the wanted feed that was not driven [-].
+    planned = len(path_s) * run.dt * process.feed_m_s
+    slowed = 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
+    return figures | {"peaks_error_n": plain(at_peaks), "slowed": slowed}
 
 
 def _done(task: Task, place: Workplace, run: CellRun) -> bool:
     """Whether the hold or the feed went to its end; a feed of limited time ends when its time is over."""
-    scenario = task.scenario
+    process = task.scenario.process
     if not task.case.moving:
-        return hold_done(scenario, run) > 0.999
+        return hold_done(process.hold_s, run) > 0.999
     fed = run.trace.fed
-    limit = scenario.process.max_feed_s
-    timed_out = limit > 0.0 and float(np.sum(fed)) * scenario.simulation.timestep_s >= 0.999 * limit
+    limit = process.max_feed_s
+    timed_out = limit > 0.0 and float(np.sum(fed)) * run.dt >= 0.999 * limit
     return timed_out or path_done(place.path, run.trace.path_s_m[fed]) > 0.999
 
 

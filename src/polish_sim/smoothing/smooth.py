@@ -208,12 +208,21 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     }
     observer.stage("simulate")
     started = time.perf_counter()
-    own = [play_rule(scenario, task, name, motion) for name, motion in made.items()]
+
+    def by_rule(rule: str, motion: SmoothMotion) -> RulePlay:
+        """Joint angles and speeds to the servos, one pair a step."""
+        clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
+        targets = sampled_joints(motion.sample(clock), task.arm)
+        servos = JointTargets(targets.q, targets.first)
+        played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
+        places = motion.places_at(task.marks, clock)[0]
+        return RulePlay(
+            PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played
+        )
+
+    own = [by_rule(name, motion) for name, motion in made.items()]
     slowest = max(motion.end for motion in made.values())
-    even = [
-        play_rule(scenario, task, name, motion.stretched(slowest / motion.end))
-        for name, motion in made.items()
-    ]
+    even = [by_rule(name, motion.stretched(slowest / motion.end)) for name, motion in made.items()]
     figures: Figures = {}
     for play, (name, motion) in zip(own, made.items(), strict=True):
         figures |= _named(name, "", {"cycle_time_s": motion.end} | _peaks_over_limits(play, task.limits))
@@ -232,16 +241,6 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     return RunResult(
         scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures, None, False
     )
-
-
-def play_rule(scenario: Checked, task: SmoothTask, rule: str, motion: SmoothMotion) -> RulePlay:
-    """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
-    clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
-    targets = sampled_joints(motion.sample(clock), task.arm)
-    servos = JointTargets(targets.q, targets.first)
-    played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
-    places = motion.places_at(task.marks, clock)[0]
-    return RulePlay(PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played)
 
 
 def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
