@@ -141,7 +141,7 @@ def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
         return measured
 
     monkeypatch.setattr(score, "_measure", counted(planted))
-    monkeypatch.setattr("polish_sim.scoring.border.press", counted(pressed))
+    monkeypatch.setattr("polish_sim.scoring.border.press_bench", counted(pressed))
     monkeypatch.setattr("polish_sim.scoring.border.build_bench", lambda _: None)
     monkeypatch.setattr("polish_sim.scoring.border.longest_stable", lambda _: 0.03)
     code, _, err = polish_sim(*words, "cut")

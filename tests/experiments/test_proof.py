@@ -52,9 +52,9 @@ SOFT = ("pad.stiffness_n_m=6000", "process.contact_force_n=36")  # the corner do
 
 
 def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
-    """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
+    """Over the plate into its corner, where a quarter of the pad is left to carry the force."""
     scenario = pressing(*changes)
-    return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
+    return scenario, planned(scenario, straight((0.04, 0.04), (0.0995, 0.0995)))
 
 
 def prover_of(scenario: Scenario, plan: PlanResult) -> _Prover:
@@ -257,7 +257,7 @@ def test_a_force_that_falls_along_the_path_is_no_surface_that_rises():
 def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning():
     """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
     scenario = pressing(*SOFT)
-    plan = planned(scenario, straight((0.0995, 0.0995), (0.0, 0.0)))
+    plan = planned(scenario, straight((0.0995, 0.0995), (0.04, 0.04)))
     proven = prove(scenario, plan)
     begins = [path.positions_work[0] for path in (plan.path, proven.plan.path)]
     assert np.linalg.norm(begins[1] - begins[0]) > 0.01  # [m]
