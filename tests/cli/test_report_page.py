@@ -337,7 +337,7 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
 
 
 def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim):
-    words = ["plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan"]
+    words = ["plan", "sphere_100", "--stepover", "40", "--feed", "40", "--out", "plan"]
     out = done(polish_sim(*words, *UNPROVEN)).out
     assert "plan/report.html" in out
     page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))

@@ -113,7 +113,7 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path):
 @pytest.mark.parametrize("change", [{"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}])
 def test_what_cannot_be_followed_is_refused(change):
     with pytest.raises(PolishSimError):
-        plan_removal(replace(EVEN, plan=replace(EVEN.plan, **change)))  # type: ignore[arg-type]
+        plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))  # type: ignore[arg-type]
 
 
 def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path):
@@ -126,7 +126,7 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
     removal = RemovalMap(*on, exposure, up, 0.0, 0.0, 0.0, 1.0)
     write_removal_mesh(tmp_path / "removal.ply", removal)
     region = f"under:{tmp_path / 'removal.ply'}:0.8"
-    again = plan_part(EVEN.part, PlanConfig(region=region))
+    again = plan_part(EVEN.part, PlanConfig(region=region, stepover_m=0.03))
     assert again.ready.region.area_m2 == pytest.approx(0.5 * ready.region.area_m2, rel=0.03)
     away, nearest = cKDTree(mesh.vertices).query(again.ready.ground.mesh.vertices)
     assert np.mean(exposure[nearest[away < 0.002]] == 1.0) > 0.95

@@ -302,7 +302,7 @@ def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_pa
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its gear error shakes the sensor."""
-    changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
+    changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.02"]
     scenario = override(default_scenario("surface"), changes)
     proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))
     assert {mend.what for mend in proven.plan.mends} >= {SLOWED}
