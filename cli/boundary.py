@@ -30,7 +30,10 @@ from polish_sim.row_file import Metrics
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
 NOTHING_RECORDED = "interrupted; nothing was recorded yet."
-NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EACCES, errno.EROFS)
+NO_ROOM = {
+    *(errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EACCES, errno.EROFS),
+    *(errno.EISDIR, errno.ENOTDIR),
+}
 
 
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
@@ -74,7 +77,8 @@ def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
         if swallowed or _is_interrupt(error):
             return console.fail(NOTHING_RECORDED, INTERRUPTED)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
-            where = f" '{error.filename}'" if error.filename else ""
+            file = error.filename2 or error.filename
+            where = f" '{file}'" if file else ""
             return console.fail(
                 f"cannot write{where}: {error.strerror}. Make room, or write elsewhere.", USAGE
             )

@@ -19,7 +19,7 @@ import typer
 
 from polish_sim.config import PadConfig, PlanConfig, Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
-from polish_sim.errors import ConfigError, InputError, leave_out, number_text
+from polish_sim.errors import ConfigError, InputError, number_text, refuse_idle
 from polish_sim.scenario_file import (
     AUTO,
     COUNTS,
@@ -509,19 +509,21 @@ def chosen(given: Given, *names: str) -> dict[str, Any]:
 
 def refuse_without(given: Given, needed: str, *options: str) -> None:
     """Refuse options that change nothing without one of others, named with spaces (InputError)."""
-    if all(given.get(option) is None for option in needed.split()):
-        _refuse_idle(given, options, f"without {' or '.join(needed.split())}")
+    named = named_options(given)
+    if not named & set(needed.split()):
+        refuse_idle(named, options, f"without {' or '.join(needed.split())}")
 
 
 def refuse_beside(given: Given, chosen: str, *options: str) -> None:
     """Refuse options that change nothing beside another one, by name (InputError)."""
-    if given.get(chosen) is not None:
-        _refuse_idle(given, options, f"with {chosen}")
+    named = named_options(given)
+    if chosen in named:
+        refuse_idle(named, options, f"with {chosen}")
 
 
-def _refuse_idle(given: Given, options: Sequence[str], why: str) -> None:
-    if idle := [option for option in options if given.get(option) is not None]:
-        raise InputError(leave_out(idle, f"would change nothing {why}"))
+def named_options(given: Given) -> set[str]:
+    """The options that were given."""
+    return {name for name, value in given.items() if value is not None}
 
 
 def refuse_idle_on_path(plan: PlanConfig, listens: Mapping[str, Sequence[str]], given: Given) -> None:

@@ -18,6 +18,7 @@ from polish_sim.cli.options import (
     Given,
     argument,
     build_scenario,
+    named_options,
     refuse_beside,
     refuse_idle_on_path,
     refuse_without,
@@ -75,8 +76,8 @@ def plan(part: PartFile, given: Given) -> int:
     refuse_beside(given, "--dual", "--reach-map")
     given = {**given, "--part": part}
     refuse_taken(given)
-    named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture") if given[name] is not None]
     if dual:
+        named = named_options(given) & {*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture"}
         refuse_idle_options(experiment("dual"), named)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)

@@ -22,6 +22,7 @@ from polish_sim.cli.options import (
     OUTPUT_OPTIONS,
     Given,
     build_scenario,
+    named_options,
     refuse_beside,
     refuse_idle_on_path,
     refuse_without,
@@ -31,7 +32,7 @@ from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
-from polish_sim.errors import InputError, place_in_mm
+from polish_sim.errors import InputError, place_in_mm, refuse_idle
 from polish_sim.experiments.registry import (
     PATH_OPTIONS,
     ROWS,
@@ -386,9 +387,7 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     """
     from polish_sim.exchange import read_path
 
-    asked = [option for option in PATH_OPTIONS if given.get(option) is not None]
-    if asked:
-        raise InputError(f"plan.file is a finished plan: leave {', '.join(asked)} out.")
+    refuse_idle(named_options(given), PATH_OPTIONS, "on a finished plan, plan.file")
     path = read_path(source)
     facts = plan_facts(source)
     named = {"plan": {"file": str(source.resolve()), "begin_m": scenario.plan.begin_m}}

@@ -14,10 +14,19 @@ from typing import TYPE_CHECKING, Annotated
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import duration, filled
-from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
+from polish_sim.cli.options import (
+    CONFIG_OPTIONS,
+    OWN,
+    Given,
+    Own,
+    argument,
+    build_scenario,
+    named_options,
+    takes,
+)
 from polish_sim.cli.run import checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import InputError, count_text, needed, unknown_name
+from polish_sim.errors import count_text, needed, refuse_idle, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
 from polish_sim.page import Table, save_page
@@ -95,16 +104,12 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
     if file.is_file() or (file.suffix == ".toml" and what not in EXPERIMENTS):
         study = read_study(file)
-        given_twice = [option for option in OF_STUDY if given[option] is not None]
-        if given_twice:
-            raise InputError(
-                f"a study says what is varied: write {', '.join(given_twice)} into '{file}', or leave it out."
-            )
+        refuse_idle(named_options(given), OF_STUDY, f"beside a study: what is varied is written in '{file}'")
         out = given["--out"] or (
             file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
         )
     elif what in EXPERIMENTS:
-        refuse_idle_options(experiment(what), [option for option in OF_RUNS if given[option] is not None])
+        refuse_idle_options(experiment(what), named_options(given) & set(OF_RUNS))
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
         study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from decimal import Decimal
 from errno import EINVAL
 from importlib import import_module
@@ -132,9 +132,15 @@ def count_text(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def leave_out(names: Sequence[str], why: str = "would change nothing") -> str:
+def leave_out(names: Sequence[str], why: str) -> str:
     """Name options that have no effect and say to leave them out, singular or plural."""
     return f"{', '.join(names)} {why}: leave {'it' if len(names) == 1 else 'them'} out."
+
+
+def refuse_idle(named: Collection[str], options: Iterable[str], where: str) -> None:
+    """Refuse those of some options that are named ``where`` they change nothing (InputError)."""
+    if idle := [option for option in options if option in named]:
+        raise InputError(leave_out(idle, f"would change nothing {where}"))
 
 
 def place_in_mm(point: Iterable[SupportsFloat]) -> str:

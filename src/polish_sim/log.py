@@ -298,9 +298,12 @@ def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:
     }
     columns["triangles"] = triangles = arrays["triangles"].astype(np.int64)
     removal = RemovalMap(**columns)
-    count = len(removal.exposure)
-    shapes = removal.areas.shape, removal.vertices.shape, removal.normals.shape
+    (count,) = nodes = removal.exposure.shape
+    corners = (len(triangles), 3)
+    shapes = {"vertices": (count, 3), "normals": (count, 3), "triangles": corners, "up": (3,)}
+    shapes |= {"areas": nodes, "exposure": nodes}
+    fits = all(array.shape == shapes.get(name, ()) for name, array in arrays.items())
     known = triangles.size and 0 <= triangles.min() <= triangles.max() < count
-    if shapes != ((count,), (count, 3), (count, 3)) or not known:
+    if not (fits and known and removal.areas.sum() > 0.0 and removal.normals.any(axis=1).all()):
         raise ValueError("its nodes, areas and triangles do not fit each other")
     return removal

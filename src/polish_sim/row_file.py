@@ -11,7 +11,9 @@ import os
 import platform
 import shutil
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import version
@@ -109,9 +111,12 @@ def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
 class Rows:
     """The rows of one folder, on disk and in memory, each with a key that says what it depends on."""
 
+    needed: AbstractSet[str] = frozenset()  #: What every row has
+
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / ROWS
         self.known: dict[str, Any] = {}
+        self.damaged = False  #: Whether there were lines that do not count
         for key, row in self.read():
             self.note(key, row)
 
@@ -124,21 +129,25 @@ class Rows:
         return [task for task, key in keys.items() if key not in self.known]
 
     def read(self) -> Iterator[tuple[str, Row]]:
-        """Keys and rows; a damaged line is passed over."""
+        """Keys and rows; a line that was damaged or edited is passed over."""
         if not self.path.exists():
             return
         with self.path.open("rb") as lines:
             for line in lines:
                 try:
                     entry = json.loads(line)
-                    yield str(entry["key"]), dict(entry["row"])
+                    key, row = str(entry["key"]), dict(entry["row"])
+                    whole = entry.get("sum", _check_sum(row)) == _check_sum(row) and self.needed <= row.keys()
                 except (ValueError, KeyError, TypeError):
-                    continue
+                    whole = False
+                if whole:
+                    yield key, row
+                self.damaged |= not whole
 
     def add(self, key: str, row: Metrics) -> None:
         """Append a row; the line is whole or, when next read, it is not there."""
         kept = plain(row)
-        line = json.dumps({"key": key, "row": kept}, allow_nan=False) + "\n"
+        line = json.dumps({"key": key, "row": kept, "sum": _check_sum(kept)}, allow_nan=False) + "\n"
         try:
             with self.path.open("ab") as file:
                 file.write(line.encode())
@@ -146,6 +155,10 @@ class Rows:
             _cut_torn_line(self.path)
             raise
         self.note(key, kept)
+
+
+def _check_sum(row: Row) -> int:
+    return zlib.crc32(json.dumps(row).encode())
 
 
 def plain(value: Any) -> Any:

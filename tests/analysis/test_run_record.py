@@ -59,6 +59,7 @@ def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
         ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]),
         ("protective_stop", ["no text"]),
         ("versions", "1.0"),
+        ("bad_figures", "x"),
     ],
 )
 def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path, figure, value):
@@ -86,6 +87,8 @@ def test_a_config_that_names_no_experiment_is_refused(record, tmp_path):
         ("path.npz", "curvature", lambda column: column * np.nan),
         ("removal.npz", "triangles", lambda triangles: triangles + 1000),
         ("removal.npz", "exposure", lambda exposure: exposure[:-1]),
+        ("removal.npz", "areas", np.zeros_like),
+        ("removal.npz", "preston_1_pa", np.atleast_1d),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused_by_file(record, tmp_path, name, array, change):

@@ -93,7 +93,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     assert f'file = "{mine}"' in config
     assert "stepover_m = 0.04 " in config
     for more, said in (
-        (["--lead-in", "arc", "--overlap", "60"], "leave --lead-in, --overlap out"),
+        (["--lead-in", "arc", "--overlap", "60"], "--overlap, --lead-in would change nothing with --path"),
         (["--part", "plate"], "another file than 'plate'"),
     ):
         refused(polish_sim(*run, *more, "--out", "other"), said)

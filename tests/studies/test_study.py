@@ -11,7 +11,7 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.row_file import locked
+from polish_sim.row_file import Rows, locked
 from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Study, read_axis, read_study, study_text
@@ -163,6 +163,18 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     page = sweep_page(asked, columns)
     assert page.title == "sweep: sensor.force_noise_n, controller.name"
     assert dict(page.tables["Ended"])[DONE] == "2"
+
+
+def test_a_row_that_was_edited_or_is_of_another_work_does_not_count(tmp_path):
+    table = RunTable(tmp_path)
+    for name in "abc":
+        table.add(name, {"config_hash": name, "seed": 0, "outcome": DONE, "force_mean_n": 20.0})
+    table.path.write_text(table.path.read_text().replace("20.0", "[20.0]", 1))
+    Rows(tmp_path).add("d", {"case": "step-20"})
+    again = RunTable(tmp_path)
+    assert set(again.known) == {"b", "c"}
+    again.write()
+    assert read_rows(tmp_path)["force_mean_n"] == [20.0, 20.0]
 
 
 def test_the_front_is_the_points_none_beats_in_both():

@@ -29,6 +29,7 @@ FORMS: Mapping[str, Any] = {
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
     "T_base_work": ((float,) * 4,) * 4,
     "versions": {},
+    "bad_figures": [str],
 }
 """What figures of every run that are not one number look like: text, numbers in tuples of a length, lists,
 entries."""

@@ -8,14 +8,12 @@ from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario
 from polish_sim.experiments.registry import (
     COVER_OPTIONS,
-    FINISHED,
     PART_OPTIONS,
     PATH_OPTIONS,
     REMOVAL_OPTIONS,
     TOOL_OPTIONS,
     TRIAL_OPTIONS,
     WATCH_OPTIONS,
-    Excludes,
     Experiment,
     always,
 )
@@ -154,11 +152,9 @@ DUAL = Experiment(
     faults="polish_sim.dual.faults:PAIR_FAULTS",
     remade=False,
     only_with={REMOVAL_OPTIONS: COVER_OPTIONS},
-    not_with=(
-        Excludes("--path", FINISHED, PATH_OPTIONS),
-        Excludes(
-            "--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")
-        ),
-    ),
+    not_with={
+        "--path": PATH_OPTIONS,
+        "--master-path": ("--master-speed", "--master-turn", "--part-pose"),
+    },
     notes="polish_sim.dual.scene:seat_notes",
 )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.analysis.claim import Claim, without_paper
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, leave_out, unknown_name
+from polish_sim.errors import InputError, refuse_idle, unknown_name
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import Records, RunRecord
@@ -60,7 +60,6 @@ COVER_OPTIONS = (
 """How a path covers a region."""
 PATH_OPTIONS = (*REGION_OPTIONS, *COVER_OPTIONS, *REMOVAL_OPTIONS)
 """What decides where a planned path runs."""
-FINISHED = "is a finished plan"
 FLANGED, POSITION = ("surface", "force"), "position"
 """Experiments an active flange takes part in, and the shipped controller of the arm behind it."""
 TOOL_OPTIONS = ("--pad-diameter", "--contact-force", "--spindle-rpm")
@@ -76,14 +75,6 @@ class Setting(NamedTuple):
     unit: str
     shown: Callable[[Scenario], str]
     where: str = "name"  #: Field of the experiment's row that is true where it has an effect
-
-
-class Excludes(NamedTuple):
-    """An option beside which others change nothing."""
-
-    option: str
-    why: str  #: End of the sentence that begins with the option
-    others: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -112,7 +103,8 @@ class Experiment:
     """Settings that make a run the paper's own trial, so that the paper's figures stand beside it."""
     only_with: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
     """Options that change something beside one of several others only, by those."""
-    not_with: tuple[Excludes, ...] = ()  #: Options that change nothing beside another one
+    not_with: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Options that change nothing beside another one, by that."""
     #: What its own figures that are not one number look like, beside `run_record.FORMS`
     forms: Mapping[str, Any] = field(default_factory=dict)
     #: More pictures of many seeds, as ``comparisons``
@@ -322,12 +314,10 @@ def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:
         InputError: Naming them and why.
     """
     named = set(given)
-    for option, why, others in row.not_with:
-        beside = sorted(named & set(others)) if option in named else []
-        if beside:
-            raise InputError(f"{option} {why}: leave {', '.join(beside)} out.")
-    idle = named - set(row.options)
+    for option, others in row.not_with.items():
+        if option in named:
+            refuse_idle(named, others, f"with {option}")
     for options, others in row.only_with.items():
-        idle |= set() if named & set(options) else named & set(others)
-    if idle:
-        raise InputError(leave_out(sorted(idle), f"would change nothing in 'run {row.name}'"))
+        if not named & set(options):
+            refuse_idle(named, others, f"without {' or '.join(options)}")
+    refuse_idle(named, sorted(named - set(row.options)), f"in 'run {row.name}'")

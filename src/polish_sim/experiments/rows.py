@@ -6,13 +6,11 @@ from __future__ import annotations
 from polish_sim.analysis.claim import FOLLOW_BAND_N, HOLD_BAND_N, PATH_DONE, Claim
 from polish_sim.config import PartConfig, RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.experiments.registry import (
-    FINISHED,
     PART_OPTIONS,
     PATH_OPTIONS,
     TOOL_OPTIONS,
     TRIAL_OPTIONS,
     WATCH_OPTIONS,
-    Excludes,
     Experiment,
     always,
 )
@@ -154,7 +152,7 @@ SURFACE = Experiment(
     fixtures=True,
     band_n=FOLLOW_BAND_N,
     only_with={("--path",): ("--from",)},
-    not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
+    not_with={"--path": PATH_OPTIONS},
     paper={
         "part.file": "freeform",
         "plan.file": "",

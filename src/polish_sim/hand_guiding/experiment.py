@@ -13,7 +13,6 @@ from polish_sim.experiments.registry import (
     REGION_OPTIONS,
     SEED_OPTIONS,
     WATCH_OPTIONS,
-    Excludes,
     Experiment,
     Setting,
 )
@@ -117,7 +116,7 @@ TEACH = Experiment(
         *WATCH_OPTIONS,
     ),
     only_with={("--follow",): (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter")},
-    not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
+    not_with={"--follow": ("--direction", "--duration")},
     title=_title,
     controlled=False,
     on_part=False,

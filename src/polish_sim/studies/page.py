@@ -115,7 +115,7 @@ def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> Tabl
         try:
             scenario = study.scenario(StudyRun(values, columns["seed"][k]))
             command = once_more(scenario, default_scenario(scenario.experiment))
-        except (ConfigError, InputError):  # of another study in this folder
+        except (ConfigError, InputError, ValueError):  # of another study in this folder
             command = "-"
         shown = value_text(goals[0], first[k]) if goals else "-"
         reason = str(columns["reason"][k] or "") if "reason" in columns else ""

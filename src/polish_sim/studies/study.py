@@ -94,7 +94,7 @@ class Study:
             PolishSimError: Naming the axis, the value or the option.
         """
         if self.sample not in SAMPLES:
-            raise unknown_name("sample", self.sample, SAMPLES)
+            raise unknown_name("sample", str(self.sample), SAMPLES)
         keys = [axis.key for axis in self.axes]
         if len(set(keys)) < len(keys):
             raise InputError(
@@ -233,8 +233,9 @@ def read_study(file: Path) -> Study:
     for key in table:
         if key not in _KEYS:
             raise unknown_name(f"key in '{file}'", key, _KEYS)
-    if table.get("experiment") not in ROWS:
-        raise unknown_name(f"experiment in '{file}'", str(table.get("experiment", "")), ROWS)
+    what = str(table.get("experiment", ""))
+    if what not in ROWS:
+        raise unknown_name(f"experiment in '{file}'", what, ROWS)
     counts = {name: table.get(name, usual) for name, usual in (("seeds", 1), ("first_seed", 0), ("count", 0))}
     for name, value in counts.items():
         if type(value) is not int or value < (name == "seeds"):
@@ -243,7 +244,7 @@ def read_study(file: Path) -> Study:
         if not isinstance(table.get(name, {}), dict):
             raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
     settings = [f"{key}={toml_value(value)}" for key, value in _flat(table.get("settings", {}))]
-    base = override(default_scenario(table["experiment"]), settings)
+    base = override(default_scenario(what), settings)
     axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
     return Study(
         replace(base, seed=counts["first_seed"]),

@@ -116,6 +116,8 @@ def _cell(value: Any) -> Any:
 class RunTable(Rows):
     """The rows of one sweep's folder; of each its outcome is in memory, by the hash of the run's config."""
 
+    needed = frozenset({"config_hash", "outcome", "seed"})
+
     def __init__(self, folder: Path) -> None:
         self._written_at, self._took_s = time.monotonic(), 0.0
         self._times: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
@@ -135,7 +137,7 @@ class RunTable(Rows):
     def write(self) -> None:
         """Write `RUNS` from all rows; the file is replaced when it is whole."""
         begun = time.monotonic()
-        write_parquet(self.path, self.folder / RUNS)
+        write_parquet(self, self.folder / RUNS)
         self._written_at, self._took_s = time.monotonic(), time.monotonic() - begun
 
     def note(self, key: str, row: Row) -> None:
@@ -151,20 +153,21 @@ class RunTable(Rows):
         return statistics.median(self._times) if self._times else None
 
 
-def write_parquet(rows: Path, table: Path) -> None:
-    """Turn lines of rows into a Parquet file, one row a key, the last one."""
+def write_parquet(rows: Rows, table: Path) -> None:
+    """Turn rows into a Parquet file, one row a key, the last one."""
     import pyarrow as pa
     import pyarrow.json as lines
     import pyarrow.parquet as parquet
 
-    if not rows.stat().st_size:
-        return
-    read = lines.read_json(rows, lines.ReadOptions(block_size=16 << 20))
-    # A key is there twice where a run was lost and done again later.
-    last = {key: place for place, key in enumerate(read["key"].to_pylist())}
-    read = read.take(pa.array(sorted(last.values()))) if len(last) < len(read) else read
-    flat = read.select(["row"]).flatten()
-    flat = flat.rename_columns([name.removeprefix("row.") for name in flat.column_names])
+    if rows.damaged:
+        flat = pa.Table.from_struct_array(pa.array(list(dict(rows.read()).values())))
+    else:  # many rows take less memory so
+        read = lines.read_json(rows.path, lines.ReadOptions(block_size=16 << 20))
+        # A key is there twice where a run was lost and done again later.
+        last = {key: place for place, key in enumerate(read["key"].to_pylist())}
+        read = read.take(pa.array(sorted(last.values()))) if len(last) < len(read) else read
+        flat = read.select(["row"]).flatten()
+        flat = flat.rename_columns([name.removeprefix("row.") for name in flat.column_names])
     with whole_file(table) as draft:
         parquet.write_table(flat, draft, compression="zstd")
 
