@@ -10,7 +10,7 @@ from typing import Annotated
 from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, argument, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_settings
+from polish_sim.cli.run import check_part, planned_part, planned_settings
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
@@ -36,7 +36,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     refuse_taken(given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
-    from polish_sim.exchange import read_path
+    from polish_sim.exchange import plan_facts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import guessed_stepover, inspect_path

@@ -14,7 +14,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
-from polish_sim.cli.run import check_part, plan_facts
+from polish_sim.cli.run import check_part
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import Table, save_page
@@ -43,6 +43,7 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     if part is not None:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
     # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.exchange import plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
 

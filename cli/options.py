@@ -526,12 +526,15 @@ def named_options(given: Given) -> set[str]:
     return {name for name, value in given.items() if value is not None}
 
 
-def refuse_idle_on_path(plan: PlanConfig, listens: Mapping[str, Sequence[str]], given: Given) -> None:
+def refuse_idle_on_path(plan: PlanConfig, given: Given) -> None:
     """Refuse options the chosen pattern, or axis smoothing that is off, takes no notice of.
 
     Raises:
         InputError: Naming the first one and where it counts.
     """
+    from polish_sim.planning import PATTERNS  # numpy is slow to import
+
+    listens = {name: pattern.listens for name, pattern in PATTERNS.items()}
     keys = config_keys(Scenario())
     some = {name for names in listens.values() for name in names}
     for option, key in keys.items():

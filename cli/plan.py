@@ -85,9 +85,8 @@ def plan(part: PartFile, given: Given) -> int:
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.setups import SetupSearch
-    from polish_sim.planning import PATTERNS
 
-    refuse_idle_on_path(asked.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+    refuse_idle_on_path(asked.plan, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     scenario = check(asked)
     if "urscript" in wanted.formats:

@@ -4,7 +4,6 @@ figures."""
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -58,7 +57,6 @@ if TYPE_CHECKING:
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
-PLAN_FACTS = ("part", "fixture", "plan", "up", "pad", "contact_force_n", "feed_m_s", "proof")
 PICTURES_MISSING = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
 
 
@@ -183,7 +181,6 @@ def run_into(
 def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Checked]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.experiments.assembly import check
-    from polish_sim.planning import PATTERNS
 
     row = experiment(scenario.experiment)
     source = Path(scenario.plan.file) if scenario.plan.file else None
@@ -195,7 +192,7 @@ def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Chec
     elif source is not None:
         scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
     elif row.plans:
-        refuse_idle_on_path(scenario.plan, {name: known.listens for name, known in PATTERNS.items()}, given)
+        refuse_idle_on_path(scenario.plan, given)
     return path, check(scenario, path)
 
 
@@ -347,7 +344,7 @@ def plan_to_run(
     if given is None and not row.is_planned(scenario.plan.removal):
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.exchange import read_cuts, write_plan
+    from polish_sim.exchange import plan_facts, read_cuts, write_plan
     from polish_sim.experiments.even_removal import plan_removal
     from polish_sim.experiments.proof import proof_notes, prove_with_a_pad_that_fits, why_not_proven
     from polish_sim.planning import measure_given_path
@@ -385,7 +382,7 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
         InputError: If the plan cannot be read, belongs to another part, or is asked to be planned
             differently.
     """
-    from polish_sim.exchange import read_path
+    from polish_sim.exchange import plan_facts, read_path
 
     refuse_idle(named_options(given), PATH_OPTIONS, "on a finished plan, plan.file")
     path = read_path(source)
@@ -455,22 +452,6 @@ def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> di
         settings["pad"] = {**facts["pad"], "choice": "given"}
         settings["process"]["contact_force_n"] = facts["contact_force_n"]
     return settings
-
-
-def plan_facts(source: Path) -> dict[str, Any]:
-    """What a path.json says beside its path; empty for other files."""
-    file = source / "path.json" if source.is_dir() else source
-    if file.suffix.lower() != ".json":
-        return {}
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"'{file}' is damaged: {error}.") from None
-    if not {"part", "plan"} <= set(document):
-        raise InputError(
-            f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
-        )
-    return {name: document.get(name) for name in PLAN_FACTS}
 
 
 def check_part(

@@ -163,14 +163,14 @@ def show_worst(rows: Mapping[Task, Row], folder: Path) -> int:
 
 def write_and_show(given: Given, score: Score, folder: Path) -> int:
     """Write and print the results of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
-    from polish_sim.scoring import BATTERY_ASKED, REACH, judge, score_tables
+    from polish_sim.scoring import BATTERY_ASKED, REACH, judge, score_notes, score_tables
 
     asked = REACH if given["--reach"] else BATTERY_ASKED
     verdicts = [(entry, judge(asked, score.rows_of(entry))) for entry in score.entries]
     _write(folder, given, score, verdicts, asked)
     for table in score_tables(score, verdicts, bool(given["--ablate"]), means=False):
         console.table(table)
-    for line in _notes(score):
+    for line in score_notes(score):
         console.say(line)
     console.say_folder(folder)
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
@@ -179,7 +179,7 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
 
 def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits: Sequence[Asked]) -> None:
     from polish_sim.page.page import Page
-    from polish_sim.scoring import ablation_ratios, markdown, score_tables
+    from polish_sim.scoring import ablation_ratios, about_score, markdown, score_notes, score_tables
     from polish_sim.scoring.figures import DEFINITIONS
     from polish_sim.scoring.plot import plot_ablation, plot_score
 
@@ -209,8 +209,8 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
     tables = score_tables(score, verdicts, bool(given["--ablate"]))
     put_file(folder, "score.md", markdown(score, tables))
     named = ", ".join(entry.label for entry in score.entries)
-    about = f"{count_text(len(score.rows), 'run')} of {count_text(len(score.cases), 'case')}"
-    save_page(folder, Page.of(f"score: {named}", about, [*tables, _worst_runs(score)], _notes(score)))
+    page = Page.of(f"score: {named}", about_score(score), [*tables, _worst_runs(score)], score_notes(score))
+    save_page(folder, page)
     moving = {case.name: case.moving for case in score.cases}
     save_plots(folder, {
         "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
@@ -231,21 +231,6 @@ def _facts(score: Score) -> dict[str, Any]:
         "runs": len(score.rows),
         "runs_missing": score.wanted - len(score.rows),
     }
-
-
-def _notes(score: Score) -> list[str]:
-    """The worst case of each controller, and where it breaks."""
-    from polish_sim.scoring import breaking, summarize, worst_line
-
-    summaries = summarize(score)
-    return [
-        line
-        for entry in score.entries
-        for line in (
-            f"worst case of {worst_line(score, entry)}",
-            *(f"  breaks in {case}" for case in breaking(summaries, entry)),
-        )
-    ]
 
 
 def _worst_runs(score: Score) -> Table:

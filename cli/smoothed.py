@@ -15,9 +15,8 @@ from matplotlib.figure import Figure
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.cli.output_folder import put_file
-from polish_sim.cli.run import plan_facts
 from polish_sim.errors import InputError, PolishSimError, count_text
-from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
+from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits

@@ -83,11 +83,36 @@ def read_json(file: Path) -> dict[str, Any]:
     """Read figures written by ``write_json``."""
     try:
         figures = json.loads(regular(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"cannot read '{file}': {error}.") from error
     if not isinstance(figures, dict):
         raise InputError(f"'{file}' does not hold figures by name.")
     return figures
+
+
+def check_forms(values: Metrics, forms: Mapping[str, Any], file: Path, again: str) -> None:
+    """Refuse entries of a ``file`` that do not have their form (InputError); what is missing or null passes.
+
+    A form is ``str``, ``float``, numbers in a tuple of a length, a list, entries by name (`...`: of any), or
+    a function that says so; ``again`` says what to do.
+    """
+    for name, form in forms.items():
+        if not (values.get(name) is None or fits(values[name], form)):
+            raise InputError(f"'{name}' in '{file}' is not as it was written. {again}")
+
+
+def fits(value: Any, form: Any) -> bool:
+    """Whether what was read has a form of `check_forms`."""
+    if isinstance(form, dict):
+        own = dict.fromkeys(value, form[...]) if ... in form and isinstance(value, dict) else form
+        return isinstance(value, dict) and all(fits(value.get(name), part) for name, part in own.items())
+    if isinstance(form, (list, tuple)):
+        forms = form if isinstance(form, tuple) or not isinstance(value, list) else form * len(value)
+        return isinstance(value, list) and len(value) == len(forms) and all(map(fits, value, forms))
+    if not isinstance(form, type):
+        return bool(form(value))
+    kinds: Any = (int, form)
+    return isinstance(value, str) if form is str else isinstance(value, kinds) and math.isfinite(value)
 
 
 @cache

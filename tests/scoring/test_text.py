@@ -87,7 +87,7 @@ def test_the_page_has_each_case_with_the_change_of_its_worst_run():
     assert "## all cases, mean / worst seed" in page
     assert "| max [N] | 1 | 4 | 1 | 4 | -3 (-75%) |" in page
     assert "`run force` with `process.hold_s=2`" in page
-    assert "Nowhere in these cases." in page
+    assert "- worst case of beta: freeform-60 (seed 0, error up to 4 N)" in page
     assert "**stable**:" in page
 
 

@@ -18,21 +18,27 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
 from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.row_file import METRICS, Metrics, read_json, write_json
+from polish_sim.row_file import METRICS, Metrics, check_forms, fits, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
 
 CONFIG, LOG, PATH = "config.toml", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
+
+
+def _is_pose(value: Any) -> bool:
+    return fits(value, ((float,) * 4,) * 4) and bool(np.linalg.det(value) > 0.5)
+
+
 FORMS: Mapping[str, Any] = {
     "protective_stop": str,
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
-    "T_base_work": ((float,) * 4,) * 4,
+    "T_base_work": _is_pose,
     "versions": {},
     "bad_figures": [str],
 }
-"""What figures of every run that are not one number look like: text, numbers in tuples of a length, lists,
-entries."""
+"""What figures of every run that are not one number look like, as of `check_forms`."""
+WITHOUT = "Delete the entry to see the run without it."
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ def read_record(folder: Path) -> RunRecord:
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
     name = folder.resolve().name
     metrics = read_json(folder / METRICS)
-    check_forms(metrics, FORMS, folder / METRICS)
+    check_forms(metrics, FORMS, folder / METRICS, WITHOUT)
     log = read_log(folder / LOG)
     return RunRecord(name, scenario, metrics, log, path, removal)
 
@@ -127,28 +133,6 @@ def _path_of(columns: dict[str, Any]) -> ToolPath:
     if len(path.s) < 2:
         raise ValueError("it has fewer than two points")
     return path
-
-
-def check_forms(metrics: Metrics, forms: Mapping[str, Any], file: Path) -> None:
-    """Refuse figures that do not have their form, as in `FORMS`, naming the figure and the ``file``."""
-    for figure, form in forms.items():
-        value = metrics.get(figure)
-        turned = figure == "T_base_work" and value and _fits(value, form) and np.linalg.det(value) < 0.5
-        if turned or not (value is None or _fits(value, form)):
-            raise InputError(
-                f"'{figure}' in '{file}' is not as a run writes it. Delete the entry to see the run without "
-                "it."
-            )
-
-
-def _fits(value: Any, form: Any) -> bool:
-    """Whether what was read has a form of `FORMS`."""
-    if isinstance(form, dict):
-        return isinstance(value, dict) and all(_fits(value.get(name), part) for name, part in form.items())
-    if isinstance(form, (list, tuple)):
-        forms = form if isinstance(form, tuple) or not isinstance(value, list) else form * len(value)
-        return isinstance(value, list) and len(value) == len(forms) and all(map(_fits, value, forms))
-    return isinstance(value, str) if form is str else isinstance(value, (int, form)) and math.isfinite(value)
 
 
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.

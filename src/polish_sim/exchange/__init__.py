@@ -6,7 +6,7 @@ from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
     from polish_sim.exchange.formats import FORMATS, check_formats, export_plan, read_path, read_way_points
-    from polish_sim.exchange.plan_folder import path_csv, read_cuts, write_plan
+    from polish_sim.exchange.plan_folder import path_csv, plan_facts, read_cuts, write_plan
     from polish_sim.exchange.strokes import ExportSetup, RobotTool
     from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
 else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -23,7 +22,7 @@ from polish_sim.exchange.way_points import (
     unit_axes,
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
-from polish_sim.row_file import whole_file
+from polish_sim.row_file import check_forms, plain, read_json, whole_file
 from polish_sim.tables import Columns, csv_text
 
 if TYPE_CHECKING:
@@ -39,6 +38,25 @@ CURVATURE = "curvature_1_m"
 FORCE, FEED = "force_n", "feed_m_s"
 PLAIN_FORCE, PLAIN_FEED = "force", "feed"
 MM = 1e-3
+_FILE = {"file": str, "sha256": str}
+FACTS: Mapping[str, Any] = {
+    "part": {**_FILE, "name": str, "unit": str},
+    "fixture": _FILE,
+    "plan": {},
+    "up": (float,) * 3,
+    "pad": {"radius_m": float, "stiffness_n_m": float},
+    "contact_force_n": float,
+    "feed_m_s": float,
+    "cuts": [{"reason": str, "places_m": [(float,) * 3]}],
+    "proof": {
+        **dict.fromkeys(("arm", "controller", "proof", "settings", "path"), str),
+        **dict.fromkeys(("feed_m_s", "contact_force_n", "slowed"), float),
+        "pose": (float,) * 6,
+        "limits": {...: {"share": float, "at_m": float}},
+        "mends": [{"what": str, "why": str, "share": float, "length_m": float, "at_m": (float,) * 3}],
+    },
+}
+"""What a path.json says beside its path, as of `check_forms`; older ones do not say all."""
 NEAR = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
 
 
@@ -178,21 +196,33 @@ def json_text(result: PlanResult) -> str:
 
 def metrics_text(result: PlanResult) -> str:
     """The figures as metrics.json; those that are not finite become null, as strict JSON wants."""
-    figures = {
-        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in result.figures.items()
-    }
-    return json.dumps(figures | {"notes": list(result.notes)}, indent=2) + "\n"
+    return json.dumps(plain(result.figures | {"notes": result.notes}), indent=2) + "\n"
+
+
+def plan_facts(source: Path) -> dict[str, Any]:
+    """`FACTS` of a plan folder or path.json; of other files none.
+
+    Raises:
+        InputError: It cannot be read, was edited, or does not say its part and plan.
+    """
+    file = source / PATH_JSON if source.is_dir() else source
+    if file.suffix.lower() != ".json":
+        return {}
+    document = read_json(file)
+    if not {"part", "plan"} <= document.keys():
+        raise InputError(
+            f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
+        )
+    check_forms(document, FACTS, file, "Plan again.")
+    return {name: document.get(name) for name in FACTS}
 
 
 def read_cuts(source: Path) -> tuple[CutOut, ...]:
     """What was cut out of the path of a plan folder or path.json, with the reasons; of other files
     nothing."""
-    file = source / PATH_JSON if source.is_dir() else source
-    if file.suffix.lower() != ".json":
-        return ()
     from polish_sim.planning.quality.areas import CutOut
 
-    cuts = json.loads(file.read_text(encoding="utf-8")).get("cuts", ())
+    cuts = plan_facts(source).get("cuts") or ()
     return tuple(CutOut(cut["reason"], np.array(cut["places_m"])) for cut in cuts)
 
 

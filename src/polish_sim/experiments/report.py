@@ -16,9 +16,9 @@ from polish_sim.analysis.claim import Claim, figure_table, shortfalls
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import (
     CONFIG,
+    WITHOUT,
     Records,
     RunRecord,
-    check_forms,
     notes_of,
     read_records,
     stop_mark,
@@ -32,7 +32,7 @@ from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plo
 from polish_sim.page import PAGE, Table, save_page
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
-from polish_sim.row_file import METRICS
+from polish_sim.row_file import METRICS, check_forms
 
 
 def saved_records(folders: Sequence[Path]) -> list[RunRecord]:
@@ -41,7 +41,7 @@ def saved_records(folders: Sequence[Path]) -> list[RunRecord]:
     for folder, record in zip(folders, records, strict=True):
         row = experiment(record.scenario.experiment)
         shown = {claim.figure: float for claim in row.claims(record.scenario)}
-        check_forms(record.metrics, {**row.forms, **shown}, folder / METRICS)
+        check_forms(record.metrics, {**row.forms, **shown}, folder / METRICS, WITHOUT)
     return records
 
 

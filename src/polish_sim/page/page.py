@@ -16,7 +16,6 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,18 +131,11 @@ class Page(NamedTuple):
     others: Sequence[Other] = ()
 
     @classmethod
-    def of(
-        cls,
-        title: str,
-        about: str,
-        tables: Iterable[Table],
-        notes: Sequence[str] = (),
-        charts: Mapping[str, str] = MappingProxyType({}),
-    ) -> Page:
-        """A page of tables, those without a row left out, of notes and captions, and of charts."""
+    def of(cls, title: str, about: str, tables: Iterable[Table], notes: Sequence[str] = ()) -> Page:
+        """A page of tables, those without a row left out, of notes and captions."""
         full = [table for table in tables if table.rows]
         captions = [table.caption for table in full if table.caption]
-        return cls(title, about, {table.title: table.lines for table in full}, [*notes, *captions], charts)
+        return cls(title, about, {table.title: table.lines for table in full}, [*notes, *captions])
 
 
 # Simple shapes, and a tool without an arm.

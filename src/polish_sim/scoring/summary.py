@@ -164,28 +164,35 @@ def worst_line(score: Score, entry: Entry) -> str:
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
-def markdown(score: Score, tables: Iterable[Table]) -> str:
-    """The whole score as a Markdown page."""
+def score_notes(score: Score) -> list[str]:
+    """The worst case of each controller, and where it breaks."""
     summaries = summarize(score)
-    names = " and ".join(f"`{entry.label}`" for entry in score.entries)
-    parts = [f"# Score of {names}", _intro(score)]
-    parts += [f"Worst case of {worst_line(score, entry)}." for entry in score.entries]
-    parts += [table.markdown for table in tables]
-    for entry in score.entries:
-        lines = breaking(summaries, entry)
-        text = "\n".join(f"- {line}" for line in lines) if lines else "Nowhere in these cases."
-        parts.append(f"## Where `{entry.label}` breaks\n\n{text}")
-    parts += [_case_table(case, summaries).markdown for case in score.cases]
-    definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
-    parts.append(f"## Definitions\n\n{definitions}")
-    return "\n\n".join(parts) + "\n"
+    return [
+        line
+        for entry in score.entries
+        for line in (
+            f"worst case of {worst_line(score, entry)}",
+            *(f"  breaks in {case}" for case in breaking(summaries, entry)),
+        )
+    ]
 
 
-def _intro(score: Score) -> str:
+def about_score(score: Score) -> str:
+    """How many runs there are and what their figures are."""
     missing = score.wanted - len(score.rows)
-    note = f" **{missing} of {score.wanted} rows are missing.**" if missing else ""
+    note = f" {missing} of {score.wanted} rows are missing." if missing else ""
     runs, seeds = count_text(len(score.rows), "run"), count_text(score.seeds, "seed")
     return f"{runs}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
+
+
+def markdown(score: Score, tables: Iterable[Table]) -> str:
+    """The whole score as a Markdown page."""
+    names = " and ".join(entry.label for entry in score.entries)
+    cases = [_case_table(case, summarize(score)) for case in score.cases]
+    definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
+    parts = [f"# Score of {names}", about_score(score), "\n".join(f"- {note}" for note in score_notes(score))]
+    parts += [table.markdown for table in (*tables, *cases)]
+    return "\n\n".join([*parts, f"## Definitions\n\n{definitions}"]) + "\n"
 
 
 def _case_table(case: Case, summaries: Sequence[Summary]) -> Table:

@@ -71,7 +71,7 @@ def sweep_page(study: Study, columns: RunValues) -> Page:
     ended = [[word, str(outcomes.count(word))] for word in (DONE, STOPPED, FAILED, LOST)]
     tables += [Table("Ended", ["", "runs"], ended), worst_runs(study, columns, goals)]
     about = f"{count_text(len(outcomes), 'run')} of {study.base.experiment}, {study.base.controller.label}"
-    return Page.of(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, charts=charts)
+    return Page.of(f"sweep: {', '.join(axes) or 'seeds'}", about, tables)._replace(charts=charts)
 
 
 def figures_table(study: Study, columns: RunValues) -> Table:

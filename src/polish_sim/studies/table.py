@@ -162,7 +162,10 @@ def write_parquet(rows: Rows, table: Path) -> None:
     if rows.damaged:
         flat = pa.Table.from_struct_array(pa.array(list(dict(rows.read()).values())))
     else:  # many rows take less memory so
-        read = lines.read_json(rows.path, lines.ReadOptions(block_size=16 << 20))
+        try:
+            read = lines.read_json(rows.path, lines.ReadOptions(block_size=16 << 20))
+        except pa.ArrowInvalid as error:  # of a version that wrote no check sums
+            raise InputError(f"a row in '{rows.path}' was edited: {error}. Delete its line.") from error
         # A key is there twice where a run was lost and done again later.
         last = {key: place for place, key in enumerate(read["key"].to_pylist())}
         read = read.take(pa.array(sorted(last.values()))) if len(last) < len(read) else read
