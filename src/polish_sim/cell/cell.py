@@ -83,6 +83,7 @@ class CellRun(NamedTuple):
     wall_s: float  #: Time spent stepping [s]
     safety: SafetyRecord  #: Faults and guards
     payload: PayloadErrors
+    files: Mapping[str, str]  #: That say what its host knew of the arm, by name
     stroke: str = ""  #: Which of how many was under way at the end; empty where there is no part
 
 
@@ -94,6 +95,16 @@ class Played(NamedTuple):
 
 
 NO_LESSON = Lesson(np.zeros(0), 1.0, 0.0, 0)
+
+
+class BelievedArm(NamedTuple):
+    """What the host knows of how its arm is built."""
+
+    host: HostArm | None  #: That computes with it; None: by the nominal table
+    files: Mapping[str, str]  #: That say it, by name
+
+
+MAKERS_ARM = BelievedArm(None, {})
 
 
 class PayloadErrors(NamedTuple):
@@ -119,7 +130,7 @@ class Cell:
 
     The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise;
     ``course`` is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``;
-    ``host`` is one that knows how its arm is built.
+    ``known`` is what the host knows of how its arm is built.
     The host compensates the tool as it is until ``compensate``
     says otherwise.
     """
@@ -141,11 +152,11 @@ class Cell:
         course: Course | None = None,
         fixture: RealPart | None = None,
         lesson: Lesson = NO_LESSON,
-        host: HostArm | None = None,
+        known: BelievedArm = MAKERS_ARM,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
-        self.lesson, self._host = lesson, host
+        self.lesson, self._known = lesson, known
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
         self.real_arm = self._build_real_arm(q_start) if scenario.robot.elastic else RealArm()
@@ -370,6 +381,7 @@ class Cell:
             wall_s,
             record_safety(self.kernel, self.faults),
             self.payload_errors,
+            self._known.files,
             f"{self.stroke_number + 1} of {len(self.strokes)}" if self.on_part else "",
         )
 
@@ -404,7 +416,7 @@ class Cell:
 
     def _build_real_arm(self, q_start: Array) -> RealArm:
         real, seed = self.scenario.robot.real, self.scenario.seed
-        return build_real_arm(real, seed, self.model, self.data, q_start, self._host)
+        return build_real_arm(real, seed, self.model, self.data, q_start, self._known.host)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)

@@ -11,7 +11,7 @@ from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked
 from polish_sim.experiments.assembly import kept_place
-from polish_sim.experiments.beliefs import arm_file, believe_tool
+from polish_sim.experiments.beliefs import believe_tool
 from polish_sim.experiments.free_space import free_cell
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
@@ -78,5 +78,5 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,
-        arm_file(scenario, reach.q_start),
+        run.files,
     )  # fmt: skip

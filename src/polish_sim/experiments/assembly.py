@@ -26,9 +26,9 @@ from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.beliefs import (
     believe_tool,
+    believed_arm,
     check_compensation,
     check_learning,
-    knowing_host,
     read_lesson,
 )
 from polish_sim.experiments.part_setup import (
@@ -66,6 +66,7 @@ class Workplace:
     reach: Reach
     shape: RealShape
     fixture: Fixture | None = None
+    holds: bool = False  #: Whether the tool stays on one point
     held: str = ""  #: How a second robot holds the part, for the user
     _kept: dict[tuple[bool, float, float], PartFields] = field(default_factory=dict, init=False, repr=False)
 
@@ -204,8 +205,7 @@ def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is
     lifted."""
     use_arm(scenario.robot.arm)
-    holds = experiment(scenario.experiment).holds
-    hold, lift = (scenario.process.hold_s, 0.0) if holds else (0.0, scenario.plan.clearance_m)
+    hold, lift = (scenario.process.hold_s, 0.0) if place.holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
     scenario = replace(scenario, smoothing=within_noise(scenario.smoothing, place.mesh.noise))
     return placed_strokes(scenario, place.path, placed, hold, lift)
@@ -238,7 +238,7 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Seq
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
         lesson,
-        knowing_host(scenario, place.reach.q_start),
+        believed_arm(scenario, place.reach.q_start),
     )
     believe_tool(cell, streams.payload)
     return cell

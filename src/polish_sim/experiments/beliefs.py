@@ -25,7 +25,8 @@ from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
 from polish_sim.calibration.tables import Calibration
 from polish_sim.cell import Cell, weight_of
-from polish_sim.cell.gears import HostArm, build_host_arm
+from polish_sim.cell.cell import MAKERS_ARM, BelievedArm
+from polish_sim.cell.gears import build_host_arm
 from polish_sim.cell.kernel import Lesson
 from polish_sim.cell.real_arm import AROUND, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
@@ -50,18 +51,26 @@ HEAD = (
 FILE = "compensation.toml"
 
 
-def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:
-    """A host that knows its arm, for work that starts at ``q_start`` (6,) [rad]; None: it is not asked for.
+def believed_arm(scenario: Scenario, q_start: Array) -> BelievedArm:
+    """What the host knows of its arm, for work that starts at ``q_start`` (6,) [rad].
 
     Raises:
         InputError: The file cannot be used.
     """
     found = find_arm(scenario, q_start)
     if found is None:
-        return None
+        return MAKERS_ARM
     T_flange_tool = tool_on_flange().copy()
     T_flange_tool[:3, 3] = found.target
-    return build_host_arm(found.table, found.T_tracker_base, T_flange_tool, found.gears)
+    values = {
+        "kind": KIND, "seed": scenario.seed, "table": found.table.tolist(),
+        "base": found.T_tracker_base.tolist(), "tool_point": found.target.tolist(),
+        "gears": found.gears.tolist(),
+    }  # fmt: skip
+    return BelievedArm(
+        build_host_arm(found.table, found.T_tracker_base, T_flange_tool, found.gears),
+        {FILE: toml_text(values, head=wrap(HEAD, 116))},
+    )
 
 
 def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
@@ -94,7 +103,7 @@ def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
 
 
 def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
-    """The arm as ``robot.compensation`` says; arguments and errors as of `knowing_host`.
+    """The arm as ``robot.compensation`` says; arguments and errors as of `believed_arm`.
 
     Beside a file the arms of other seeds, which `--seeds` and the proof play, are measured.
     """
@@ -132,19 +141,6 @@ def read_arm(file: Path, seed: int) -> ArmEstimate | None:
         table.numbers("table", (4, 6)), table.pose("base"), table.numbers("tool_point", (3,)),
         gears=table.numbers("gears", (6, 7)),
     )  # fmt: skip
-
-
-def arm_file(scenario: Scenario, q_start: Array) -> dict[str, str]:
-    """The file of the arm a run has used, by name; empty: none."""
-    found = find_arm(scenario, q_start)
-    if found is None:
-        return {}
-    values = {
-        "kind": KIND, "seed": scenario.seed, "table": found.table.tolist(),
-        "base": found.T_tracker_base.tolist(), "tool_point": found.target.tolist(),
-        "gears": found.gears.tolist(),
-    }  # fmt: skip
-    return {FILE: toml_text(values, head=wrap(HEAD, 116))}
 
 
 # What the host believes to carry: from a calibration before every run, or from a file.

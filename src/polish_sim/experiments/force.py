@@ -9,7 +9,6 @@ from polish_sim.arrays import Figures
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
 from polish_sim.config import Checked
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, kept_place
-from polish_sim.experiments.beliefs import arm_file
 from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.part_setup import real_shape
 from polish_sim.experiments.result import RunResult, common_figures
@@ -56,7 +55,7 @@ def place_force(scenario: Checked, observer: Observer = SILENT) -> Workplace:
         path = touch_path(region)
         reach = PartPlacing(scenario, mesh, surface, path).reach()
         shape = real_shape(scenario.part, angle, mesh, surface, path)
-        return Workplace(mesh, surface, region, path, reach, shape)
+        return Workplace(mesh, surface, region, path, reach, shape, holds=True)
 
     return kept_place(scenario, make)
 
@@ -91,7 +90,7 @@ def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult
     figures |= common_figures(run, scenario, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, place.path, None,
-        arm_file(scenario, place.reach.q_start),
+        run.files,
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
-from polish_sim.experiments.beliefs import knowing_host
+from polish_sim.experiments.beliefs import believed_arm
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 from polish_sim.motion import forward
 from polish_sim.motion.trajectory import PathTable, build_path_table, time_path
@@ -137,7 +137,7 @@ def free_cell(
     )
     return Cell(
         scenario, build_scene(scenario), no_part(), [stroke], q_start,
-        build_controller(scenario.controller), rng, host=knowing_host(scenario, q_start),
+        build_controller(scenario.controller), rng, known=believed_arm(scenario, q_start),
     )  # fmt: skip
 
 

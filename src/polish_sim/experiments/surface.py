@@ -20,7 +20,7 @@ from polish_sim.experiments.assembly import (
     build_part,
     kept_place,
 )
-from polish_sim.experiments.beliefs import FIGURE, arm_file
+from polish_sim.experiments.beliefs import FIGURE
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_pose import PartPlacing
@@ -158,7 +158,7 @@ def measure_run(
     figures["bad_figures"] = shortcomings(figures, path.largest_force(scenario.process.contact_force_n))
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
-        arm_file(scenario, place.reach.q_start),
+        run.files,
     )  # fmt: skip
 
 
