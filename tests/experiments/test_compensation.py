@@ -14,7 +14,7 @@ from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.experiments.arc import prepare_arc
 from polish_sim.experiments.assembly import check_settings
-from polish_sim.experiments.beliefs import find_arm
+from polish_sim.experiments.beliefs import track_arm
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
@@ -36,7 +36,7 @@ def test_the_arm_found_is_the_arm_built():
     scenario = arc(KNOWN)
     use_arm(scenario.robot.arm)
     start = prepare_arc(scenario).reach.q_start
-    found = find_arm(scenario, start)
+    found = track_arm(scenario.robot, scenario.head, SEED, tuple(start))
     model = robot_with_tool(scenario).compile()
     arm = resting_arm(scenario.robot.real, SEED, model)
     tool = tool_on_flange()[:3, 3]

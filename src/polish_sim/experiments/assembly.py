@@ -238,7 +238,7 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Seq
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
         lesson,
-        believed_arm(scenario, place.reach.q_start),
+        believed_arm(scenario.robot, scenario.head, scenario.seed, place.reach.q_start),
     )
     believe_tool(cell, streams.payload)
     return cell

@@ -51,19 +51,23 @@ HEAD = (
 FILE = "compensation.toml"
 
 
-def believed_arm(scenario: Scenario, q_start: Array) -> BelievedArm:
-    """What the host knows of its arm, for work that starts at ``q_start`` (6,) [rad].
+def believed_arm(robot: RobotConfig, head: HeadConfig, seed: int, q_start: Array) -> BelievedArm:
+    """What the host knows of the arm of a seed, for work that starts at ``q_start`` (6,) [rad].
+
+    Beside a file the arms of other seeds, which `--seeds` and the proof play, are measured.
 
     Raises:
         InputError: The file cannot be used.
     """
-    found = find_arm(scenario, q_start)
-    if found is None:
+    asked = robot.compensation
+    if asked == NONE:
         return MAKERS_ARM
+    known = None if asked == TRACKER else read_arm(Path(asked), seed)
+    found = known or track_arm(robot, head, seed, tuple(q_start))
     T_flange_tool = tool_on_flange().copy()
     T_flange_tool[:3, 3] = found.target
     values = {
-        "kind": KIND, "seed": scenario.seed, "table": found.table.tolist(),
+        "kind": KIND, "seed": seed, "table": found.table.tolist(),
         "base": found.T_tracker_base.tolist(), "tool_point": found.target.tolist(),
         "gears": found.gears.tolist(),
     }  # fmt: skip
@@ -100,20 +104,6 @@ def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
                 "robot.compensation = tracker. To try what another arm's figures do, take the line 'seed' "
                 "out."
             )
-
-
-def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
-    """The arm as ``robot.compensation`` says; arguments and errors as of `believed_arm`.
-
-    Beside a file the arms of other seeds, which `--seeds` and the proof play, are measured.
-    """
-    asked = scenario.robot.compensation
-    if asked == NONE:
-        return None
-    known = None if asked == TRACKER else read_arm(Path(asked), scenario.seed)
-    if known is not None:
-        return known
-    return track_arm(scenario.robot, scenario.head, scenario.seed, tuple(q_start))
 
 
 @lru_cache(4)
