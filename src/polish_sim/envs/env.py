@@ -29,7 +29,7 @@ from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, Numbers, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check, course_for, strokes_for
-from polish_sim.experiments.registry import default_scenario, experiment
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import place_work
 from polish_sim.scenario_file import load_scenario, override
 from polish_sim.scoring.figures import REACH, Asked, measure_score
@@ -94,8 +94,8 @@ class Stage:
             for value in (low, high):
                 check(override(scenario, [f"{key}={value!r}"]))
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
-        self.moving = not experiment(scenario.experiment).holds
         self.place: Workplace = place_work(scenario)
+        self.moving = not self.place.holds
         self.strokes = strokes_for(scenario, self.place)
         surface = self.place.region.surface
         self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))

@@ -99,12 +99,19 @@ def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SI
     See `planned` for plans. The last few places are kept: the next run of the same plan has it at once.
 
     Raises:
-        PolishSimError: If the part cannot be used or reached.
+        PlanError: The tool runs into the part, unless ``safety.tool_in_part`` allows it; says where and how
+            deep.
+        PolishSimError: The part cannot be used or reached.
     """
 
     def make() -> Workplace:
         check_set_points(plan.path)
-        refuse_collision(scenario.safety.tool_in_part, plan)
+        warning = pad_in_part_warning(plan.figures)
+        if warning and scenario.safety.tool_in_part == "refuse":
+            raise PlanError(
+                f"{warning}. Plan the path on this part with this pad, which leaves out what it does not "
+                "reach, take a smaller --pad-diameter, or run it all the same with --allow-contact."
+            )
         observer.stage("check the reach")
         standing = *plan.standing, plan.path
         reach = PartPlacing(scenario, *standing).reach()
@@ -112,20 +119,6 @@ def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SI
         return Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture)
 
     return kept_place(scenario, make, Same(plan))
-
-
-def refuse_collision(answer: str, plan: PlanResult) -> None:
-    """Refuse a path on which the tool runs into the part, unless ``safety.tool_in_part`` allows it.
-
-    Raises:
-        PlanError: Saying where, how deep and what to do.
-    """
-    warning = pad_in_part_warning(plan.figures)
-    if warning and answer == "refuse":
-        raise PlanError(
-            f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, "
-            "take a smaller --pad-diameter, or run it all the same with --allow-contact."
-        )
 
 
 def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> RunResult:
