@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import trimesh
 import typer
 
@@ -99,9 +100,24 @@ def keep(inputs: Any, make: Callable[[], Any]) -> Any:
             return pickle.loads(file.read_bytes())
         result = make()
         draft = file.with_suffix(f".{os.getpid()}")
-        draft.write_bytes(pickle.dumps(result))
+        with draft.open("wb") as stream:
+            _KeepsFrozen(stream).dump(result)
         draft.replace(file)
         return result
+
+
+class _KeepsFrozen(pickle.Pickler):
+    """Read-only arrays are read-only when they come back: kernels would be compiled again for others."""
+
+    def reducer_override(self, thing: Any) -> Any:
+        if isinstance(thing, np.ndarray) and not thing.flags.writeable:
+            return _frozen, (thing.copy("K"),)
+        return NotImplemented
+
+
+def _frozen(array: Any) -> Any:
+    array.flags.writeable = False
+    return array
 
 
 def _columns(named: dict[str, Any]) -> MappingProxyType[str, Any]:

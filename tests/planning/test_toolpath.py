@@ -26,7 +26,7 @@ def straight(count=50):
 
 
 def test_a_path_cannot_be_changed_and_has_columns_of_one_length():
-    path = replace(shipped_plan("sphere_100").path)  # what another process made was not frozen here
+    path = shipped_plan("sphere_100").path
     with pytest.raises(ValueError, match="read-only"):
         path.positions_work[0] = 0.0
     with pytest.raises(PlanError, match="axes_work"):

@@ -133,7 +133,8 @@ class Surface:
 
     def evaluate(self, facets: Ints, barycentric: Array) -> SurfacePoints:
         """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
-        facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
+        facets = np.ascontiguousarray(facets, dtype=np.int32)
+        barycentric = np.ascontiguousarray(barycentric, dtype=np.float64)
         normals = blend(self.source.normal_control, self.rows[facets], barycentric)
         return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
 
@@ -142,7 +143,7 @@ class Surface:
 
         ``hint`` (n,) names facets that may be close; it saves time, never changes the answer.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        points = np.array(points, np.float64, order="C").reshape(-1, 3)  # a frozen array compiles anew
         hints = np.full(len(points), -1, dtype=np.int32) if hint is None else np.asarray(hint, dtype=np.int32)
         facets, barycentric = closest_points(self.control, self.tree, points, hints)
         positions, normals = self.evaluate(facets, barycentric)

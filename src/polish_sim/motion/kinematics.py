@@ -412,7 +412,7 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
     Joint limits are reported, not enforced, so that a path that leaves them shows where.
     """
     T_tool_flange: Array = np.linalg.inv(np.asarray(T_flange_tool, dtype=float))
-    start: Array = np.asarray(q_start, dtype=float)
+    start: Array = np.array(q_start, dtype=float)
     q = np.full((len(T_base_tool), 6), np.nan)
     _follow(arm_lengths(), np.asarray(T_base_tool, dtype=float) @ T_tool_flange, start, q)
     q.flags.writeable = False

@@ -154,7 +154,7 @@ def _discs(places: Places, body: Body, clearance: float) -> Discs:
     """The layer a body fills above the pad's face; the pad's begins where it yields no more."""
     lows = places.lows if body.low == 0.0 else np.full(len(places.lows), body.low - clearance)
     highs = np.maximum(lows + 1e-3, body.high + clearance)
-    return Discs(places.middles, places.axes, lows, highs, body.radius)
+    return Discs(places.middles.copy(), places.axes, lows, highs, body.radius)  # a path's are frozen
 
 
 class UnderPad(NamedTuple):
