@@ -49,7 +49,7 @@ class Planted(NamedTuple):
 @pytest.fixture(scope="module", autouse=True)
 def _one_motion() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        design_once(patch, iterations=15)
+        design_once(patch, iterations=5)
         yield
 
 

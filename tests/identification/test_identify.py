@@ -23,7 +23,7 @@ HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kin
 
 @pytest.fixture(scope="module")
 def identified() -> Identification:
-    return run_identification(IdentifySettings(periods=1, iterations=15, robot=IDEAL, payload=1.0, seed=1))
+    return run_identification(IdentifySettings(periods=1, iterations=5, robot=IDEAL, payload=1.0, seed=1))
 
 
 def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_is_weighed(identified):

@@ -24,7 +24,7 @@ from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
 from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 
-KNOWN = known_robot()
+KNOWN = known_robot(samples=500)
 
 
 def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not():

@@ -1,7 +1,7 @@
 """Tuning finds what is there to be found, and says on unseen seeds whether it helps."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -42,13 +42,15 @@ class Mine:
 class Planted:
     """Rows whose figure grows with the distance from known gains; unstable above a known one."""
 
+    interrupted = False
+
     def __init__(self, lucky_seeds: bool = False) -> None:
         self.asked: list[Task] = []
         self.lucky_seeds = lucky_seeds
 
-    def rows(self, tasks: Sequence[Task]) -> dict[Task, Row]:
-        self.asked += tasks
-        return {task: self._row(task) for task in tasks}
+    def fill(self, keys: Mapping[Task, str], *_: Any, **_more: Any) -> dict[Task, Row]:
+        self.asked += keys
+        return {task: self._row(task) for task in keys}
 
     def _row(self, task: Task) -> Row:
         gains = task.scenario.controller
