@@ -197,3 +197,5 @@ def test_an_angle_of_narrow_legs_gets_the_pad_that_fits_and_keeps_what_was_asked
     pads = [plan_part(part, plan, pad=PadConfig(choice=choice)) for choice in ("auto", "stepover")]
     assert [(result.tool.pad.radius_m, result.plan.stepover_m) for result in pads] == [
         (0.010, pytest.approx(0.0032)), (0.010, 0.008)]  # fmt: skip
+    overlapping = plan_part(part, replace(plan, stepover_m=0.018))  # as --overlap 64 sets it
+    assert overlapping.plan.stepover_m == pytest.approx(0.0072)

@@ -388,10 +388,10 @@ def _pads(
 
 
 def with_pad(pad: PadConfig, plan: PlanConfig, size: float) -> tuple[PadConfig, PlanConfig]:
-    """The default pad in another size [m], and a plan for it: its step-over in proportion unless it was
-    chosen."""
+    """The default pad in another size [m], and a plan for it: its step-over in proportion, as an overlap
+    asks, unless that was chosen."""
     wanted = plan.stepover_m
-    if pad.choice == "auto" and wanted == PlanConfig().stepover_m:
+    if pad.choice == "auto":
         wanted = wanted * size / (2.0 * pad.radius_m)
     return replace(pad, radius_m=0.5 * size), replace(plan, stepover_m=min(wanted, size))
 
