@@ -17,16 +17,14 @@ from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
     PANEL,
-    Means,
     arm,
     base,
-    carry_out,
     noise_option,
     tcp,
     write_found,
 )
 from polish_sim.cli.catalogue import PanelledCommand
-from polish_sim.cli.many import Many, seed_rows
+from polish_sim.cli.many import Many, Means, carry_out, seed_rows
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
@@ -41,7 +39,7 @@ from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
 from polish_sim.page import Table
 from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.scenario_file import to_toml
@@ -97,11 +95,12 @@ def payload(given: Given) -> int:
         with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
             return run_payload_calibration(replace(scenario, seed=seed), drift, observer)
 
-    def fit(found: Any) -> PayloadCalibration:
-        return calibrate_from(found, drift)
+    def fit(file: Path) -> PayloadCalibration:
+        return calibrate_from(read_readings(file), drift)
 
+    asked = PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
     means = Means(
-        "payload", "payload", "payload", run, read_readings, fit, _show_estimate, _write, "mean", folders=True
+        "calibrate-payload", "payload", run, _show_estimate, _write, *asked, fit, "mean", folders=True
     )
     return carry_out(
         given if given["--data"] else {**given, "--seed": scenario.seed}, means, (scenario, drift)

@@ -3,21 +3,20 @@ tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from polish_sim.cli.boundary import Outcome
-from polish_sim.cli.many import Many, run_seeds, seed_folder
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
-from polish_sim.cli.output_folder import claimed, put_file
+from polish_sim.cli.many import Means, carry_out
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, takes
+from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.row_file import Metrics, save_plots, whole_folder, write_metrics
+from polish_sim.row_file import Metrics, save_plots, write_metrics
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 
 CALIBRATION = "calibration.toml"
 PANEL = "Instrument and measurements"
-BESIDE_DATA = ("--data", "--pair", "--drift", "--check", *OUTPUT_OPTIONS)
-"""Options that count for measurements of real robots, too."""
 LARGEST_NOISE = 10.0  #: [mm]
 TRIAL_OPTIONS = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
 DATA = Own(
@@ -58,21 +55,6 @@ def noise_option(name: str, of: str, default: str) -> Own:
     """The option of an instrument's noise."""
     text = f"Noise of {of} per coordinate, rms (mm); default {default}."
     return Own(name, PANEL, "MM", text, float, 0.0, LARGEST_NOISE, MM)
-
-
-class Means(NamedTuple):
-    """A calibration as its options ask for it: how it is done, written and shown."""
-
-    kind: str  #: From a file its claims are those of ``<kind>-data``
-    what: str  #: What is found, for titles
-    claims: str  #: Asked of simulated measurements
-    run: Callable[[int], Any]  #: Simulates and calibrates with a seed
-    read: Callable[[Path], Any]  #: Measurements from a file
-    fit: Callable[[Any], Any]  #: Calibrates from them
-    show: Callable[[Any], tuple[str, ...]]  #: Prints its own tables, returns notes
-    write: Callable[[Any, Path], None]
-    mean: str = "rms"  #: Of many seeds, or ``mean``
-    folders: bool = False  #: Whether each of many seeds leaves its files
 
 
 @takes(
@@ -116,9 +98,12 @@ def tcp(given: Given) -> int:
             replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1]))
         )
 
-    claims = "tcp-gears" if _elastic(given) else "tcp"
-    read = (read_tool_measurements, calibrate_tcp_from)
-    return carry_out(given, Means("tcp", "tool frame", claims, run, *read, _tcp_notes, _write_tcp), trial)
+    def fit(file: Path) -> TcpCalibration:
+        return calibrate_tcp_from(read_tool_measurements(file))
+
+    claims = CALIBRATIONS["tcp-gears" if _elastic(given) else "tcp"], CALIBRATIONS["tcp-data"]
+    means = Means("calibrate-tcp", "tool frame", run, _tcp_notes, _write_tcp, *claims, fit)
+    return carry_out(given, means, trial)
 
 
 @takes(
@@ -140,12 +125,12 @@ def base(given: Given) -> int:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    claims = "base-gears" if _elastic(given) else "base"
+    def fit(file: Path) -> BasesFound:
+        return calibrate_base_from(read_base_measurements(file))
+
+    claims = CALIBRATIONS["base-gears" if _elastic(given) else "base"], CALIBRATIONS["base-data"]
     write = partial(_write_base, _pair(given))
-    means = Means(
-        "base", "bases", claims, run, read_base_measurements, calibrate_base_from, _base_notes, write
-    )
-    return carry_out(given, means, trial)
+    return carry_out(given, Means("calibrate-base", "bases", run, _base_notes, write, *claims, fit), trial)
 
 
 @takes(
@@ -189,9 +174,12 @@ def arm(given: Given) -> int:
         gears = _gears(given, seed)
         return run_arm_calibration(replace(trial, seed=seed, gears=gears and gears[0].gears))
 
+    def fit(file: Path) -> ArmsFound:
+        return calibrate_arm_from(read_tracked(file))
+
+    claims = CALIBRATIONS["arm"], CALIBRATIONS["arm-data"]
     write = partial(_write_arm, _pair(given))
-    means = Means("arm", "arms", "arm", run, read_tracked, calibrate_arm_from, _arm_notes, write)
-    return carry_out(given, means, trial)
+    return carry_out(given, Means("calibrate-arm", "arms", run, _arm_notes, write, *claims, fit), trial)
 
 
 def _elastic(given: Given) -> bool:
@@ -218,43 +206,6 @@ def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | No
 
 def _pair(given: Given) -> str:
     return given["--pair"] or "simulated"
-
-
-def carry_out(given: Given, means: Means, trial: object) -> int:
-    """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the
-    outcome."""
-    data = given["--data"]
-    refuse_beside(given, "--data", *(name for name in given if name not in BESIDE_DATA))
-    first = given["--seed"] or 0
-    refuse_without(given, "--seeds", "--workers", "--on")
-    if given["--seeds"] is not None:
-        kind = f"calibrate-{means.kind}"
-        claims = CALIBRATIONS[means.claims]
-        prepare = partial(_each, means)
-        many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
-        return run_seeds(many, given)
-    with claimed(given, f"calibrate-{means.kind}") as folder:
-        found = means.run(first) if data is None else means.fit(means.read(data))
-        means.write(found, folder.draft)
-        claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
-        title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"
-        outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.show(found))
-    return outcome.finish(folder.final, given["--check"])
-
-
-def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
-    """What calibrates with a seed, in any process."""
-    place = folder.resolve()
-
-    def calibrated(seed: int) -> Metrics:
-        found = means.run(seed)
-        if means.folders:
-            with whole_folder(seed_folder(place, seed)) as own:
-                means.write(found, own)
-        figures: Metrics = found.figures
-        return figures
-
-    return calibrated
 
 
 def write_found(folder: Path, figures: Metrics, residuals: str, plots: Mapping[str, Figure]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
-from polish_sim.cli.many import Many, run_seeds
+from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import RobotConfig, Scenario
@@ -18,7 +19,7 @@ from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.page import Table
 from polish_sim.page import number_or_dash as dash
-from polish_sim.row_file import Metrics, write_metrics
+from polish_sim.row_file import write_metrics
 from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:
@@ -76,13 +77,10 @@ def identify(given: Given) -> int:
     settings = IdentifySettings(
         **chosen(given, "periods", "starts", "seed", "payload"), robot=_simulated_robot(given["--set"] or [])
     )
-    if given["--seeds"] is not None:
-        return many_seeds(settings, given)
+    if given["--data"] is None and given["--payload-data"] is None:
+        return simulated(settings, given)
     with claimed(given, "identify") as folder:
-        if given["--data"] is None and given["--payload-data"] is None:
-            outcome = simulated(settings, folder.draft, given["--task"])
-        else:
-            outcome = from_logs(given, folder.draft)
+        outcome = from_logs(given, folder.draft)
     return outcome.finish(folder.final, given["--check"])
 
 
@@ -104,7 +102,6 @@ def _refuse_idle(given: Given) -> None:
     refuse_beside(given, "--report", *OF_SIMULATED, *files)
     for source in ("--data", "--payload-data"):
         refuse_beside(given, source, *OF_SIMULATED)
-    refuse_without(given, "--seeds", "--workers", "--on")
     refuse_without(given, "--data --payload-data", "--period")
     refuse_without(given, "--data --payload-data --report", "--model", "--arm")
     refuse_without(given, "--model", "--joints")
@@ -126,39 +123,26 @@ def _robot(given: Given) -> LoggedRobot:
     )
 
 
-def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
-    """Identify the simulated arm, for a task if one is given, and write its folder."""
+def simulated(settings: IdentifySettings, given: Given) -> int:
+    """Identify simulated arms, for a task if one is given: one, or as many as there are ``--seeds``."""
+    from polish_sim.cell import SILENT
     from polish_sim.identification.folder import write_folder
-    from polish_sim.identification.identify import run_identification
-    from polish_sim.identification.use_motion import use_states
-
-    use = None if task is None else use_states(task)
-    with console.progress() as observer:
-        found = run_identification(settings, observer, use)
-        observer.stage("draw")
-        write_folder(draft, found)
-    show_identification(found)
-    return Outcome(
-        asked_of(settings, task is not None),
-        f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}",
-        {"this arm": found.figures},
-    )
-
-
-def many_seeds(settings: IdentifySettings, given: Given) -> int:
-    """Identify as many simulated arms as there are ``--seeds``, and show their figures."""
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.use_motion import use_states
 
     use = None if given["--task"] is None else use_states(given["--task"])
 
-    def figures_of(seed: int) -> Metrics:
-        return dict(run_identification(replace(settings, seed=seed), use=use).figures)
+    def run(seed: int) -> Identification:
+        with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
+            return run_identification(replace(settings, seed=seed), observer, use)
+
+    def write(found: Identification, folder: Path) -> None:
+        write_folder(folder, found)
 
     depends = f"{replace(settings, seed=0)} {[bytes(states) for states in use or ()]}"
-    what = f"identification, {count_text(settings.periods, 'period')}"
-    claims = asked_of(settings, bool(use))
-    return run_seeds(Many("identify", what, depends, lambda _folder: figures_of, claims), given)
+    what, claims = f"identification, {count_text(settings.periods, 'period')}", asked_of(settings, bool(use))
+    means = Means("identify", what, run, show_identification, write, claims, mean="mean", usual="local")
+    return carry_out(given, means, depends)
 
 
 def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:
@@ -237,7 +221,7 @@ def show_identifiable(robot: LoggedRobot) -> None:
     console.table(Table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2))
 
 
-def show_identification(found: Identification) -> None:
+def show_identification(found: Identification) -> tuple[str, ...]:
     """Print friction, rotors and offsets, how well the rest is known, and the payload."""
     from polish_sim.identification.folder import rows_of
     from polish_sim.identification.regressor import WAVES
@@ -252,6 +236,7 @@ def show_identification(found: Identification) -> None:
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
     if found.weighed is not None:
         show_payload(found.weighed)
+    return ()
 
 
 def _reader(given: Given) -> RunReader:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from polish_sim.analysis.claim import Claim, figure_of
 from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
-from polish_sim.cli.options import Given
-from polish_sim.cli.output_folder import rows_folder
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, refuse_beside, refuse_without
+from polish_sim.cli.output_folder import claimed, rows_folder
 from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
 from polish_sim.config import Checked
 from polish_sim.errors import InputError, count_text, number_text
@@ -274,6 +274,64 @@ def aggregate(
 def seed_folder(folder: Path, seed: int) -> Path:
     """Where the files of one seed are."""
     return folder / f"seed-{seed:04d}"
+
+
+# Work that is done once, with many seeds, or on a user's measurements: calibrations, identification.
+
+BESIDE_DATA = ("--data", "--pair", "--drift", "--check", *OUTPUT_OPTIONS)
+"""Options that count for measurements of real robots, too."""
+
+
+class Means(NamedTuple):
+    """How something is found, written and shown."""
+
+    kind: str  #: Of the folder, e.g. ``calibrate-tcp``
+    what: str  #: What is found, for titles
+    run: Callable[[int], Any]  #: Simulates with a seed
+    show: Callable[[Any], tuple[str, ...]]  #: Prints its own tables, returns notes
+    write: Callable[[Any, Path], None]
+    claims: Sequence[Claim]  #: Asked where it is simulated
+    of_data: Sequence[Claim] = ()  #: Asked of a user's measurements
+    fit: Callable[[Path], Any] | None = None  #: Finds it from their file
+    mean: str = "rms"  #: As of `Many`
+    folders: bool = False  #: Whether each of many seeds leaves its files
+    usual: str = "here"  #: As of `Many`
+
+
+def carry_out(given: Given, means: Means, trial: object) -> int:
+    """Find something from a file, once, or with many seeds of a ``trial``, write the folder and show the
+    outcome."""
+    data, first = given["--data"], given["--seed"] or 0
+    refuse_beside(given, "--data", *(name for name in given if name not in BESIDE_DATA))
+    refuse_without(given, "--seeds", "--workers", "--on")
+    if given["--seeds"] is not None:
+        depends, each = f"{trial} {given.get('--arm')}", partial(_each, means)
+        many = Many(means.kind, means.what, depends, each, means.claims, means.mean, means.usual)
+        return run_seeds(many, given)
+    with claimed(given, means.kind) as folder:
+        found = means.fit(data) if data and means.fit else means.run(first)
+        means.write(found, folder.draft)
+        title = f"{means.what} from {data.name}" if data else f"{means.what}, seed {first}"
+        claims = means.of_data if data else means.claims
+        outcome = Outcome(claims, title, {"found": found.figures}, notes=means.show(found))
+    return outcome.finish(folder.final, given["--check"])
+
+
+def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
+    """What does it with a seed, in any process."""
+    place = folder.resolve()
+
+    def one(seed: int) -> Metrics:
+        found = means.run(seed)
+        if means.folders:
+            with whole_folder(seed_folder(place, seed)) as own:
+                means.write(found, own)
+        return dict(found.figures)
+
+    return one
+
+
+# Many seeds of a run.
 
 
 def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:

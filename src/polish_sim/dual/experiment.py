@@ -17,7 +17,6 @@ from polish_sim.experiments.registry import (
     Experiment,
     always,
 )
-from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
 from polish_sim.page import DEGREES
 
 TOOL_ON_PART = (
@@ -72,8 +71,6 @@ _ARM = (
 )
 
 CALIBRATIONS: Mapping[str, tuple[Claim, ...]] = {
-    "payload": PAYLOAD_CLAIMS,
-    "payload-data": PAYLOAD_DATA_CLAIMS,
     "arm": (
         Claim("relative_error_m", "tool of one arm by the other's, rms", "mm", high=1.5e-4),
         Claim("relative_error_nominal_m", "  with nominal tables", "mm"),
