@@ -363,7 +363,7 @@ def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int)
 def _finish_runs(folder: Path, runs: Mapping[int, Metrics], outcome: Outcome) -> Outcome:
     """Draw all seeds together, and say what went wrong in which."""
     from polish_sim.analysis.run_record import read_record
-    from polish_sim.experiments.report import draw_seeds, write_seeds_page
+    from polish_sim.experiments.report import draw_seeds, seeds_page
 
     def said(texts: Callable[[Metrics], Sequence[str]]) -> tuple[str, ...]:
         return tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in texts(figures))
@@ -380,7 +380,7 @@ def _finish_runs(folder: Path, runs: Mapping[int, Metrics], outcome: Outcome) ->
         records = [read_record(seed_folder(folder, seed)) for seed in runs]
         save_plots(folder, draw_seeds(records))
         notes = [*outcome.stops, *outcome.notes, *(f"bad: {text}." for text in outcome.bad)]
-        write_seeds_page(folder, records, outcome.table, notes)
+        save_page(folder, seeds_page(records, outcome.table, notes))
     except KeyboardInterrupt:
         write_json(folder / METRICS, read_json(folder / METRICS) | {PICTURES_MISSING: True})
         undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."

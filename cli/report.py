@@ -10,6 +10,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, argument, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import count_text
+from polish_sim.page import save_page
 from polish_sim.row_file import save_plots, write_json
 
 Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
@@ -27,8 +28,8 @@ def report(runs: Runs, given: Given) -> None:
         draw_comparison,
         remade,
         runs_table,
+        saved_page,
         saved_records,
-        write_saved_page,
     )
 
     records = saved_records(runs)
@@ -42,7 +43,7 @@ def report(runs: Runs, given: Given) -> None:
                 save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))
         else:
             save_plots(folder.draft, draw_comparison(records))
-        write_saved_page(folder.draft, runs, records)
+        save_page(folder.draft, saved_page(runs, records))
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     console.table(runs_table(records)._replace(title=f"{name}: {count_text(len(records), 'run')}"))
     for text in notes_of(records):

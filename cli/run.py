@@ -45,6 +45,7 @@ from polish_sim.experiments.registry import (
     refuse_idle_options,
     run_experiment,
 )
+from polish_sim.page import save_page
 from polish_sim.row_file import METRICS, save_plots, write_json
 from polish_sim.scenario_file import merge
 
@@ -210,7 +211,7 @@ def run_once(
     """
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import other_conditions, stop_mark
-    from polish_sim.experiments.report import write_page
+    from polish_sim.experiments.report import page_of
 
     row = experiment(scenario.experiment)
     record = None
@@ -231,7 +232,7 @@ def run_once(
             stop = stop_mark(record.metrics)
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
             draw_run(record, draft)
-            write_page(draft, record, model, planned.notes if planned else ())
+            save_page(draft, page_of(record, model, planned.notes if planned else ()))
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
             rendered = (

@@ -26,6 +26,7 @@ from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import check_flange, experiment
+from polish_sim.page import save_page
 from polish_sim.row_file import write_json
 
 if TYPE_CHECKING:
@@ -367,7 +368,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
     """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
     from polish_sim.analysis.run_record import write_record
-    from polish_sim.experiments.report import write_page
+    from polish_sim.experiments.report import page_of
     from polish_sim.spatial import apply
 
     rig = controller.robot.rig
@@ -386,7 +387,7 @@ def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
     record = result.record
     write_record(folder, record)
     draw_run(record, folder)
-    write_page(folder, record, controller.robot.cell.model, job.notes)
+    save_page(folder, page_of(record, controller.robot.cell.model, job.notes))
     if job.task is not None:
         _score(job.task, job.place, run, folder)
 

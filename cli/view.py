@@ -197,7 +197,7 @@ def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], giv
     from polish_sim.experiments.report import saved_page, saved_records
     from polish_sim.page.page import page_html
 
-    saved = saved_page(run, saved_records([run])[0])
+    saved = saved_page([run], saved_records([run]))
     if saved is None or not len(saved.motion.time):
         raise InputError(
             f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again."

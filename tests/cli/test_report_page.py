@@ -20,11 +20,11 @@ from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.experiments.report import runs_table, seeds_page, write_page, write_saved_page
+from polish_sim.experiments.report import page_of, runs_table, saved_page, seeds_page
 from polish_sim.experiments.run_page import clock
 from polish_sim.log import RunLog
 from polish_sim.motion import forward
-from polish_sim.page import PAGE, Table
+from polish_sim.page import PAGE, Table, save_page
 from polish_sim.page.page import Page, page_html, read_page
 from polish_sim.row_file import read_json
 from polish_sim.scenario_file import merge, override
@@ -127,7 +127,7 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[O
         if isinstance(shown, str):
             (folder / PAGE).write_text(shown, encoding="utf-8")
         else:
-            write_page(folder, shown.record, shown.model, notes)
+            save_page(folder, page_of(shown.record, shown.model, notes))
         contexts.append(browser.new_context(viewport={"width": width, "height": 700}))
         tab, requests, errors = contexts[-1].new_page(), [], []
         tab.on("request", lambda request: requests.append(request.url))
@@ -275,9 +275,9 @@ def test_two_runs_lie_over_each_other(opened, surface, harder, tmp_path):
     runs = [surface.record, replace(harder.record, name="harder")]
     for name, run in zip(("a", "b"), (surface, harder), strict=True):
         (tmp_path / name).mkdir()
-        write_page(tmp_path / name, run.record, run.model)
+        save_page(tmp_path / name, page_of(run.record, run.model))
     (tmp_path / "both").mkdir()
-    write_saved_page(tmp_path / "both", [tmp_path / "a", tmp_path / "b"], runs)
+    save_page(tmp_path / "both", saved_page([tmp_path / "a", tmp_path / "b"], runs))
     tab = opened((tmp_path / "both" / PAGE).read_text(encoding="utf-8"))
     first, second = (run.removal for run in runs)
     tab.tab.locator("#layers select").first.select_option("minus:0")
@@ -309,7 +309,7 @@ def test_the_command_of_a_case_runs_its_very_scenario():
 
 
 def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
-    write_page(tmp_path, surface.record, surface.model)
+    save_page(tmp_path, page_of(surface.record, surface.model))
     page = read_page(tmp_path / PAGE)
     log, removal = surface.record.log, surface.record.removal
     assert page.wear.value == pytest.approx(removal.relative, abs=1e-4)

@@ -80,8 +80,9 @@ def test_the_page_has_part_path_and_figures_and_takes_the_time_the_feed_says():
     assert (page.path == result.path.positions_work).all()
     in_contact = np.ptp(page.motion.time[result.path.process])
     assert in_contact == pytest.approx(np.ptp(result.path.s[result.path.process]) / SETUP.process.feed_m_s)
-    assert ["path in contact", f"{result.figures['path_length_m']:.2f} m"] in page.tables["Figures"]
-    assert ["retracts", "1"] in page.tables["Figures"]
+    length = f"{result.figures['path_length_m']:.3f}"
+    assert ["path length in contact", "m", length] in page.tables["Figures"]
+    assert ["retracts", "", "1"] in page.tables["Figures"]
 
 
 def test_the_pad_of_the_page_stands_on_the_path_along_its_axes():

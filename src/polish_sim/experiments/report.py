@@ -29,7 +29,7 @@ from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments.registry import claims_shown, experiment, load, path_words, setting_rows
 from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plots, shown_rows
-from polish_sim.page import PAGE, Table, save_page
+from polish_sim.page import PAGE, Table
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
 from polish_sim.row_file import METRICS, check_forms
@@ -105,35 +105,6 @@ def _badness(record: RunRecord, claims: Sequence[Claim]) -> tuple[float, ...]:
     return len(shortfalls(claims, record.metrics)), *map(float, errors)
 
 
-def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str] = ()) -> None:
-    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell, None: it is set up again if
-    it can be.
-
-    A run without a row has no page.
-    """
-    if model is None:
-        model = cell_model(record) if remade(record) else None
-    if model is not None and len(record.log):
-        save_page(folder, run_page(record, model, notes))
-
-
-def write_saved_page(folder: Path, sources: Sequence[Path], records: Records) -> None:
-    """Write the page of a saved run, or of several of one experiment over each other, if all have something
-    to show."""
-
-    pages = [saved_page(source, record) for source, record in zip(sources, records, strict=True)]
-    known = [page for page in pages if page is not None]
-    if len(known) == len(pages):
-        save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
-
-
-def write_seeds_page(folder: Path, records: Records, figures: Table, notes: Sequence[str]) -> None:
-    """Write the page of many seeds of one scenario with one robot."""
-
-    if all(map(remade, records)):
-        save_page(folder, seeds_page(records, figures, notes))
-
-
 def removed_something(record: RunRecord) -> bool:
     """Whether a run has a map of its removal, and removed anything."""
     return record.removal is not None and record.removal.mean > 0.0
@@ -155,12 +126,27 @@ def _removal(plot: str, runs: Any) -> dict[str, Figure]:
 ALIKE = ("exact force", "error", "speed", "distance")
 
 
-def saved_page(folder: Path, record: RunRecord) -> Page | None:
-    """The page of a saved run: its own, or made again as far as one robot goes; None if there is nothing to
-    show."""
-    if (folder / PAGE).exists():
-        return read_page(folder / PAGE)
-    return run_page(record, cell_model(record)) if remade(record) else None
+def page_of(record: RunRecord, model: Any = None, notes: Sequence[str] = ()) -> Page | None:
+    """The page of a run; ``model`` is MuJoCo's of its cell, None: it is set up again if it can be.
+
+    A run without a row has none.
+    """
+    if model is None and remade(record):
+        model = cell_model(record)
+    return run_page(record, model, notes) if model is not None and len(record.log) else None
+
+
+def saved_page(sources: Sequence[Path], records: Records) -> Page | None:
+    """The page of a saved run, its own if it is there, or of several of one experiment over each other; None
+    if one has nothing to show."""
+    pages = [
+        read_page(source / PAGE) if (source / PAGE).exists() else page_of(record)
+        for source, record in zip(sources, records, strict=True)
+    ]
+    known = [page for page in pages if page is not None]
+    if len(known) < len(pages):
+        return None
+    return known[0] if len(known) == 1 else pages_over(records, known)
 
 
 def remade(record: RunRecord) -> bool:
@@ -249,9 +235,11 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
-def seeds_page(records: Records, figures: Table, notes: Sequence[str] = ()) -> Page:
-    """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
-    curves, the ``figures`` of all."""
+def seeds_page(records: Records, figures: Table, notes: Sequence[str]) -> Page | None:
+    """Many seeds of one scenario with one robot: the first one's cell, bands from the least to the largest of
+    all behind its curves, the ``figures`` of all."""
+    if not all(map(remade, records)):
+        return None
     first, model = records[0], cell_model(records[0])
     page = run_page(first, model)
     curves: dict[tuple[str, str], list[Array]] = {}

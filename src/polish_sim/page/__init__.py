@@ -80,8 +80,10 @@ class Table(NamedTuple):
         return [self.headings, *self.rows]
 
 
-def save_page(folder: Path, page: Page) -> None:
-    """Write a page into a folder of results; it appears when it is whole."""
+def save_page(folder: Path, page: Page | None) -> None:
+    """Write a page, if there is one, into a folder of results; it appears when it is whole."""
+    if page is None:
+        return
     from polish_sim.page.page import page_html  # numpy is slow to import
 
     with whole_file(folder / PAGE) as draft:
