@@ -65,10 +65,14 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     assert "robot.linear_acceleration_m_s2 = 0.05 (1.2)" in out
     # Neither the pad of a plan nor what a named sensor stands for is one.
     scenario = default_scenario("surface")
-    assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"])) == ()
-    assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]))) == 1
-    named = override(default_scenario("force"), ["sensor.model=axia80", "sensor.cross_talk=0"])
-    assert other_conditions(named) == ("sensor.model = axia80 (external)", "sensor.cross_talk = 0 (0.01)")
+    assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"]), scenario) == ()
+    assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]), scenario)) == 1
+    usual = default_scenario("force")
+    named = override(usual, ["sensor.model=axia80", "sensor.cross_talk=0"])
+    assert other_conditions(named, usual) == (
+        "sensor.model = axia80 (external)",
+        "sensor.cross_talk = 0 (0.01)",
+    )
     noisy = build_scenario(default_scenario("force"), {"--noise": 0.5, "--set": ["sensor.model=axia80"]})
     assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
 
