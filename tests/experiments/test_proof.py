@@ -25,6 +25,7 @@ from polish_sim.experiments.proof import (
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, Mend, PreparedRegion
+from polish_sim.planning.quality.access import HOLLOW
 from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.scenario_file import override
@@ -194,6 +195,25 @@ def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypa
     monkeypatch.setattr(proof, "MUCH", 0.0)
     assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
     assert len(tried) == 1 + proof.MOST_PADS
+
+
+@pytest.mark.parametrize(("reason", "pads"), [(HOLLOW, 1 + proof.MOST_PADS), ("at the border", 1)])
+def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(monkeypatch, reason, pads):
+    scenario, plan = soft_corner()
+    area = proven_at_the_corner().plan.area
+    row = next(iter(area.left_out.values()))
+    found = replace(plan, area=replace(area, left_out={reason: row}))
+    tried = []
+
+    def proven_with_any(scenario, plan, observer, work):
+        tried.append(scenario.pad.radius_m)
+        return Proven(found, scenario)
+
+    monkeypatch.setattr(proof, "prove", proven_with_any)
+    monkeypatch.setattr(proof, "plan_removal", lambda scenario: plan)
+    monkeypatch.setattr(proof, "MUCH", 0.5 * row.area_m2 / area.region_m2)
+    prove_with_a_pad_that_fits(scenario, plan)
+    assert len(tried) == pads
 
 
 def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):

@@ -60,6 +60,7 @@ from polish_sim.planning.part_plan import (
     out_of_part,
     with_pad,
 )
+from polish_sim.planning.quality.access import HOLLOW
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -68,7 +69,7 @@ SLOWEST = 0.2  #: Share of the planned feed below which slowing is given up
 PLAYED = "when it was played, "
 SINKS_OFF = "the pad would sink off an edge of a part that lies aside"
 LOOKED_M = 1e-3  #: Places of the path at which that is looked at are so far apart [m]
-MUCH = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
+MUCH = 0.05  #: Share of the region from which a smaller pad is tried, by `_lost`
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
 LEAST_POLISHED = 0.1  #: Share of the region below which a plan is refused
 WORTH_A_PAD = 1.02  #: Times as much it has to polish
@@ -212,10 +213,10 @@ def _pads_from(given: PadConfig, asked: PlanConfig, pad: PadConfig) -> Iterator[
 
 
 def _lost(plan: PlanResult) -> float:
-    """What of the region was left out because it failed when it was played [m^2]."""
-    return sum(
-        row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith((PLAYED, SINKS_OFF))
-    )
+    """What of the region was left out because it failed when it was played, or is too hollow for the pad
+    [m^2]."""
+    of_pad = (PLAYED, SINKS_OFF, HOLLOW)
+    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith(of_pad))
 
 
 def _pressed(plan: PlanResult) -> float:
@@ -575,7 +576,7 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     if proof.get("work_used", 0.0) > 1.0:
         notes.append(
             "the proof's time was used up: it may use its limits without a margin for other parts, and "
-            "no smaller pad was tried"
+            "no further pad was tried"
         )
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
     for mend in proof["mends"]:
