@@ -20,11 +20,13 @@ from polish_sim.compare.replay import (
     SCENARIO,
     CarriedPayload,
     bare_arm,
+    commands_of,
     compare_joints,
     replay,
     rigid_torques,
     warm,
 )
+from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
@@ -89,6 +91,12 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path):
     # The servos are 2 ms behind their commands, which the log does not hold, and again behind the replay's.
     assert max(found.figures["motion_rms_rad"]) < 0.002 * np.abs(logged["qd_rad_s"]).max()
     assert max(found.figures["nrms"]) < 0.1
+
+
+def test_a_log_of_two_samples_is_too_short_for_a_replay():
+    short = RobotRecording(np.array([0.0, 0.002]), {"q_rad": np.zeros((2, 6))}, 0.0, True)
+    with pytest.raises(InputError, match=r"0\.002 s long: too short to be replayed"):
+        commands_of(short)
 
 
 def test_rigid_torques_hold_a_payload_at_its_lever():

@@ -22,6 +22,7 @@ from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.scene import build_scene
 from polish_sim.compare.figures import SPEEDS, ForceStep, delay, fit_friction, friction_curve, nrms, ripple
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
+from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
 from polish_sim.page import Table, number_or_dash
@@ -91,6 +92,8 @@ def commands_of(log: RobotRecording) -> CubicSpline:
     if "q_desired_rad" in log.values:
         return CubicSpline(log.time, log.values["q_desired_rad"])
     t = np.arange(log.time[0], log.time[-1], CLOCK_S)
+    if len(t) < 2:
+        raise InputError(f"the log is {log.time[-1] - log.time[0]:.2g} s long: too short to be replayed.")
     q = CubicSpline(log.time, log.values["q_rad"])(t)
     low = butter(2, MOTION_HZ, fs=1.0 / CLOCK_S, output="sos")
     return CubicSpline(
