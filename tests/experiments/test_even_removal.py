@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import write_ply
@@ -196,3 +197,14 @@ def test_memory_for_an_even_removal_grows_with_the_path_not_with_its_square():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 50 * 8 * len(s)
+
+
+def test_a_strip_without_an_inside_says_no_figure_of_it(tmp_path):
+    """No place of it is a pad's radius from the border."""
+    trimesh.creation.box((90, 44, 10)).export(tmp_path / "strip.stl")
+    strip = replace(EVEN.part, file=str(tmp_path / "strip.stl"), unit="mm", up="z")
+    plan = plan_removal(replace(EVEN, part=strip, pad=replace(EVEN.pad, choice="given")))
+    assert np.isnan(plan.figures["planned_removal_cv_inside"])
+    (note,) = (note for note in plan.notes if note.startswith(even_removal.PLANNED))
+    assert "nan" not in note
+    assert "at one feed" in note

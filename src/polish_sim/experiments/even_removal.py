@@ -122,11 +122,11 @@ def even_out(
     path = replace(path, feed=feed, force=path.force if again else problem.at(path.s, problem.force))
     (was, _), (now, within) = problem.deviations(before), problem.deviations(problem.exposure(slowness))
     spread = {"planned_removal_cv": now, "planned_removal_cv_inside": within}
+    inside = f" ({100.0 * within:.1f}% a pad's radius inside the border)" * math.isfinite(within)
     note = (
         f"{PLANNED} {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the "
-        f"mean beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
-        f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
-        f"{1e3 * feed[path.process].max():.3g} mm/s"
+        f"mean beside it on the part as drawn{inside}, {100.0 * was:.1f}% at one feed; "
+        f"feed {1e3 * feed[path.process].min():.3g} to {1e3 * feed[path.process].max():.3g} mm/s"
     )
     notes = (*(earlier for earlier in plan.notes if not earlier.startswith(PLANNED)), note)
     return replace(plan, path=path, figures={**plan.figures, **spread}, notes=notes)
