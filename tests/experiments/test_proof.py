@@ -169,6 +169,24 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     assert prove(scenario, replace(prover.plan, path=prover.place_now().path)).plan.figures["proven"]
 
 
+def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkeypatch):
+    """A run looks for one anew: of a dome it took another one than was played, and ran into itself."""
+    scenario = pressing()
+    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
+    assert prover._moves_as_a_run()  # nothing was cut
+    prover._leave_out(prover.path.positions_work[:, 0] < -0.03, "a guard tripped")
+    assert prover._moves_as_a_run()
+    found = prover._reach_now()
+    turned = found._replace(q_start=found.q_start + 1.0)
+    monkeypatch.setattr(proof.PartPlacing, "reach", lambda self: turned)
+    prover._leave_out(prover.path.positions_work[:, 0] > 0.03, "a guard tripped")
+    assert not prover._moves_as_a_run()
+    np.testing.assert_array_equal(prover.place_now().reach.q_start, turned.q_start)
+    prover.path = replace(prover.path, positions_work=prover.path.positions_work.copy())
+    monkeypatch.setattr(prover, "_reach_now", lambda: turned)
+    assert prover._moves_as_a_run()
+
+
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts():
     (scenario, plan), proven = soft_corner(), proven_at_the_corner()
     assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None

@@ -43,6 +43,7 @@ from polish_sim.experiments.assembly import (
     proof_seeds,
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
+from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
 from polish_sim.experiments.registry import default_scenario
@@ -83,6 +84,7 @@ MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path 
 #: least so long [s]; then no margin is kept, after twice that what fails is left out, and after three times
 #: the plan is refused
 MOST_WORK, LEAST_WORK_S = 8.0, 8000.0
+SAME_WAY = 0.1  #: At the start of a path joints differ by less in the same configuration of the arm [rad]
 SPENT = ", and the proof's time was used up"
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
@@ -324,7 +326,7 @@ class _Prover:
             self._even_out()
             self.pass_through(seed, begun)
             begun = None
-            if len(self.mends) == mended and self._keeps_clear(2.0**number):
+            if len(self.mends) == mended and self._keeps_clear(2.0**number) and self._moves_as_a_run():
                 return
             self.shares.clear()
             self._refuse_when_over(self.mends[-1].why)
@@ -351,6 +353,17 @@ class _Prover:
             self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
             self._keep(remaining)
         return not len(inside)
+
+    def _moves_as_a_run(self) -> bool:
+        """Whether the arm does a path that was cut in the same configuration as a run, which looks for one
+        anew in this pose; from here on it does."""
+        if self.path.positions_work is self.place.path.positions_work:
+            return True
+        before, scenario = self._reach_now(), self.scenario
+        asked = replace(scenario, part=replace(scenario.part, pose=to_pose(before.T_base_work)))
+        reach = PartPlacing(asked, *self.plan.standing, self.path).reach()
+        self.place = self.place.along(self.path, reach)
+        return float(np.abs(reach.q_start - before.q_start).max()) < SAME_WAY
 
     def pass_through(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
@@ -401,7 +414,7 @@ class _Prover:
     def _reach_now(self) -> Reach:
         """How the arm does the path as it is mended so far: with its first stroke cut, it starts
         elsewhere."""
-        path, whole, reach = self.path, self.plan.path, self.place.reach
+        path, whole, reach = self.path, self.place.path, self.place.reach
         if path.positions_work is whole.positions_work:
             return reach
         joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
