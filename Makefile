@@ -13,6 +13,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 TREE := build/tree
 
+# Without compiled files every started Python parses the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test check bench docs site wheel clean
 .DELETE_ON_ERROR:
 

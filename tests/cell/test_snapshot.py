@@ -71,3 +71,15 @@ def same_bytes(run: CellRun, other: CellRun) -> None:
     assert all(
         run.log[name].tobytes() == other.log[name].tobytes() for name in ("q_rad", "wrench_measured_tool")
     )
+
+
+def test_ctrl_c_while_a_law_is_compiled_is_not_lost_in_compiled_code():
+    class Law:
+        @property
+        def address(self) -> int:
+            raise KeyboardInterrupt
+
+    one = cell()
+    one.controller.law = Law()
+    with pytest.raises(KeyboardInterrupt):
+        one.use_controller(one.controller)

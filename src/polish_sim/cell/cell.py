@@ -237,7 +237,8 @@ class Cell:
             ) from error
         self.law: object
         if isinstance(controller, CompiledController):
-            self.law = controller.law
+            # Compiled here: where compiled code asks for its address, Ctrl-C would be lost.
+            self.law, _ = controller.law, controller.law.address
             context = memory_of(controller.context)
             law = self.kernel.law._replace(context=context, course=controller.course.view(np.uint8))
             self.kernel = self.kernel._replace(law=law)
