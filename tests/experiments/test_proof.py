@@ -18,6 +18,7 @@ from polish_sim.experiments.proof import (
     Proven,
     Work,
     _Prover,
+    drift_notes,
     prove,
     prove_with_a_pad_that_fits,
     why_not_proven,
@@ -28,6 +29,7 @@ from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutO
 from polish_sim.planning.quality.access import HOLLOW
 from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
+from polish_sim.planning.toolpath import LEAD_OUT
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
 from tests.kept import plate_file
@@ -232,6 +234,29 @@ def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(mon
     monkeypatch.setattr(proof, "MUCH", 0.5 * row.area_m2 / area.region_m2)
     prove_with_a_pad_that_fits(scenario, plan)
     assert len(tried) == pads
+
+
+@pytest.mark.parametrize(
+    ("settings", "strokes", "notes"),
+    [
+        (["sensor.model=ur5e-built-in"], 2, ["drift by 4.5 N"]),  # 6.5 N (1 - 1/e) + 0.02 N/s^0.5 sqrt(300 s)
+        (["sensor.model=ur5e-built-in"], 1, []),
+        (["sensor.model=ur5e-built-in", "process.tare=strokes"], 2, []),
+        (["sensor.model=axia80"], 2, []),
+    ],
+)
+def test_a_sensor_that_drifts_by_more_than_counts_as_contact_is_to_be_zeroed_for_each_stroke(
+    settings, strokes, notes
+):
+    scenario = pressing(*settings)
+    path = straight((-0.05, 0.0), (0.05, 0.0))
+    segment = path.segment.copy()
+    segment[60] = segment[60] if strokes == 1 else LEAD_OUT
+    plan = planned(scenario, path)
+    plan = replace(plan, path=replace(path, segment=segment), figures={"time_in_contact_s": 300.0})
+    found = drift_notes(scenario, plan)
+    assert len(found) == len(notes)
+    assert all(part in text for part, text in zip(notes, found, strict=True))
 
 
 def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):

@@ -567,7 +567,7 @@ class _Prover:
             "proven": 1,
             "proof_work_s": self.work.done_s,
         }
-        notes = (*plan.notes, *proof_notes(proof))
+        notes = (*plan.notes, *proof_notes(proof), *drift_notes(scenario, plan))
         plan = replace(plan, path=place.path, mends=mends, proof=proof, figures=figures, notes=notes)
         kept_place(scenario, lambda: place, Same(plan))
         return Proven(plan, scenario)
@@ -603,6 +603,20 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
             f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}"
         )
     return notes
+
+
+def drift_notes(scenario: Checked, plan: PlanResult) -> list[str]:
+    """What helps where the sensor's zero walks further than what counts as contact before the path ends."""
+    sensor, process, time = scenario.sensor, scenario.process, plan.figures["time_in_contact_s"]
+    warmed = -sensor.warm_up_force_n * math.expm1(-time / sensor.warm_up_s)
+    drift = warmed + sensor.force_drift_n_s * math.sqrt(time)
+    alone = process.tare != "start" or len(stretches(plan.path.process)) < 2
+    if alone or drift < process.contact_threshold_n:
+        return []
+    return [
+        f"the sensor's zero may drift by {drift:.1f} N on the path, more than counts as contact: runs "
+        "differ, and may stop. --set process.tare=strokes zeroes it before every stroke"
+    ]
 
 
 def path_key(path: ToolPath) -> str:
