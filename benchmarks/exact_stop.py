@@ -41,7 +41,7 @@ def plan_exact_stop(
     Returns:
         The chain and its schedule.
     """
-    triples = filter_times(chain, limits, arm, feeds, block_triples)
+    triples = filter_times(chain, limits, arm, feeds, block_triples).triples
     ends = np.cumsum(triples.sum(axis=1))
     return Smoothed(chain, fir_schedule(np.concatenate([[0.0], ends])[: len(triples)], triples))
 

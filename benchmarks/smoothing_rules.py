@@ -98,7 +98,7 @@ def print_trial(jerks: tuple[float, ...]) -> None:
             shares = measure_shares(motion, chain, limits, arm)
             second = "-"
             if name in PAPER:
-                second = f"{filter_times(chain, limits, arm, None, PAPER[name])[:, 1].sum():.4f}"
+                second = f"{filter_times(chain, limits, arm, None, PAPER[name]).triples[:, 1].sum():.4f}"
             joints = " ".join(f"{share:7.3f}" for share in shares.joints)
             print(f"{jerk:6.0f} {name:21s}{motion.end:9.4f}{second:>8s}   {joints}", end="")
             print(f"{shares.tip[2]:8.3f}{shares.contour:9.4f}{shares.vertex:7.4f}", flush=True)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.kernel_cache import njit
 
 
@@ -157,6 +157,16 @@ def unit(vectors: Array) -> Array:
 def into_plane(directions: Array, normals: Array) -> Array:
     """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
     return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
+
+
+def angles_between(first: Array, second: Array) -> Array:
+    """Angles between vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
+    return np.arctan2(norms(np.cross(first, second)), dots(first, second))
+
+
+def turns_along(directions: Array) -> Array:
+    """Angles from each vector to the next [rad], (n, 3) -> (n - 1,)."""
+    return angles_between(directions[:-1], directions[1:])
 
 
 def perpendicular(vectors: Array) -> Array:

@@ -10,7 +10,7 @@ from polish_sim.arrays import Array
 from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
-from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule, turning
+from polish_sim.motion.rules.schedule import Schedule, Smoothed, turning
 from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
 PACE = trajectory.Pace(0.01, 0.05, 1.25)
@@ -105,7 +105,7 @@ MARKS = np.array([0.0, 0.02, 0.045, 0.07])
 def test_between_its_rows_it_is_where_the_schedule_is():
     motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     clock = np.linspace(0.0, SCHEDULE.end, 400)
-    exact = sample_schedule(CHAIN, SCHEDULE, clock)
+    exact = Smoothed(CHAIN, SCHEDULE).sample(clock)
     run = play(motion, clock)
     np.testing.assert_allclose(run.positions, exact.tips[:, 0], atol=2e-8)
     np.testing.assert_allclose(run.velocities, exact.tips[:, 1], atol=3e-5)
@@ -141,7 +141,7 @@ def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_th
     drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
     breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
     times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
-    here, after, before = (sample_schedule(TURNING, FOUR_AT_ONCE, times + h) for h in (0.0, STEP, -STEP))
+    here, after, before = (Smoothed(TURNING, FOUR_AT_ONCE).sample(times + h) for h in (0.0, STEP, -STEP))
     for k in range(3):
         for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
             np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
@@ -155,13 +155,13 @@ def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_th
 def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate():
     alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
     flat = TURNING._replace(rolls=np.zeros(6))
-    here = sample_schedule(flat, alone, np.linspace(0.0, 1.0, 20)[1:-1])
+    here = Smoothed(flat, alone).sample(np.linspace(0.0, 1.0, 20)[1:-1])
     np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
 
 
 def test_it_rests_at_the_ends_and_passes_through_what_is_done():
-    here = sample_schedule(
-        TURNING, FOUR_AT_ONCE, np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
+    here = Smoothed(TURNING, FOUR_AT_ONCE).sample(
+        np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
     )
     np.testing.assert_allclose(here.tips[:, 0], TURNING.tips[[0, -1, -1]], atol=1e-15)
     np.testing.assert_allclose(here.rotations, TURNING.rotations[[0, -1, -1]], atol=1e-15)

@@ -10,10 +10,11 @@ from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.leads import LEADS, Landing, with_leads, with_way_down
-from polish_sim.planning.moves.stroke import STEEPEST, angles_between, lean, smooth_axes, soften_creases
+from polish_sim.planning.moves.stroke import STEEPEST, lean, smooth_axes, soften_creases
 from polish_sim.planning.moves.travel import move_in
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT
+from polish_sim.spatial import angles_between
 from tests.planning.shapes import UP, region_of, shipped_plan
 
 CLEARANCE = 0.03

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, Indices
+from polish_sim.arrays import Array, Figures, Indices, in_groups
 from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
-from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, build_arm
+from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, near
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
@@ -86,7 +86,7 @@ def sample_in_blocks(
     for block in times:
         seen = motion_at(motion, block, arm)
         yield seen
-        arm = None if arm is None else build_arm(arm.T_base_work, arm.T_flange_tool, seen.q[0, -1])
+        arm = None if arm is None else near(arm, seen.q[0, -1])
 
 
 def stretch_times(edges: Array) -> Iterator[Array]:
@@ -107,8 +107,7 @@ def stretch_times(edges: Array) -> Iterator[Array]:
 
 def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
     """Evenly spread times in each stretch, its ends all but included."""
-    k = np.repeat(np.arange(len(counts)), counts)
-    place = np.arange(len(k)) - (np.cumsum(counts) - counts)[k]
+    k, place = in_groups(counts)
     # Never on the edge itself, where rounding would let pieces overlap.
     edge = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))[k]
     return begins[k] + edge + (widths[k] - 2.0 * edge) * place / (counts[k] - 1)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, dots, norms
+from polish_sim.arrays import Array, Indices, in_groups, norms
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
 from polish_sim.exchange import WayPoints
@@ -23,6 +23,7 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
+from polish_sim.spatial import turns_along
 
 FEW = 3  #: Segments that suffice to have a rule compiled
 SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out
@@ -83,7 +84,7 @@ def distinct_rows(points: WayPoints) -> Indices:
         raise SmoothingError(
             f"'{points.file}': all points are the same: there is no way to go. Give two that differ."
         )
-    half = np.flatnonzero(_turns(axes[rows]) > HALF_TURN)
+    half = np.flatnonzero(turns_along(axes[rows]) > HALF_TURN)
     if len(half):
         first, second = (points.place(int(rows[half[0] + k])) for k in range(2))
         raise SmoothingError(
@@ -111,11 +112,11 @@ def way_between(positions: Array, axes: Array) -> PlacedWay:
     Returns:
         The way, the first point included.
     """
-    turns = _turns(axes)
+    turns = turns_along(axes)
     lengths = norms(np.diff(positions, axis=0))
     counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
-    k = np.repeat(np.arange(len(counts)), counts)
-    u = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1.0) / counts[k]
+    k, place = in_groups(counts)
+    u = (place + 1.0) / counts[k]
     on_way = positions[k] + u[:, None] * (positions[k + 1] - positions[k])
     # Slerp (paper 4, eq. 11); sinc stays good where the turn vanishes.
     share = turns[k] / np.pi
@@ -123,12 +124,6 @@ def way_between(positions: Array, axes: Array) -> PlacedWay:
     turned = (old[:, None] * axes[k] + new[:, None] * axes[k + 1]) / np.sinc(share)[:, None]
     ends = np.concatenate([[0], k + 1])
     return PlacedWay(np.concatenate([positions[:1], on_way]), np.concatenate([axes[:1], turned]), ends)
-
-
-def _turns(axes: Array) -> Array:
-    """Angles from each unit axis to the next [rad], (n, 3) -> (n - 1,)."""
-    sine = norms(np.cross(axes[:-1], axes[1:]))
-    return np.arctan2(sine, dots(axes[:-1], axes[1:]))
 
 
 def follow_path(

@@ -13,12 +13,13 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, HATCHES, ORANGE, head, new_figure, styled
-from polish_sim.arrays import Array, Indices, dots, norms
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import LimitValues
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
+from polish_sim.spatial import turns_along
 
 SUFFIX = ("/s", "/s²", "/s³")
 LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
@@ -160,8 +161,7 @@ def way_past(raw: Chain, motion: SmoothMotion) -> DrawnWay:
 def path_turns(raw: Chain) -> Array:
     """Angle the tip's path turns by at every way point [rad], 0 where it begins, ends or stays, shape (n +
     1,)."""
-    old, new = raw.directions[:-1], raw.directions[1:]
-    turns = np.arctan2(norms(np.cross(old, new)), dots(old, new))
+    turns = turns_along(raw.directions)
     turns[(raw.lengths[:-1] == 0.0) | (raw.lengths[1:] == 0.0)] = 0.0
     return np.concatenate([[0.0], turns, [0.0]])
 

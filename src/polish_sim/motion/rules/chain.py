@@ -166,21 +166,16 @@ def _check(tips: Array, rotations: Array) -> None:
 
 @njit
 def _fill_segments(chain: Chain) -> None:
+    """Write length, direction, angle, turn axis and roll of every segment from its two way points."""
     for k in range(chain.lengths.shape[0]):
-        fill_segment(chain, k)
-
-
-@njit
-def fill_segment(chain: Chain, k: int) -> None:
-    """Write length, direction, angle, turn axis and roll of segment ``k`` from its two way points."""
-    direction = chain.directions[k]
-    set_to(direction, minus(chain.tips[k + 1], chain.tips[k]))
-    length = math.sqrt(dot(direction, direction))
-    chain.lengths[k] = length if length > SAME_PLACE else 0.0
-    for i in range(3):
-        direction[i] = direction[i] / length if length > SAME_PLACE else 0.0
-    _fill_turn(chain, k)
-    chain.rolls[k] = _roll(chain, k)
+        direction = chain.directions[k]
+        set_to(direction, minus(chain.tips[k + 1], chain.tips[k]))
+        length = math.sqrt(dot(direction, direction))
+        chain.lengths[k] = length if length > SAME_PLACE else 0.0
+        for i in range(3):
+            direction[i] = direction[i] / length if length > SAME_PLACE else 0.0
+        _fill_turn(chain, k)
+        chain.rolls[k] = _roll(chain, k)
 
 
 @njit(_nrt=False, inline="always")

@@ -34,7 +34,6 @@ class LargestAt(NamedTuple):
 
     value: float  #: [m] or [rad]
     time: float  #: [s]
-    point: int  #: Way point it belongs to, counted from 0: the last one left, or the one that is missed
 
 
 class Deviation(NamedTuple):
@@ -76,12 +75,13 @@ def measure_deviation(motion: SmoothMotion, raw: Chain) -> Deviation:
             return deviation_curve(motion, raw, times)[i]
 
         values, times = _narrowed(measured, found[i][:, 1], found[i][:, 2])
-        row = int(values.argmax())
-        left = motion.places_at(np.arange(len(raw.tips), dtype=float), times[row : row + 1])[0][0]
-        worst.append(LargestAt(float(values[row]), float(times[row]), int(left + 1e-9)))
-    distances, times = vertex_distances(motion, raw)
-    vertex = int(np.argmax(distances))
-    return Deviation(worst[0], LargestAt(float(distances[vertex]), float(times[vertex]), vertex), worst[1])
+        worst.append(_largest(values, times))
+    return Deviation(worst[0], _largest(*vertex_distances(motion, raw)), worst[1])
+
+
+def _largest(values: Array, times: Array) -> LargestAt:
+    row = int(values.argmax())
+    return LargestAt(float(values[row]), float(times[row]))
 
 
 def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:

@@ -189,6 +189,11 @@ def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     return Arm(T_base_work, T_flange_tool, T_tool_flange, q_start, joint_rows(NOMINAL), arm_lengths())
 
 
+def near(arm: Arm, q: Array) -> Arm:
+    """The same arm, in its configuration at joints ``q`` (6,) [rad]."""
+    return build_arm(arm.T_base_work, arm.T_flange_tool, q)
+
+
 def chain_in_base(chain: Chain, arm: Arm) -> Chain:
     """The chain as seen from the robot's base."""
     R = arm.T_base_work[:3, :3]

@@ -3,7 +3,7 @@ tolerance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, near
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
 
@@ -42,15 +42,6 @@ def tool_limits(chain: Chain, limits: SmoothingLimits, feeds: Array | None) -> P
         )
 
 
-def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
-    """Joint derivatives by progress at `NODES`, arrays (k, nodes, 6), for ``BLOCK`` segments at a time."""
-    for begin in range(0, len(chain.lengths), BLOCK):
-        rows = slice(begin, min(begin + BLOCK, len(chain.lengths)))
-        rates = chain_rates(part_of(chain, rows), NODES, arm)
-        arm = build_arm(arm.T_base_work, arm.T_flange_tool, rates.q[-1, -1])
-        yield rows, rates
-
-
 TriplesAt = Callable[[Array, Indices], Array]
 """(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others;
 infinite where the joints' curvature alone takes up a limit at that speed."""
@@ -65,26 +56,38 @@ _GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
 second."""
 
 
+class Timed(NamedTuple):
+    """Every segment of a chain from rest to rest."""
+
+    triples: Array  #: Filter times T1, T2, T3 [s], shape (n, 3)
+    q: Array  #: Joint angles at the way points [rad], 0 without an arm, shape (n + 1, 6)
+
+
 def filter_times(
     chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None, block_triples: BlockTriples
-) -> Array:
-    """T1, T2, T3 of every segment by a rule for the joints' share [s], shape (n, 3); arguments as of `Rule`.
+) -> Timed:
+    """Filter times of every segment by a rule for the joints' share; arguments as of `Rule`.
 
     Raises:
         ReachError: A place out of reach or singular.
         SmoothingError: No speed keeps the joint limits, or no limit is finite.
     """
     tool = tool_limits(chain, limits, feeds)
-    triples = stop_triples(*tool)
+    n = len(chain.lengths)
+    triples, q = stop_triples(*tool), np.zeros((n + 1, 6))
     if arm is not None:
-        for rows, rates in rate_blocks(chain, arm):
+        for begin in range(0, n, BLOCK):
+            rows = slice(begin, min(begin + BLOCK, n))
+            rates = chain_rates(part_of(chain, rows), NODES, arm)
+            arm = near(arm, rates.q[-1, -1])
             triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
+            q[rows], q[rows.stop] = rates.q[:, 0], rates.q[-1, -1]
     if not np.all(triples.max(axis=1, initial=0.0) > 0.0):
         k = int(np.argmin(triples.max(axis=1)))
         raise SmoothingError(
             f"nothing limits the motion along segment {k + 1}: give a speed, acceleration or jerk."
         )
-    return triples
+    return Timed(triples, q)
 
 
 def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
@@ -186,7 +189,7 @@ def fir_rule(
 ) -> Smoothed:
     """A smoothing rule by a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the
     rest)."""
-    triples = filter_times(chain, limits, arm, feeds, block_triples)
+    triples = filter_times(chain, limits, arm, feeds, block_triples).triples
     return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
@@ -252,22 +255,7 @@ plan_joint_jerk = partial(fir_rule, partial(block_triples, jerk_share=0.5, signe
 """Paper 4's rule: eq. 18-20, 24, 30, the limit of jerk halved for corners."""
 
 
-class Stops(NamedTuple):
-    """Every segment of a chain from rest to rest."""
-
-    triples: Array  #: Filter times [s], shape (n, 3)
-    q: Array  #: Joint angles at the way points [rad], 0 without an arm, shape (n + 1, 6)
-
-
-def plan_stops(chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None) -> Stops:
+def plan_stops(chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None) -> Timed:
     """The fastest three boxes for every segment; joint limits are kept at `NODES`. Errors as of
     `filter_times`."""
-    q = np.zeros((len(chain.lengths) + 1, 6))
-    begun = iter(range(0, len(chain.lengths), BLOCK))
-
-    def whole(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
-        first = next(begun)
-        q[first : first + len(rates.q)], q[first + len(rates.q)] = rates.q[:, 0], rates.q[-1, -1]
-        return block_triples(tool, rates, limits, jerk_share=1.0)
-
-    return Stops(filter_times(chain, limits, arm, feeds, whole), q)
+    return filter_times(chain, limits, arm, feeds, partial(block_triples, jerk_share=1.0))

@@ -95,8 +95,17 @@ class Smoothed(NamedTuple):
         )
 
     def sample(self, times: Array) -> Samples:
-        """See `SmoothMotion`."""
-        return sample_schedule(self.chain, self.schedule, times)
+        """See `SmoothMotion`; at rest before the start, too.
+
+        The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows
+        by ``w -> n phi' + A w``, differentiated twice in closed form.
+        """
+        times = np.ascontiguousarray(times, dtype=float)
+        n = len(times)
+        samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), *np.empty((2, n, 3, 3)))
+        index = index_schedule(self.chain, self.schedule)
+        _sample_all(self.chain, self.schedule, index, times, samples, np.empty((2, 4)))
+        return samples
 
     def under_way(self, times: Array) -> tuple[Indices, Indices]:
         """See `SmoothMotion`."""
@@ -159,19 +168,6 @@ def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
     return ScheduleIndex(
         first.astype(np.int64), np.maximum.accumulate(ends), np.minimum.accumulate(begins[::-1])[::-1].copy()
     )
-
-
-def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
-    """Pose and rates of the tool at ``times`` (n,) [s]; at rest before the start and after the end.
-
-    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by
-    ``w -> n phi' + A w``, differentiated twice in closed form.
-    """
-    times = np.ascontiguousarray(times, dtype=float)
-    n = len(times)
-    samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3)))
-    _sample_all(chain, schedule, index_schedule(chain, schedule), times, samples, np.empty((2, 4)))
-    return samples
 
 
 def turning(axes: Array) -> Array:

@@ -14,8 +14,8 @@ from polish_sim.arrays import Array, Indices, dots, norms, running_sums
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import PIECES, box_pieces
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.paper_rules import Stops, plan_stops
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, near
+from polish_sim.motion.rules.paper_rules import Timed, plan_stops
 from polish_sim.motion.rules.schedule import Samples
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, time_factors
@@ -217,7 +217,7 @@ class SplineTask(NamedTuple):
 
     def arm_near(self, q: Array) -> Arm | None:
         """The arm in its configuration at some way point."""
-        return None if self.arm is None else build_arm(self.arm.T_base_work, self.arm.T_flange_tool, q)
+        return None if self.arm is None else near(self.arm, q)
 
 
 MOST_ROUNDS = 12  #: Of stops added
@@ -289,7 +289,7 @@ def _slower(line: Polyline, passage: Passage, lasting: Array) -> Indices:
 
 
 def _stretch(
-    task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops
+    task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Timed
 ) -> SplineMotion | Indices:
     """The fastest motion along a smooth curve near some segments, or the inner way points to stop at.
 
@@ -340,7 +340,7 @@ def _stretch(
     return SplineMotion(line, curve, passage)
 
 
-def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -> SplineMotion:
+def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Timed) -> SplineMotion:
     """One segment from rest to rest."""
     line = polyline_of(part_of(chain, slice(k, k + 1)), places[k : k + 2])
     length = float(line.u[-1])

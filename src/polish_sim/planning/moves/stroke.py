@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, Bools, Indices, dots, joined, norms
+from polish_sim.arrays import Array, Bools, Indices, joined, norms
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
@@ -26,7 +26,7 @@ from polish_sim.planning.toolpath import (
     interpolate,
     stretches,
 )
-from polish_sim.spatial import into_plane, unit
+from polish_sim.spatial import angles_between, into_plane, unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
@@ -93,12 +93,6 @@ def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
     return interpolate(
         s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest")
     )
-
-
-def angles_between(first: Array, second: Array) -> Array:
-    """Angles between unit vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
-    across = norms(np.cross(first, second))
-    return np.arctan2(across, dots(first, second))
 
 
 CREASE_REACH = 0.5  #: The tool axis turns over a crease within this many step-overs on either side

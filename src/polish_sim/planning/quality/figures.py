@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, dots, norms
+from polish_sim.arrays import Array, Figures, norms
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
@@ -24,7 +24,7 @@ from polish_sim.planning.quality.located import PathOnSurface, locate
 from polish_sim.planning.quality.spacing import Stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
-from polish_sim.spatial import into_plane
+from polish_sim.spatial import angles_between, into_plane
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path ->
 # figures).
@@ -60,7 +60,7 @@ def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
         s, normals, here = curve.knots[inside], curve.normals[inside], curve.positions[inside]
         before, after = here - curve.at(s - CORNER_M)[0], curve.at(s + CORNER_M)[0] - here
         before, after = (into_plane(v, normals) for v in (before, after))
-        turn = np.arctan2(norms(np.cross(before, after)), dots(before, after))
+        turn = angles_between(before, after)
         k = int(turn.argmax())
         if turn[k] > best.value:
             best = Peak(float(turn[k]), here[k])
@@ -211,7 +211,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     corner = _sharpest_corner(on.runs)
     rate = quality.axis_rate.peak
-    lean = np.arctan2(norms(np.cross(on.axes, on.normals)), dots(on.axes, on.normals))
+    lean = angles_between(on.axes, on.normals)
     return {
         "self_crossings": len(quality.crossings),
         "sharpest_corner_rad": corner.value,
