@@ -63,8 +63,8 @@ def test_without_one_law_the_others_still_land(law):
 
 def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff():
     stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
-    slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.005)
-    fast = land(adaptive(), Plant(noise=0.5), approach=0.005)
+    slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.002)
+    fast = land(adaptive(), Plant(noise=0.5), approach=0.002)
     assert settling(fast, 20.0) < 0.8 * settling(slow, 20.0)
     assert land(adaptive(), stiff).force.max() < 21.0
     assert land(adaptive(laws=without("stiffness")), stiff).force.max() > 25.0

@@ -143,13 +143,15 @@ class Air(Record):
 
 
 class SpringFit(Record):
-    """Sums of the least squares of force over travel."""
+    """Sums of the least squares of force over travel since contact."""
 
-    weight: float
+    count: float  #: Of the readings
     mean_path: float  #: [m]
     mean_force: float  #: [N]
     spread: float  #: Of the travel [m^2]
     co_spread: float  #: Of both [N m]
+    force_spread: float  #: Of the force [N^2]
+    reached: bool  #: Whether the observed force has been the set force
 
 
 class ForceObserver(Record):

@@ -138,16 +138,17 @@ def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float)
 
 # Law ``stiffness``: dF/dz from the tool's own motion while it lands, stiff until proven soft.
 #
-# Least squares of force over travel, both as the sensor shows them, with a memory of 50 ms. What is used is
-# the upper end of the estimate, k + 2 sigma / sqrt(sum (z - mean)^2): wide at the first touch, when the
-# travel says nothing yet, and within a fraction of a millimetre at the slope itself. A spring taken for
-# stiffer than it is makes the loop slow, never unstable. Only motion the controller made itself counts
-# (faster than 4 mm/s, while it lands): later, travel follows the part and its slope against the force says
-# nothing about springs.
+# Least squares of force over travel, both as the sensor shows them, of everything since contact: a tool that
+# lands makes the arm swing on its gears, and over a few periods that is no slope. What is used is the upper
+# end of the estimate, k + 2 sigma / sqrt(sum (z - mean)^2), sigma from what the line leaves: wide at first
+# touch, when the travel says nothing yet, within a fraction of a millimetre at the slope itself, and wider
+# where the force swings. A spring taken for stiffer than it is makes the loop slow, never unstable. It learns
+# until the set force is reached, while the place on the path rests and the tool does not (1 mm/s): later,
+# travel follows the part and its slope against the force says nothing about springs.
 
-_MEMORY = 0.05  # [s]
-_EXCITED = 0.004  # slower motion teaches nothing [m/s]
+_EXCITED = 0.001  # slower motion teaches nothing [m/s]
 _CONFIDENCE = 2.0  # standard deviations
+_LEAST_NOISE = 0.2  # of a reading [N]
 _SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
 
 
@@ -155,41 +156,36 @@ _SOFTEST, _STIFFEST = 0.1, 10.0  # of the nominal stiffness
 def restart_fit(memory: PressMemory, path: float, force: float) -> None:
     """Forget everything but where the tool touched: ``path`` [m], ``force`` [N], as sensed."""
     fit = memory.fit
-    fit.weight, fit.mean_path, fit.mean_force, fit.spread, fit.co_spread = 0.0, path, force, 0.0, 0.0
+    fit.mean_path, fit.mean_force, fit.reached = path, force, False
+    fit.count = fit.spread = fit.co_spread = fit.force_spread = 0.0
 
 
 @kernel
 def refine_stiffness(
-    g: AdaptiveGains,
-    memory: PressMemory,
-    nominal: float,
-    path: float,
-    force: float,
-    pressing: float,
-    dt: float,
+    g: AdaptiveGains, memory: PressMemory, path: float, force: float, pressing: float
 ) -> float:
     """Take in travel ``path`` [m] and ``force`` [N] as sensed; upper end of what the stiffness may be [N/m].
 
-    It is within 0.1 to 10 times the ``nominal`` one, and ``stiff_first`` times it while the travel says
-    nothing. ``pressing`` is the present speed into the part [m/s].
+    It is within 0.1 to 10 times the nominal one, and ``stiff_first`` times it while the travel says nothing.
+    ``pressing`` is the present speed into the part [m/s].
     """
     fit = memory.fit
     if abs(pressing) > _EXCITED:
-        kept = math.exp(-dt / _MEMORY)
-        weight = kept * fit.weight + 1.0
-        share = (weight - 1.0) / weight
+        fit.count += 1.0
+        share = (fit.count - 1.0) / fit.count
         dz, df = path - fit.mean_path, force - fit.mean_force
-        fit.weight = weight
-        fit.mean_path += dz / weight
-        fit.mean_force += df / weight
-        fit.spread = kept * (fit.spread + share * dz * dz)
-        fit.co_spread = kept * (fit.co_spread + share * dz * df)
+        fit.mean_path += dz / fit.count
+        fit.mean_force += df / fit.count
+        fit.spread += share * dz * dz
+        fit.co_spread += share * dz * df
+        fit.force_spread += share * df * df
     spread = fit.spread + 1e-16
+    slope = fit.co_spread / spread
+    left = (fit.force_spread - slope * fit.co_spread) / max(fit.count, 1.0)
     # A low-passed reading is worth a quarter of a fresh one.
-    sigma = 2.0 * max(math.sqrt(memory.air.variance), 0.2)
-    slope, doubt = fit.co_spread / spread, _CONFIDENCE * sigma / math.sqrt(spread)
-    upper = min(slope + doubt, max(g.stiff_first * nominal, slope))
-    return min(max(upper, _SOFTEST * nominal), _STIFFEST * nominal)
+    sigma = 2.0 * math.sqrt(max(memory.air.variance, left, _LEAST_NOISE * _LEAST_NOISE))
+    upper = min(slope + _CONFIDENCE * sigma / math.sqrt(spread), max(g.stiff_first * g.stiffness, slope))
+    return min(max(upper, _SOFTEST * g.stiffness), _STIFFEST * g.stiffness)
 
 
 # Law ``inertia``: forces the sensor reads that no part exerts, from the tool's own motion.

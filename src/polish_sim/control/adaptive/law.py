@@ -43,7 +43,7 @@ from polish_sim.control.signals import (
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, kernel
 
-_LANDING = 0.3  # until the landing is over by this much, stiffness is learned
+_LANDING = 0.3  # until the landing is over by this much, stiffness is learned with the feed on too
 
 
 class AdaptiveMemory(Record):
@@ -183,8 +183,8 @@ def press_adaptive(
         return by_position if not t.contact else landing.seek_speed(memory)
     state = memory.force
     state.age += dt
-    if g.estimates and state.landed < _LANDING:
-        stiffness = landing.refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
+    if g.estimates and (state.landed < _LANDING or (t.speed == 0.0 and not memory.fit.reached)):
+        stiffness = landing.refine_stiffness(g, memory, seen.path, reading, pressing)
         force_loop.change_stiffness(memory, stiffness, seen.path)
     pace = force_loop.pace_of(
         g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age
@@ -193,6 +193,7 @@ def press_adaptive(
     force = state.stiffness * state.travel + force_loop.correction(
         memory, arm_mode, pace.crossover, state.landed, dt
     )
+    memory.fit.reached = memory.fit.reached or force >= t.force
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
     coming = force_loop.under_way(memory, dt) - asked
