@@ -37,6 +37,11 @@ def apply_each(T: Array, points: Array) -> Array:
     return np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
 
 
+def place_of(T: Array, point: Array) -> Array:
+    """Where a point (3,) fixed in each of some frames (..., 4, 4) is, shape (..., 3)."""
+    return T[..., :3, :3] @ point + T[..., :3, 3]
+
+
 def matrices(quaternions: Array) -> Array:
     """Rotations (..., 3, 3) of unit quaternions wxyz (..., 4)."""
     return Rotation.from_quat(quaternions, scalar_first=True).as_matrix()

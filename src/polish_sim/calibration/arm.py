@@ -19,6 +19,7 @@ from polish_sim.calibration.matched_points import kabsch, moved_frame, point_slo
 from polish_sim.config import RealArmConfig
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
+from polish_sim.spatial import place_of
 
 LEAST_POSES = 20
 USUAL_NOISE = 3e-5  #: Of a laser tracker, per coordinate [m]
@@ -79,7 +80,7 @@ class ArmEstimate(NamedTuple):
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
         T = self.T_tracker_base @ link_frames(self.links_at(q, weight), self.table)[:, 6]
-        return T[:, :3, :3] @ self.target + T[:, :3, 3]
+        return place_of(T, self.target)
 
 
 def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:

@@ -32,9 +32,9 @@ from polish_sim.motion import forward
 from polish_sim.motion.kinematics import (
     JOINT_LIMITS,
     NOMINAL,
+    inverse_near,
     inverse_with_table,
     is_nominal,
-    nearest_solution,
 )
 from polish_sim.spatial import inverse
 
@@ -83,19 +83,15 @@ def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
 
     Raises ReachError, which names the arm and the pose it cannot reach.
     """
-    joints = np.empty((len(T_base_flange), 6))
-    q = np.asarray(q_near, dtype=np.float64)
-    for k, T in enumerate(T_base_flange):
-        q = nearest_solution(np.ascontiguousarray(T), q, True)
-        if np.isnan(q).any():
-            x, y, z = 1e3 * T[:3, 3]
+    joints = [q_near]
+    for k, T in enumerate(T_base_flange, 1):
+        try:
+            joints.append(inverse_near(T, joints[-1]))
+        except ReachError as error:
             raise ReachError(
-                f"the {arm} cannot bring its flange to point {k + 1} of {len(T_base_flange)}, ({x:.1f}, "
-                f"{y:.1f}, {z:.1f}) mm in its base, with the wanted direction. Move the part, the other "
-                "base, or turn the tool."
-            )
-        joints[k] = q
-    return joints
+                f"the {arm} cannot bring its flange to point {k} of {len(T_base_flange)}: {error}"
+            ) from error
+    return np.stack(joints[1:])
 
 
 def limit_margin(q: Array) -> float:

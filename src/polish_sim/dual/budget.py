@@ -64,14 +64,13 @@ class PairBudgetTrial:
     @property
     def T_work_tool(self) -> Array:
         """The tool on the rim, its z axis into the part, shape (points, 4, 4)."""
-        return transform(np.tile(TOOL_DOWN, (self.points, 1, 1)), self._around(self.points))
+        return self._around(self.points)
 
     @property
     def site(self) -> Site:
         """Points of the rim that are touched to find the part, and again with the tool; `dual.marks` of
         them."""
-        count = self.dual.marks
-        return Site(self.T_master_work, transform(np.tile(TOOL_DOWN, (count, 1, 1)), self._around(count)))
+        return Site(self.T_master_work, self._around(self.dual.marks))
 
     @property
     def T_master_work(self) -> Array:
@@ -79,9 +78,10 @@ class PairBudgetTrial:
         return next(default_poses(true_chain(self.dual), np.array([0.0, 0.0, 1.0]), np.zeros(3)))
 
     def _around(self, count: int) -> Array:
+        """The tool at places all round the rim, shape (count, 4, 4)."""
         angle = 2.0 * np.pi * np.arange(count) / count
         x, y = self.rim_radius * np.cos(angle), self.rim_radius * np.sin(angle)
-        return np.stack([x, y, np.full(count, self.rim_height)], axis=1)
+        return transform(TOOL_DOWN, np.stack([x, y, np.full(count, self.rim_height)], axis=1))
 
 
 class Share(NamedTuple):
@@ -101,11 +101,9 @@ class Share(NamedTuple):
     @property
     def deviation_sigma(self) -> float:
         """Drawn minus predicted, over its standard error; 0 where there is no noise but rounding."""
-        if max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
+        if not self.drawn_rms_std_m or max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
             return 0.0
-        return (
-            (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
-        )
+        return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m
 
 
 class Prediction(NamedTuple):

@@ -25,8 +25,9 @@ from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import apply, from_pose, inverse, transform
+from polish_sim.spatial import apply, from_pose, inverse, place_of, transform
 
+#: The tracker's target on the flange [m]: outwards, for larger circles
 TARGET = np.array([-0.03, 0.02, 0.05])
 #: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
 ARCS = ((-60.0, 60.0), (-120.0, 0.0))
@@ -112,15 +113,10 @@ def simulate_arcs(
         q = np.zeros((count, 6))
         first, last = np.radians(ARCS[joint])
         q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
-        own = _target(forward(q) if flanges is None else flanges(robot, q))
+        own = place_of(forward(q) if flanges is None else flanges(robot, q), TARGET)
         return apply(truth[robot], own) + noise * rng.standard_normal((count, 3))
 
     return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth})
-
-
-def _target(T: Array) -> Array:
-    """The tracker's target in the robot's base [m], shape (n, 3), from poses of the flange (n, 4, 4)."""
-    return T[:, :3, :3] @ TARGET + T[:, :3, 3]
 
 
 def _stated(found: BaseCalibration) -> Figures:
@@ -343,6 +339,3 @@ def reached(T_base_flange: Array, read: Reading | None = None, q_near: Array = Q
     """
     q = np.stack([inverse_near(T, q_near) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))
-
-
-#: The tracker's target on the flange [m]: outwards, for larger circles

@@ -30,7 +30,7 @@ from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, into_plane, inverse, matrices, transform
+from polish_sim.spatial import apply, into_plane, inverse, matrices, transform, unit
 
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> Workplace:
@@ -187,8 +187,7 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
     tracking = np.einsum("nij,ni->nj", R_base_work, trace.target_error_m[part])
     relative = trace.tool_on_part_m[part] - interpolate(s, wanted.s, wanted.points)
     if pressing:
-        axes = interpolate(s, wanted.s, wanted.axes)
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        axes = unit(interpolate(s, wanted.s, wanted.axes))
         tracking, relative = (into_plane(e, axes) for e in (tracking, relative))
     return PairErrors(tracking, relative)
 

@@ -52,17 +52,9 @@ _AXES_SEEN = (
     # Several times what the noise of a tracker of 0.03 mm makes of axes that do meet.
     Claim("gap_m", "axes 1 and 2 miss each other by", "mm", high=1e-4),
 )
-_RELATIVE_BASE = (
-    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm"),
-    Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm"),
-    Claim("point_error_1m_m", "a metre from the follower's, error", "mm"),
-    _POINT,
-)
-_BASE_DATA = (
-    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", high=1e-4),
-    Claim("noise_m", "noise of a point, per coordinate", "mm"),
-    _POINT,
-)
+_ORIGIN_STD = Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm")
+_ORIGIN_ERROR = Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm")
+_FAR_ERROR = Claim("point_error_1m_m", "a metre from the follower's, error", "mm")
 
 _ARM = (
     Claim("heldout_rms_m", "target in poses left out, rms", "mm"),
@@ -103,17 +95,22 @@ CALIBRATIONS: Mapping[str, tuple[Claim, ...]] = {
         *_AXES_SEEN,
         Claim("origin_error_m", "origin, error (three times that)", "mm", high=5.1e-5),
         Claim("axis_error_rad", "first axis, error (three times)", "deg", high=0.003 / DEGREES),
-        *_RELATIVE_BASE,
+        *(_ORIGIN_STD, _ORIGIN_ERROR, _FAR_ERROR, _POINT),
     ),
     "base-gears": (
-        Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm"),
+        _ORIGIN_ERROR,
         Claim("relative_origin_bound_m", "  bound, by the residual of one point", "mm"),
         Claim("bound_share", "  error over that bound", "-", high=1.0),
         Claim("relative_origin_std_m", "  std if points were independent", "mm"),
-        Claim("point_error_1m_m", "a metre from the follower's, error", "mm"),
+        _FAR_ERROR,
         _POINT,
     ),
-    "base-data": (*_AXES_SEEN, *_BASE_DATA),
+    "base-data": (
+        *_AXES_SEEN,
+        _ORIGIN_STD._replace(high=1e-4),
+        Claim("noise_m", "noise of a point, per coordinate", "mm"),
+        _POINT,
+    ),
     "budget": (
         *TOOL_ON_PART,
         Claim("across_error_rms_m", "  across the tool axis, rms", "mm"),

@@ -44,7 +44,7 @@ from polish_sim.dual.calibration.tool_checks import ToolTouches
 from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, transform
+from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, to_pose, transform
 
 #: Where the simulated tracker sees the master
 T_TRACKER_MASTER = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
@@ -215,7 +215,7 @@ def settled_bases(config: DualConfig) -> DualConfig:
             f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{file}' was measured on "
             f"simulated robots that stand at {_pose_text(planted)}: leave one of them out."
         )
-    return replace(config, follower_pose=tuple(_pose_numbers(planted)))
+    return replace(config, follower_pose=to_pose(planted))
 
 
 def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> ClosedChain:
@@ -246,11 +246,7 @@ def _follower_pose(config: DualConfig) -> Array:
 
 def _pose_text(T: Array) -> str:
     """A pose as `--set dual.follower_pose` takes it; rounded to nanometres."""
-    return "[" + ",".join(f"{number:.9g}" for number in _pose_numbers(T)) + "]"
-
-
-def _pose_numbers(T: Array) -> list[float]:
-    return [float(number) for number in (*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec())]
+    return "[" + ",".join(f"{number:.9g}" for number in to_pose(T)) + "]"
 
 
 def calibrated_frames(

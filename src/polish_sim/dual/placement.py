@@ -23,8 +23,9 @@ from polish_sim.experiments.placement import (
     given_placement,
     rotations_towards,
     spin_direction,
+    starts_at,
 )
-from polish_sim.motion import JointPath, inverse_all, track
+from polish_sim.motion import JointPath, track
 from polish_sim.spatial import apply_each, inverse, transform
 
 UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
@@ -237,8 +238,7 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
     found: list[tuple[float, Array]] = []
     furthest = 0.0
     reason = f"the {arm} does not reach the first pose"
-    solutions = inverse_all(np.ascontiguousarray(poses[0] @ inverse(T_flange_end)), 0.0)
-    for q in solutions[~np.isnan(solutions).any(axis=1)]:
+    for q in starts_at(poses[0] @ inverse(T_flange_end)):
         joints = _tracked(poses, T_flange_end, q)
         failure = failure_of(joints, False)
         if failure is None:
@@ -253,7 +253,7 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
 def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
     """Joints along poses from near a configuration (6,), whole turns off where that suits their limits
     better."""
-    joints = track(poses, T_flange_end, (q + np.pi) % (2.0 * np.pi) - np.pi)
+    joints = track(poses, T_flange_end, q)
     reached = joints.q[~np.isnan(joints.q[:, 0])]
     if not len(reached):
         return joints

@@ -22,7 +22,7 @@ from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.trajectory import TimedPath, build_path_table, time_path, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
-from polish_sim.spatial import apply, into_plane, matrices
+from polish_sim.spatial import apply, into_plane, matrices, unit
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 SPARE_S = 1.0
@@ -90,8 +90,7 @@ def lifted(path: ToolPath, standoff: float) -> ToolPath:
 def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
     """Whether a path bends and turns with no more acceleration than the limits allow."""
     change = np.gradient(motion.velocities, motion.spacing, axis=0)
-    along = motion.velocities / np.maximum(np.linalg.norm(motion.velocities, axis=1, keepdims=True), 1e-12)
-    across = into_plane(change, along)
+    across = into_plane(change, unit(motion.velocities))
     axes = matrices(motion.quaternions)[:, :, 2]
     turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
     # At its ends, at rest, it has no direction.

@@ -149,17 +149,11 @@ def _find_way(
     ReachError."""
     observer.stage("check the reach of both robots")
     work, motion = _asked_of_both(job, chain)
-    collides = _contacts(job, chain)
-    pose = job.scenario.part.pose
+    dual, pose = job.scenario.dual, job.scenario.part.pose
+    clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
+    collides = PairContacts(_scene(job, chain, clearances), clearances).first
     held = held_poses(pose, work, motion, job.up) if like is None else iter([like.T_master_work])
     return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
-
-
-def _contacts(job: PairJob, chain: ClosedChain) -> Collides:
-    """The check for collisions in the scene by a chain."""
-    dual = job.scenario.dual
-    clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
-    return PairContacts(_scene(job, chain, clearances), clearances).first
 
 
 def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:

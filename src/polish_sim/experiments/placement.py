@@ -134,7 +134,7 @@ def find_reach(
                 unturnable = error
                 continue
             poses = transform(rotations, apply(T_base_work, positions[samples]))
-            for q in _starts(poses[0] @ np.linalg.inv(T_flange_tool)):
+            for q in starts_at(poses[0] @ np.linalg.inv(T_flange_tool)):
                 joints = track(poses, T_flange_tool, q)
                 failure = failure_of(joints, above_table)
                 value = joints.smallest_singular_value if failure is None else 0.0
@@ -210,7 +210,7 @@ def upright(up: Array) -> Array:
     return Rotation.from_rotvec(axis / size * math.atan2(size, float(up[2]))).as_matrix()
 
 
-def _starts(T_base_flange: Array) -> Array:
+def starts_at(T_base_flange: Array) -> Array:
     """All configurations of a pose, turned near the middle of the joints' ranges, shape (k, 6)."""
     found = inverse_all(np.ascontiguousarray(T_base_flange), 0.0)
     found = found[~np.isnan(found).any(axis=1)]

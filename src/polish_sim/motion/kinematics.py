@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
-from polish_sim.spatial import inverse
+from polish_sim.spatial import inverse, place_of
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
 """Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); `motion.makes` sets
@@ -112,7 +112,7 @@ def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
 
 
 def _jacobian_of(frames: Array, point_flange: Array) -> Array:
-    points = frames[..., 6, :3, :3] @ point_flange + frames[..., 6, :3, 3]
+    points = place_of(frames[..., 6, :, :], point_flange)
     axes = frames[..., :6, :3, 2]
     linear = np.cross(axes, points[..., None, :] - frames[..., :6, :3, 3])
     return np.ascontiguousarray(np.concatenate([linear, axes], axis=-1).swapaxes(-1, -2))

@@ -17,7 +17,7 @@ from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
-from polish_sim.spatial import inverse, transform, unit
+from polish_sim.spatial import inverse, place_of, transform, unit
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
 from polish_sim.ur.motion import (
     FIXED,
@@ -83,7 +83,7 @@ class SimulatedRobot:
         payload = cell.state.payload
         self._sensor_on_flange = _sensor_on_flange(cell, q)
         self.payload_mass = float(payload.mass)
-        self.payload_cog = self._sensor_on_flange[:3, :3] @ payload.center + self._sensor_on_flange[:3, 3]
+        self.payload_cog = place_of(self._sensor_on_flange, payload.center)
         self._own_payload = self.payload_mass, self.payload_cog
         self.payload_inertia = np.zeros(6)
         self._drive: Drive | None = None

@@ -135,8 +135,7 @@ class CalibratedBases(NamedTuple):
     """Where the follower's base is."""
 
     T_master_follower: Array  #: Shape (4, 4)
-    covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
-    T_true: Array | None = None  #: Where it really is, if the measurements were simulated, shape (4, 4)
+    T_true: Array | None  #: Where it really is, if the measurements were simulated, shape (4, 4)
 
 
 def base_figures(found: BaseCalibration) -> Figures:
@@ -178,7 +177,7 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
     table = read_table(file, BASE)
     table.refuse_other_pair(pair)
     T_true = table.pose("true_transform") if "true_transform" in table.values else None
-    return CalibratedBases(table.pose("transform"), table.numbers("covariance", (6, 6)), T_true)
+    return CalibratedBases(table.pose("transform"), T_true)
 
 
 def read_base_measurements(file: Path) -> AxisArcs:

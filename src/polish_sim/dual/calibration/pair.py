@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
-from polish_sim.spatial import apply, apply_each
+from polish_sim.spatial import apply, apply_each, place_of
 
 SOURCES = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
 INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
@@ -137,7 +137,7 @@ def _rows(
     J_marks[..., PART] = point_slopes(T_fw, seen)
     # How far closing touches are from closing the chain, master axes.
     R_1, R_2 = closing.T_master_flange[:, :3, :3], closing.T_follower_flange[:, :3, :3]
-    tips_master = apply(T_mf, R_2 @ tip + closing.T_follower_flange[:, :3, 3])
+    tips_master = apply(T_mf, place_of(closing.T_follower_flange, tip))
     marks_flange = seen[closing.mark]
     marks_master = apply_each(closing.T_master_flange, marks_flange)
     J_closing = np.zeros((len(closing.mark), 3, 15))

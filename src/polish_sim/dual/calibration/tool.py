@@ -36,7 +36,7 @@ from polish_sim.dual.calibration.tool_checks import (
     touch_rows,
 )
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import matrices, transform
+from polish_sim.spatial import matrices, place_of, transform
 from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
@@ -117,7 +117,7 @@ def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
     The flange should keep its orientation; what it turned by mistake is allowed for. ``T_base_flange``: the
     start first, (m, 4, 4); ``point_flange``: the tip in the flange frame [m], (3,).
     """
-    tips = T_base_flange[:, :3, :3] @ point_flange + T_base_flange[:, :3, 3]
+    tips = place_of(T_base_flange, point_flange)
     return (tips - tips[0]) @ T_base_flange[0, :3, :3]
 
 
