@@ -50,7 +50,7 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
     """Filter times of a block of segments, shape (k, 3)."""
     most = np.stack([np.abs(column).max(axis=1) for column in rates[1:]], axis=1)
     motions = np.minimum(np.stack(tool, axis=1), _ANY)
-    joint = limits.values().joint
+    joint = limits.table[:, 2:]
     for k, motion in enumerate(motions):
         motion[:] = _least_time(most[k], joint, motion)
         if not np.isfinite(motion).all():

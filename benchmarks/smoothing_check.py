@@ -91,17 +91,14 @@ def joint_shares(samples: Samples, path: RandomPath, limits: SmoothingLimits) ->
             found = jet[order][:, :3, column]
             if np.abs(found - wanted).max() > WRONG_TABLE * (1.0 + np.abs(wanted).max()):
                 raise AssertionError(f"order {order}: the joints do not do what the tool does")
-    shares = [
-        (np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], limits.values().joint, strict=True)
-    ]
-    return np.array(shares)
+    return np.asarray((np.abs(motion[1:]) / limits.table[:, None, 2:]).max(axis=(1, 2)))
 
 
 def tool_shares(samples: Samples, limits: SmoothingLimits) -> Array:
     """Largest shares of tip and axis speed, acceleration and jerk, shape (6,)."""
     tip = np.linalg.norm(samples.tips[:, 1:], axis=2).max(axis=0)
     axis = np.linalg.norm(turning(samples.axes), axis=2).max(axis=0)
-    return np.asarray(np.concatenate([tip, axis]) / np.array(limits.values().item()[:6]))
+    return np.asarray(np.concatenate([tip, axis]) / limits.table[:, :2].T.ravel())
 
 
 def judge_motion(motion: SmoothMotion, path: RandomPath, limits: SmoothingLimits) -> Array:

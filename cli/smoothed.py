@@ -19,13 +19,12 @@ from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits
+from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning import PlanObserver
 from polish_sim.row_file import Metrics, save_plots, write_metrics
 from polish_sim.smoothing.figures import (
-    ORDERS,
     MeasuredMotion,
     even_times,
     measure_smoothing,
@@ -201,7 +200,7 @@ ROWS = (
 def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
     """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
     raw = task.placed.chain
-    limits = task.limits.values()
+    limits = task.limits.table
     arm = task.placed.arm
     curves = [_curves(motion, raw, arm) for motion in motions]
     times = ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions)
@@ -224,7 +223,7 @@ def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
     seen = motion_at(motion, times, arm)
     strays = deviation_curve(motion, raw, times)
-    return Curves(measured.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
+    return Curves(measured.rule, times, seen.rates, strays)
 
 
 def _corners(

@@ -68,17 +68,17 @@ def corner(starts: list[float]) -> Smoothed:
 
 def test_a_filtered_box_has_the_peaks_of_its_closed_form():
     peaks = find_peaks(corner([0.0, 2.6]), None)
-    assert [peak.value for peak in peaks.tip] == pytest.approx([0.05, 0.1, 1.0], rel=1e-6)
-    assert [peak.value for peak in peaks.axis] == pytest.approx([0.0, 0.0, 0.0])
-    assert peaks.joints == ()
+    assert peaks.values.shape == (3, 2)
+    assert peaks.values[:, 0] == pytest.approx([0.05, 0.1, 1.0], rel=1e-6)
+    assert peaks.values[:, 1] == pytest.approx([0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(("overlap", "jerk"), [(0.1, np.sqrt(2.0)), (1e-15, 1.0), (1e-12, 1.0), (4e-11, 1.0)])
 def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap, jerk):
     """For 0.1 s the last ramp of the old segment and the first one of the new, square to it, are one."""
-    peak = find_peaks(corner([0.0, 2.6 - overlap]), None).tip[2]
-    assert peak.value == pytest.approx(jerk, rel=1e-9)
-    assert overlap < 0.1 or 2.5 < peak.time < 2.6
+    peaks = find_peaks(corner([0.0, 2.6 - overlap]), None)
+    assert peaks.values[2, 0] == pytest.approx(jerk, rel=1e-9)
+    assert overlap < 0.1 or 2.5 < peaks.times[2, 0] < 2.6
 
 
 LIMITS = np.full(6, 10.0)

@@ -188,9 +188,7 @@ def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool
     """Whether all joints are within their limits at every row of a motion; between rows nothing is looked
     at."""
     joints = sampled_joints(motion.sample(row_times(motion.end)), arm)
-    rates = ((joints.first, limits.joint_speed), (joints.second, limits.joint_acceleration))
-    kept = all(bool(np.all(np.abs(rate) <= np.array(limit))) for rate, limit in rates)
-    return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))
+    return bool(np.all(np.abs(joints[1:]) <= limits.table[:, None, 2:]))
 
 
 def cell_limits(asked: SmoothingConfig, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:

@@ -8,16 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, Indices, in_groups
+from polish_sim.arrays import Array, Figures, Indices, in_groups, norms
 from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
-from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, near
+from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, near
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
-ORDERS = ("speed", "acceleration", "jerk")
 EDGE = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
 NODES, STEP_S = 5, 0.01  #: Samples in a smooth stretch: least number, largest distance [s]
 FEWEST = 2  #: In a motion of more than ``MANY`` stretches, at least so few samples each
@@ -25,26 +24,16 @@ NPZ, CSV = "trajectory.npz", "trajectory.csv"
 TOOL = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
 TIP_UNITS = ("m_s", "m_s2", "m_s3")
 TURN_UNITS = ("rad_s", "rad_s2", "rad_s3")
+PARTS = ("tip", "axis", *(f"joint_{number}" for number in range(1, 7)))
 
 Locate = Callable[[float], Figures]  #: From a time [s] to the tool's place
 
 
-class TimedPeak(NamedTuple):
-    """A largest value (SI) and its time [s]."""
-
-    value: float
-    time: float
-
-
 class MotionPeaks(NamedTuple):
-    """Largest values of a motion; each a row of speed, acceleration, jerk."""
+    """Largest `SampledMotion.rates` of a motion, and when, shape (3, 8), or (3, 2) without a robot."""
 
-    tip: tuple[TimedPeak, ...]  #: Norms of the tip's derivatives [m/s..]
-    axis: tuple[
-        TimedPeak, ...
-    ]  #: Norms of the axis' angular velocity without spin and its derivatives [rad/s..]
-    #: Of each order the six joints, without sign [rad/s..]; empty without a robot
-    joints: tuple[tuple[TimedPeak, ...], ...]
+    values: Array
+    times: Array  #: [s]
 
 
 class SampledMotion(NamedTuple):
@@ -56,14 +45,11 @@ class SampledMotion(NamedTuple):
     q: Array
 
     @property
-    def tip_rates(self) -> Array:
-        """Norms of the tip's first three derivatives [m/s..], shape (3, n)."""
-        return np.linalg.norm(self.tool.tips[:, 1:], axis=2).T
-
-    @property
-    def axis_rates(self) -> Array:
-        """Norms of the axis' angular velocity without spin and its derivatives [rad/s..], shape (3, n)."""
-        return np.linalg.norm(turning(self.tool.axes), axis=2).T
+    def rates(self) -> Array:
+        """Size of speed, acceleration and jerk of the tip [m/s..], of the axis without spin and of the joints
+        [rad/s..], shape (3, n, 8), or (3, n, 2) without a robot."""
+        tool = np.stack([norms(self.tool.tips[:, 1:]), norms(turning(self.tool.axes))])
+        return np.concatenate([tool.T, np.abs(self.q[1:])], axis=2)
 
 
 def motion_at(motion: SmoothMotion, times: Array, arm: Arm | None) -> SampledMotion:
@@ -119,16 +105,13 @@ def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
     best = np.full((3, columns), -1.0)
     at = np.zeros((3, columns))
     for seen in sample_in_blocks(motion, stretch_times(motion.edges), arm):
-        tool = [seen.tip_rates[:, :, None], seen.axis_rates[:, :, None]]
-        rates = np.concatenate([*tool, np.abs(seen.q[1:])], axis=2)
+        rates = seen.rates
         row = rates.argmax(axis=1)
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
         better = value > best
         best = np.where(better, value, best)
         at = np.where(better, seen.times[row], at)
-    peaks = [[TimedPeak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
-    joints = tuple(tuple(row[2:]) for row in peaks) if arm is not None else ()
-    return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
+    return MotionPeaks(best, at)
 
 
 class MeasuredMotion(NamedTuple):
@@ -156,7 +139,6 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
     segments = len(raw.lengths)
     deviation = measured.deviation
-    limits = measured.limits.values()
     locate = _locator(measured.motion, points, rows)
     return {
         "rule": measured.rule,
@@ -167,7 +149,7 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
         "tip_deviation_vertex_max_m": deviation.vertex.value,
         "tip_deviation_contour_max_m": deviation.contour.value,
         "axis_deviation_max_rad": deviation.axis.value,
-        **_ratio_figures(measured.peaks, limits),
+        **_ratio_figures(measured),
         "segments_per_s": segments / measured.plan_s,
         "plan_time_s": measured.plan_s,
         "deviations": {
@@ -175,7 +157,7 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
             "contour": _deviation(deviation.contour, "m", locate),
             "axis": _deviation(deviation.axis, "rad", locate),
         },
-        "peaks": _peak_figures(measured.peaks, limits, locate),
+        "peaks": _peak_figures(measured, locate),
     }
 
 
@@ -191,42 +173,28 @@ def _locator(motion: SmoothMotion, points: WayPoints, rows: Indices) -> Locate:
     return locate
 
 
-def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> Figures:
+def _ratio_figures(measured: MeasuredMotion) -> Figures:
     """Peak / limit of tool tip, tool axis and joints; of the joints the worst, null without a robot."""
     figures: Figures = {}
-    for order, name in enumerate(ORDERS):
-        figures[f"tool_{name}_ratio_max"] = peaks.tip[order].value / tip_limits(limits)[order]
-        figures[f"axis_{name}_ratio_max"] = peaks.axis[order].value / axis_limits(limits)[order]
-        joints = peaks.joints[order] if peaks.joints else ()
-        ratios = [peak.value / limits.joint[order, j] for j, peak in enumerate(joints)]
-        figures[f"joint_{name}_ratio_max"] = max(ratios) if ratios else None
+    for name, peaks, limits in zip(ORDERS, measured.peaks.values, measured.limits.table, strict=True):
+        tip, axis, *joints = peaks / limits[: len(peaks)]
+        figures[f"tool_{name}_ratio_max"] = tip
+        figures[f"axis_{name}_ratio_max"] = axis
+        figures[f"joint_{name}_ratio_max"] = max(joints, default=None)
     return figures
 
 
-def _peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> Figures:
+def _peak_figures(measured: MeasuredMotion, locate: Locate) -> Figures:
     """Every peak with its limit, time and place: ``tip_speed``, ..., ``joint_6_jerk``."""
-
-    def figures_of(peak: TimedPeak, limit: float, unit: str) -> Figures:
-        ratio = {"ratio": peak.value / limit, "time_s": peak.time}
-        return {f"value_{unit}": peak.value, f"limit_{unit}": limit} | ratio | locate(peak.time)
-
     figures: Figures = {}
-    for order, (name, unit) in enumerate(zip(ORDERS, TURN_UNITS, strict=True)):
-        figures[f"tip_{name}"] = figures_of(peaks.tip[order], tip_limits(limits)[order], TIP_UNITS[order])
-        figures[f"axis_{name}"] = figures_of(peaks.axis[order], axis_limits(limits)[order], unit)
-        for j, peak in enumerate(peaks.joints[order] if peaks.joints else ()):
-            figures[f"joint_{j + 1}_{name}"] = figures_of(peak, float(limits.joint[order, j]), unit)
+    tables = *measured.peaks, measured.limits.table
+    for order, name in enumerate(ORDERS):
+        for part, value, time, limit in zip(PARTS, *(table[order] for table in tables), strict=False):
+            unit = (TIP_UNITS if part == "tip" else TURN_UNITS)[order]
+            ratio = {"ratio": value / limit, "time_s": time}
+            sizes = {f"value_{unit}": value, f"limit_{unit}": limit}
+            figures[f"{part}_{name}"] = sizes | ratio | locate(time)
     return figures
-
-
-def tip_limits(limits: LimitValues) -> tuple[float, float, float]:
-    """Speed, acceleration and jerk of the tip [m/s..]."""
-    return limits.tip_speed, limits.tip_acceleration, limits.tip_jerk
-
-
-def axis_limits(limits: LimitValues) -> tuple[float, float, float]:
-    """Speed, acceleration and jerk of the tool axis [rad/s..]."""
-    return limits.axis_speed, limits.axis_acceleration, limits.axis_jerk
 
 
 def _deviation(place: LargestAt, unit: str, locate: Locate) -> Figures:

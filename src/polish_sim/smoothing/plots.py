@@ -16,9 +16,8 @@ from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, HATCHES, ORANGE
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
-from polish_sim.motion.rules.limits import LimitValues
+from polish_sim.motion.rules.limits import ORDERS
 from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
 from polish_sim.spatial import turns_along
 
 SUFFIX = ("/s", "/s²", "/s³")
@@ -40,25 +39,21 @@ class Curves(NamedTuple):
 
     label: str
     times: Array  #: [s], shape (n,)
-    tip: Array  #: Norms of the tip's derivatives [m/s..], shape (3, n)
-    axis: Array  #: Norms of the axis' [rad/s..], shape (3, n)
-    joints: Array  #: Joint rates with sign [rad/s..], shape (3, n, 6), or (3, n, 0) without a robot
+    rates: Array  #: As `SampledMotion.rates`
     deviation: DeviationCurve  #: Of tip and axis from the path
 
 
 @styled
-def plot_tool_rates(
-    curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]
-) -> Figure:
+def plot_tool_rates(curves: Sequence[Curves], limits: Array, title: str, facts: Sequence[str]) -> Figure:
     """Speed, acceleration and jerk of tip and tool axis over time, with limits; one curve a rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
     for order, (left, right) in enumerate(grid):
-        top = _draw(left, curves, [1e3 * curve.tip[order] for curve in curves], 0.9)
-        _draw_limit(left, 1e3 * tip_limits(limits)[order], top)
+        top = _draw(left, curves, [1e3 * curve.rates[order, :, 0] for curve in curves], 0.9)
+        _draw_limit(left, 1e3 * limits[order, 0], top)
         left.set_ylabel(f"{ORDERS[order]} of the tip [mm{SUFFIX[order]}]")
-        top = _draw(right, curves, [DEGREES * curve.axis[order] for curve in curves], 0.9)
-        _draw_limit(right, DEGREES * axis_limits(limits)[order], top)
+        top = _draw(right, curves, [DEGREES * curve.rates[order, :, 1] for curve in curves], 0.9)
+        _draw_limit(right, DEGREES * limits[order, 1], top)
         right.set_ylabel(f"{ORDERS[order]} of the axis [deg{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
     return figure
@@ -85,13 +80,13 @@ def plot_deviation(
 
 
 @styled
-def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
+def plot_joints(curves: Sequence[Curves], limits: Array, title: str, facts: Sequence[str]) -> Figure:
     """Share of their limits the joints use over time, of the one that uses most, and each one's largest; by
     rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(3.0, 1.0))
     for order, (over_time, by_joint) in enumerate(grid):
-        shares = [100.0 * np.abs(curve.joints[order]) / limits.joint[order] for curve in curves]
+        shares = [100.0 * curve.rates[order, :, 2:] / limits[order, 2:] for curve in curves]
         _draw(over_time, curves, [share.max(axis=1) for share in shares], 0.8)
         for k, (share, (colour, _)) in enumerate(zip(shares, LOOKS, strict=False)):
             place = np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1))

@@ -30,12 +30,11 @@ from polish_sim.log import PROCESS_PHASE, Trace
 from polish_sim.motion import forward, track, use_arm
 from polish_sim.motion.kinematics import NOMINAL, inverse_near
 from polish_sim.motion.rules.chain import Chain, build_chain
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits, six
+from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, build_arm, load_limits, six
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.planning.toolpath import PROCESS, ToolPath
-from polish_sim.smoothing.figures import ORDERS
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
 from polish_sim.spatial import into_plane, rotation_to_axis, transform, unit
@@ -245,7 +244,7 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
 
 def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
     """Largest joint speed, acceleration and jerk by their limits."""
-    asked = zip(ORDERS, play.targets[1:], limits.values().joint, strict=True)
+    asked = zip(ORDERS, play.targets[1:], limits.table[:, 2:], strict=True)
     return {f"joint_{name}_ratio_max": float((np.abs(rate) / limit).max()) for name, rate, limit in asked}
 
 

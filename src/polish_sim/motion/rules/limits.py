@@ -31,16 +31,9 @@ def six(value: float) -> tuple[float, ...]:
     return (value,) * 6
 
 
-class LimitValues(Record):
-    """`SmoothingLimits` as compiled kernels take them: plain numbers and arrays, SI."""
-
-    tip_speed: float
-    tip_acceleration: float
-    tip_jerk: float
-    axis_speed: float
-    axis_acceleration: float
-    axis_jerk: float
-    joint: Annotated[Array, (3, 6)]  #: Speed, acceleration and jerk of the six joints
+SECTIONS = ("tip", "axis", "joint")
+"""Sections of the TOML file, whose values have the units users of robots think in."""
+ORDERS = ("speed", "acceleration", "jerk")
 
 
 def limit(default: float, unit: str, scale: float) -> Any:
@@ -86,14 +79,12 @@ class SmoothingLimits:
                     joint = f" of joint {j + 1}" if len(values) > 1 else ""
                     raise ConfigError(f"limit {spec.name}{joint} is {each:g}: every limit must be positive.")
 
-    def values(self) -> LimitValues:
-        """The same for compiled kernels."""
-        joint = np.array([self.joint_speed, self.joint_acceleration, self.joint_jerk], dtype=float)
-        numbers = {name: getattr(self, name) for name in LimitValues.dtype.names if name != "joint"}
-        return LimitValues(**numbers, joint=joint)
-
-
-SECTIONS = ("tip", "axis", "joint")  #: Of the TOML file, whose values have the units users of robots think in
+    @property
+    def table(self) -> Array:
+        """Speed, acceleration and jerk of tip, axis and six joints, shape (3, 8)."""
+        return np.array(
+            [np.hstack([getattr(self, f"{part}_{order}") for part in SECTIONS]) for order in ORDERS]
+        )
 
 
 def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:

@@ -33,13 +33,12 @@ class ProgressLimits(NamedTuple):
 
 def tool_limits(chain: Chain, limits: SmoothingLimits, feeds: Array | None) -> ProgressLimits:
     """Tip and axis share one progress: the smaller limit counts (paper 4, eq. 5, 9)."""
-    feed = np.full(len(chain.lengths), np.inf) if feeds is None else np.asarray(feeds, dtype=float)
+    tip, axis = limits.table[:, :2, None].swapaxes(0, 1)
     with np.errstate(divide="ignore"):
-        return ProgressLimits(
-            np.minimum(np.minimum(limits.tip_speed, feed) / chain.lengths, limits.axis_speed / chain.angles),
-            np.minimum(limits.tip_acceleration / chain.lengths, limits.axis_acceleration / chain.angles),
-            np.minimum(limits.tip_jerk / chain.lengths, limits.axis_jerk / chain.angles),
-        )
+        most = np.minimum(tip / chain.lengths, axis / chain.angles)
+        if feeds is not None:
+            most[0] = np.minimum(most[0], feeds / chain.lengths)
+    return ProgressLimits(*most)
 
 
 TriplesAt = Callable[[Array, Indices], Array]

@@ -39,13 +39,11 @@ def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | No
     Raises:
         ReachError: The arm cannot reach a place, or is singular there.
     """
-    known, most = np.zeros((3, len(rates.rotations), PARTS)), limits.values()
+    known = np.zeros((3, len(rates.rotations), PARTS))
     known[:, :, :3], known[:, :, 3:6] = rates.tips[1:], rates.turns
     if arm is not None:
         known[:, :, 6:] = joint_motion(rates.tips[0], rates.rotations, rates.tips[1:], rates.spins, arm)[1:]
-    tip = (most.tip_speed, most.tip_acceleration, most.tip_jerk)
-    axis = (most.axis_speed, most.axis_acceleration, most.axis_jerk)
-    return Bounded(known, np.column_stack([tip, axis, most.joint]))
+    return Bounded(known, limits.table)
 
 
 def part_norms(parts: Array) -> Array:
