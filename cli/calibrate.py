@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -179,24 +179,22 @@ def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
     out."""
     estimate = found.estimate
     rows = [["mass", "kg", f"{estimate.mass:.5f}", f"{estimate.mass_std:.2g}"]]
-    groups: list[tuple[str, str, float, Any, Any]] = [
-        ("centre", "mm", 1e3, estimate.center, estimate.center_std),
-        ("force bias", "N", 1.0, estimate.bias[:3], estimate.bias_std[:3]),
-        ("torque bias", "mN m", 1e3, estimate.bias[3:], estimate.bias_std[3:]),
-    ]
-    if len(estimate.theta) > 10:
-        groups.append(("force drift", "mN/s", 1e3, estimate.drift[:3], estimate.drift_std[:3]))
-        groups.append(("torque drift", "mN m/s", 1e3, estimate.drift[3:], estimate.drift_std[3:]))
-    if "drift_return_n" in found.figures:
-        std = [found.figures["drift_return_n_std"]] * 3
-        groups.append(("force back in the first pose", "N", 1.0, found.figures["drift_return_n"], std))
-    for name, unit, scale, values, deviations in groups:
-        for axis, value, deviation in zip("xyz", values, deviations, strict=True):
+    figures = {**found.figures, "drift_return_n_std": [found.figures.get("drift_return_n_std")] * 3}
+    for name, unit, scale, key in (
+        ("centre", "mm", 1e3, "center_m"),
+        ("force bias", "N", 1.0, "bias_n"),
+        ("torque bias", "mN m", 1e3, "bias_nm"),
+        ("force drift", "mN/s", 1e3, "drift_n_s"),
+        ("torque drift", "mN m/s", 1e3, "drift_nm_s"),
+        ("force back in the first pose", "N", 1.0, "drift_return_n"),
+    ):
+        known = ("xyz", figures[key], figures[f"{key}_std"]) if key in figures else ()
+        for axis, value, deviation in zip(*known, strict=True):
             rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
     console.table(Table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows))
     return tuple(
         f"note: reading {number} does not fit the others and was left out. Did something touch the tool?"
-        for number in found.figures["outliers"]
+        for number in figures["outliers"]
     )
 
 

@@ -159,25 +159,10 @@ class PayloadEstimate:
         return float(self.std[MASS])
 
     @property
-    def center_covariance(self) -> Array:
-        """Covariance of the centre [m^2], to first order, shape (3, 3)."""
-        slope = np.column_stack([-self.center, np.eye(3)]) / self.mass
-        return slope @ self.covariance[:4, :4] @ slope.T
-
-    @property
     def center_std(self) -> Array:
-        """[m], shape (3,)."""
-        return np.sqrt(np.diag(self.center_covariance))
-
-    @property
-    def bias_std(self) -> Array:
-        """[N, N m], shape (6,)."""
-        return self.std[BIAS]
-
-    @property
-    def drift_std(self) -> Array:
-        """[N/s, N m/s], shape (6,)."""
-        return self.std[DRIFT] if len(self.theta) > 10 else np.zeros(6)
+        """[m], to first order, shape (3,)."""
+        slope = np.column_stack([-self.center, np.eye(3)]) / self.mass
+        return np.sqrt(np.diag(slope @ self.covariance[:4, :4] @ slope.T))
 
 
 def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: float = GRAVITY) -> Array:

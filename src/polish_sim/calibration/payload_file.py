@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, rms
-from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
+from polish_sim.calibration.payload import BIAS, GRAVITY, PayloadEstimate, PayloadReadings
 from polish_sim.calibration.tables import (
     JOINTS,
     QUATERNION,
@@ -30,6 +30,7 @@ PAYLOAD = Quantity(
     "force bias xyz, torque bias xyz.",
 )
 TIME = "time_s"
+OF_SENSOR = ("bias_n", "bias_nm", "drift_n_s", "drift_nm_s")
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 
@@ -47,19 +48,12 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
         "mass_kg_std": estimate.mass_std,
         "center_m": estimate.center.tolist(),
         "center_m_std": estimate.center_std.tolist(),
-        "bias_n": estimate.bias[:3].tolist(),
-        "bias_n_std": estimate.bias_std[:3].tolist(),
-        "bias_nm": estimate.bias[3:].tolist(),
-        "bias_nm_std": estimate.bias_std[3:].tolist(),
     }
+    of_sensor = (column[BIAS.start :].reshape(-1, 3) for column in (estimate.theta, estimate.std))
+    for name, value, std in zip(OF_SENSOR, *of_sensor, strict=False):
+        figures |= {name: value.tolist(), f"{name}_std": std.tolist()}
     if len(estimate.theta) > 10:
-        figures |= {
-            "drift_n_s": estimate.drift[:3].tolist(),
-            "drift_n_s_std": estimate.drift_std[:3].tolist(),
-            "drift_nm_s": estimate.drift[3:].tolist(),
-            "drift_nm_s_std": estimate.drift_std[3:].tolist(),
-            "drift_zero_s": estimate.zero_time,
-        }
+        figures["drift_zero_s"] = estimate.zero_time
     return figures | {
         "mass_std_relative": estimate.mass_std / estimate.mass,
         "center_std_max_m": float(estimate.center_std.max()),

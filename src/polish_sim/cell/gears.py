@@ -24,7 +24,18 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import Matrix4, Record, Vector3, Vector6, cross, dot, kernel, minus
+from polish_sim.kernels import (
+    Matrix4,
+    Record,
+    Vector3,
+    Vector6,
+    cross,
+    dot,
+    kernel,
+    minus,
+    plus_matvec,
+    set_to,
+)
 from polish_sim.motion.kinematics import advance_frame, joint_rows
 
 PRESSED_S = 0.2  #: In which the host believes a force to stay [s]
@@ -70,10 +81,10 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
             arm.anchors[k, i], arm.axes[k, i] = T[i, 3], T[i, 2]
         advance_frame(T, arm.table[k], q[first + k])
     E = arm.T_flange_end
+    set_to(arm.place, plus_matvec(T[:, 3], T, E[:, 3]))
     for i in range(3):
-        arm.place[i] = T[i, 3] + T[i, 0] * E[0, 3] + T[i, 1] * E[1, 3] + T[i, 2] * E[2, 3]
         for j in range(3):
-            arm.turn[3 * i + j] = T[i, 0] * E[0, j] + T[i, 1] * E[1, j] + T[i, 2] * E[2, j]
+            arm.turn[3 * i + j] = dot(T[i], E[:, j])
 
 
 # The joints.

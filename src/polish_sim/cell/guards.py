@@ -193,6 +193,14 @@ def _note(state: CellState, code: int, share: float, t: float) -> None:
         guards.shares[code], guards.places[code], guards.times[code] = share, state.target.s, t
 
 
+@kernel
+def _exceeds(state: CellState, code: int, found: float, limit: float, t: float) -> bool:
+    """Note what a guard has found, with its share of the limit, and whether it is above that."""
+    state.guards.found = found
+    _note(state, code, found / limit, t)
+    return found > limit
+
+
 class CrashPoints(NamedTuple):
     """Points on shaft, spindle, sensor, wrist and forearm that must stay out of part and fixture."""
 
@@ -257,11 +265,9 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         size += abs(reading[i])
     if not math.isfinite(finite) or size == 0.0:
         return NO_READING
-    if sensor.errors.overload > 0.0:
-        _note(state, OVERLOAD, sensor.load / sensor.errors.overload, t)
-        if sensor.load > sensor.errors.overload:
-            guards.found = sensor.load
-            return OVERLOAD
+    overload = sensor.errors.overload
+    if overload > 0.0 and _exceeds(state, OVERLOAD, sensor.load, overload, t):
+        return OVERLOAD
     if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
     share = dt / FOLLOW_S if t > 0.0 else 1.0
@@ -275,10 +281,9 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share, SUDDEN * guards.swung)
     if sequence.stage == TARE:
         return NO_STOP
-    guards.found = math.sqrt(jump) / guards.jump_share
-    guards.swing = max(guards.swing, guards.found)
-    _note(state, JUMP, guards.found / limit, t)
-    return JUMP if guards.found > limit else NO_STOP
+    found = math.sqrt(jump) / guards.jump_share
+    guards.swing = max(guards.swing, found)
+    return JUMP if _exceeds(state, JUMP, found, limit, t) else NO_STOP
 
 
 @kernel
@@ -298,13 +303,9 @@ def check_guards(
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
     t = count * dt
-    guards.found = math.sqrt(dot(w, w))
-    _note(state, FORCE, guards.found / guards.force, t)
-    if guards.found > guards.force:
+    if _exceeds(state, FORCE, math.sqrt(dot(w, w)), guards.force, t):
         return FORCE
-    guards.found = math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2)
-    _note(state, TORQUE, guards.found / guards.torque, t)
-    if guards.found > guards.torque:
+    if _exceeds(state, TORQUE, math.sqrt(dot(w[3:6], w[3:6])), guards.torque, t):
         return TORQUE
     guards.found = robot.weakest
     _note(state, SINGULAR, guards.singular_value / robot.weakest, t)
@@ -329,11 +330,8 @@ def check_guards(
     moved = _check_surface(state, planned, dt, t)
     if moved != NO_STOP:
         return moved
-    in_process = target.contact
-    guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force else 0.0
-    guards.found = guards.lost
-    _note(state, LOST, guards.lost / guards.contact_lost, t)
-    if guards.lost > guards.contact_lost:
+    guards.lost = guards.lost + dt if target.contact and w[2] < 0.1 * target.force else 0.0
+    if _exceeds(state, LOST, guards.lost, guards.contact_lost, t):
         return LOST
     first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
     if _crashed(crash, first, rim, part, part.coarse, e):

@@ -56,7 +56,7 @@ from polish_sim.cell.stroke import (
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, kernel, matvec, minus, plus_cross, scaled, set_to
+from polish_sim.kernels import Vector, cross, dot, kernel, matvec, minus, plus_cross, scaled, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
@@ -129,19 +129,18 @@ def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) ->
     set_to(velocity, minus(gliding, cross(spin, minus(center, part.position))))
     set_to(turning_on, minus(turning, spin))
     press_pad(pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
-    moment_at(force, torque, center, e.xipos[head], moment)
-    for i in range(3):
-        e.xfrc_applied[head, i] = force[i]
-        e.xfrc_applied[head, 3 + i] = moment[i]
+    applied = e.xfrc_applied[head]
+    set_to(applied, force)
+    moment_at(force, torque, center, e.xipos[head], applied[3:6])
     moment_at(force, torque, center, tool, moment)
     R_tool_base = e.site_xmat[e.tool_site].reshape((3, 3)).T
     set_to(wrench[0:3], scaled(-1.0, matvec(R_tool_base, force)))
     set_to(wrench[3:6], scaled(-1.0, matvec(R_tool_base, moment)))
-    pull_of_imbalance(state.spindle, e.xmat[head], e.xfrc_applied[head])
+    pull_of_imbalance(state.spindle, e.xmat[head], applied)
 
 
 @kernel
-def moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, out: Array) -> None:
+def moment_at(force: Vector, torque: Vector, old_point: Array, new_point: Array, out: Array) -> None:
     """Move a torque from one reference point to another."""
     set_to(out, plus_cross(torque, minus(old_point, new_point), force))
 

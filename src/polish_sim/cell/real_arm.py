@@ -71,24 +71,23 @@ def take_arm(robot: RobotConfig) -> None:
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
-    knees, bends = _knees(real)
-    size = np.abs(torque)
-    below, between = (
-        size / np.array(real.stiffness_1_nm_rad),
-        (size - knees[0]) / np.array(real.stiffness_2_nm_rad),
-    )
-    above = (size - knees[1]) / np.array(real.stiffness_3_nm_rad)
-    twist = np.where(
-        size <= knees[0], below, np.where(size <= knees[1], bends[0] + between, bends[1] + above)
-    )
+    (knees, bends), stiffness, size = _knees(real), _stiffness(real), np.abs(torque)
+    below = size / stiffness[0]
+    between, above = (bends[k] + (size - knees[k]) / stiffness[k + 1] for k in range(2))
+    twist = np.where(size <= knees[0], below, np.where(size <= knees[1], between, above))
     return np.copysign(twist, torque)
+
+
+def _stiffness(real: RealArmConfig) -> Array:
+    """Of the gears below, between and above the knees, shape (3, 6) [N m/rad]."""
+    return np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
 
 
 def _knees(real: RealArmConfig) -> tuple[Array, Array]:
     """Torques [N m] and twists [rad] at which the stiffness changes, each of shape (2, 6)."""
-    knees = np.array([real.knee_1_nm, real.knee_2_nm])
-    first = knees[0] / np.array(real.stiffness_1_nm_rad)
-    return knees, np.array([first, first + (knees[1] - knees[0]) / np.array(real.stiffness_2_nm_rad)])
+    knees, stiffness = np.array([real.knee_1_nm, real.knee_2_nm]), _stiffness(real)
+    first = knees[0] / stiffness[0]
+    return knees, np.array([first, first + (knees[1] - knees[0]) / stiffness[1]])
 
 
 def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE, speeding: Array | float = 0.0) -> Array:
@@ -176,7 +175,7 @@ class RestingArm(NamedTuple):
 def slip_along(real: RealArmConfig, torques: Array, slipped: Array) -> Array:
     """Torques of the hysteresis (n, 6) [N m] after the gears carried ``torques`` (m, n, 6) one after the
     other: `gears.slip` with the twist each change makes."""
-    stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
+    stiffness = _stiffness(real)
     (first, second), rise = _knees(real)[0], real.lost_motion_rise_rad
     spring = torques[0] - slipped
     for torque in torques[1:]:
@@ -196,7 +195,7 @@ def resting_arm(real: RealArmConfig, seed: int, model: mujoco.MjModel, place: Ar
 
 def _lost_torque(real: RealArmConfig) -> Array:
     """Largest torques of the hysteresis, shape (6,) [N m]."""
-    return 0.5 * np.array(real.lost_motion_rad) * np.array(real.stiffness_1_nm_rad)
+    return 0.5 * np.array(real.lost_motion_rad) * _stiffness(real)[0]
 
 
 def built_table(
@@ -265,12 +264,11 @@ def build_joints(
     rng = place.rng(seed, 1)
     dt = model.opt.timestep
     knees, bends = _knees(real)
-    stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     waves = 2.0 * real.gear_ratio
     servos = slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
         elastic=True,
-        stiffness=stiffness.T,
+        stiffness=_stiffness(real).T,
         knees=knees.T,
         bends=bends.T,
         lost_torque=_lost_torque(real),

@@ -20,7 +20,7 @@ from polish_sim.geometry.distance_field import bend_field, build_distance_field
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
-from polish_sim.kernels import Record, Vector3, kernel
+from polish_sim.kernels import Record, Vector3, dot, kernel, minus
 from polish_sim.spatial import transform
 
 WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
@@ -237,13 +237,11 @@ def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
     phase = motion.frequency * (t - motion.start)
     height = motion.amplitude * math.sin(phase)
     speed = motion.amplitude * motion.frequency * math.cos(phase)
-    left = 0.0
-    for i in range(3):
-        left += (motion.goal[i] - motion.shift[i]) ** 2
-    left = math.sqrt(left)
+    gap = minus(motion.goal, motion.shift)
+    left = math.sqrt(dot(gap, gap))
     share = 0.0 if left == 0.0 else min(SHIFT_SPEED * dt / left, 1.0)
     for i in range(3):
-        step = share * (motion.goal[i] - motion.shift[i])
+        step = share * gap[i]
         motion.shift[i] += step
         motion.velocity[i] = speed * motion.axis[i] + step / dt
         position[i] = motion.place[i] + height * motion.axis[i] + motion.shift[i]

@@ -13,7 +13,7 @@ from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellState
 from polish_sim.cell.stroke import depth_below
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, dot, kernel
+from polish_sim.kernels import Record, Vector2, Vector3, dot, kernel, minus, set_to
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
@@ -105,10 +105,9 @@ def record_state(
     step.time_s, step.phase, step.normal_force_n = t, phase, force
     step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.s, travel
     step.spindle_rad_s = state.spindle.speed
-    for i in range(3):
-        step.part_shift_m[i] = part_position[i] - state.motion.rest[i]
-        step.tcp_position_m[i] = position[i]
-        step.tool_on_part_m[i] = state.tool_on_part[i]
+    set_to(step.part_shift_m, minus(part_position, state.motion.rest))
+    set_to(step.tcp_position_m, position)
+    set_to(step.tool_on_part_m, state.tool_on_part)
     _trace_errors(step, m.position, m.rotation, target)
     filled.steps += 1
     if state.status.steps % recorder.every:
@@ -147,15 +146,12 @@ def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: fl
 @kernel
 def _trace_errors(step: TraceStep, position: Array, rotation: Array, target: Target) -> None:
     """Errors of the tool's pose, base frame: ``position`` (3,) [m], ``rotation`` (3, 3)."""
-    ex = target.position[0] - position[0]
-    ey = target.position[1] - position[1]
-    ez = target.position[2] - position[2]
-    along = ex * target.rotation[0, 2] + ey * target.rotation[1, 2] + ez * target.rotation[2, 2]
-    total = ex * ex + ey * ey + ez * ez
+    off = minus(target.position, position)
+    along, total = dot(off, target.rotation[:, 2]), dot(off, off)
     step.position_error_m = math.sqrt(total)
     step.tangential_error_m = math.sqrt(max(total - along * along, 0.0))
     step.orientation_error_rad = rotation_angle(rotation, target.rotation)
-    step.target_error_m[0], step.target_error_m[1], step.target_error_m[2] = ex, ey, ez
+    set_to(step.target_error_m, off)
 
 
 @kernel

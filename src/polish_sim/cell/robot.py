@@ -301,11 +301,7 @@ def _at_rest(robot: Speedl) -> bool:
 @kernel
 def _back_enough(stop: StopMotion, m: Measurement, inside: bool) -> bool:
     """Whether the retract is done, or cannot continue as it should."""
-    height = away = 0.0
-    for i in range(3):
-        gone = m.position[i] - stop.origin[i]
-        height += gone * stop.axis[i]
-        away += gone * gone
-    stop.height = height
+    gone = minus(m.position, stop.origin)
+    stop.height = height = dot(gone, stop.axis)
     late = stop.time > _PATIENCE * stop.clearance / stop.retract_speed + 0.5
-    return height >= stop.clearance or away - height * height > STRAY**2 or late or not inside
+    return height >= stop.clearance or dot(gone, gone) - height * height > STRAY**2 or late or not inside

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, Vector4, kernel
+from polish_sim.kernels import Record, Vector2, Vector3, Vector4, dot, kernel, minus
 from polish_sim.motion.trajectory import (
     Pace,
     PathTable,
@@ -217,10 +217,7 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
 @kernel
 def depth_below(target: Target, position: Array) -> float:
     """How far a point (3,) is below a target along its tool axis [m]."""
-    depth = 0.0
-    for i in range(3):
-        depth += target.rotation[i, 2] * (position[i] - target.position[i])
-    return depth
+    return dot(target.rotation[:, 2], minus(position, target.position))
 
 
 @kernel

@@ -121,21 +121,16 @@ def simulate_arcs(
 
 def _stated(found: BaseCalibration) -> Figures:
     """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
-    figures: Figures = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
-    origins = []
-    tilts = []
-    ends = []
+    squares = []
     for base in found.frames.values():
         T, C = base.T, base.covariance
         across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
         offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
-        origins.append(np.sqrt(np.trace(C[:3, :3])))
-        tilts.append(np.sqrt(np.trace(across @ C[3:, 3:] @ across)))
-        ends.append(np.sqrt(np.mean([np.trace(point_covariance(C, offset)) for offset in offsets])))
-    names = ("origin_std_m", "axis_std_rad", "point_std_1m_m")
-    return figures | {
-        name: float(max(values)) for name, values in zip(names, (origins, tilts, ends), strict=True)
-    }
+        ends = np.mean([np.trace(point_covariance(C, offset)) for offset in offsets])
+        squares.append([np.trace(C[:3, :3]), np.trace(across @ C[3:, 3:] @ across), ends])
+    names = ("relative_origin_std_m", "origin_std_m", "axis_std_rad", "point_std_1m_m")
+    stated = np.trace(found.covariance[:3, :3]), *np.max(squares, axis=0)
+    return dict(zip(names, np.sqrt(stated).tolist(), strict=True))
 
 
 def _errors(found: BaseCalibration, truth: Bases) -> Figures:

@@ -52,7 +52,7 @@ from polish_sim.dual.carrier import (
 )
 from polish_sim.dual.faults import PAIR_FAULTS
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel, memory_of
+from polish_sim.kernels import kernel, memory_of, scaled, set_to
 from polish_sim.log import RunLog, with_column
 
 MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
@@ -178,11 +178,7 @@ def _place_part(  # type: ignore[no-untyped-def]
 @kernel
 def _push_back(e: EngineViews, state: CellState, held: int) -> None:
     """The pad's force on the part, applied to the body that is carried."""
-    scratch = state.scratch
-    force = scratch[1]
-    torque = scratch[2]
-    moment = scratch[3]
-    moment_at(force, torque, e.site_xpos[e.pad_site], e.xipos[held], moment)
-    for i in range(3):
-        e.xfrc_applied[held, i] = -force[i]
-        e.xfrc_applied[held, 3 + i] = -moment[i]
+    force, applied = scaled(-1.0, state.scratch[1]), e.xfrc_applied[held]
+    set_to(applied, force)
+    torque = scaled(-1.0, state.scratch[2])
+    moment_at(force, torque, e.site_xpos[e.pad_site], e.xipos[held], applied[3:6])

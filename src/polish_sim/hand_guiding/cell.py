@@ -24,6 +24,7 @@ from polish_sim.cell.engine import (
 from polish_sim.cell.gears import RealArm, follow_rotors, hear_joints, turn_rotors
 from polish_sim.cell.observer import SILENT, Observer, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm
+from polish_sim.cell.scene import touching
 from polish_sim.config import RealArmConfig
 from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.law import (
@@ -200,15 +201,15 @@ def run_guided(
     kernel = _build(arm, data, q_start, motion, servos)
     steps = len(servos)
     rows = np.zeros(steps, GuidingRow.dtype)
-    touching = ""
+    pair = ""
     chunk = max(1, round(observer.frame_every_s / kernel.engine.dt))
     with interrupts_noted(observer) as interrupt:
         while kernel.status.step < steps and not interrupt.seen:
             last = min(int(kernel.status.step) + chunk, steps)
             _advance(kernel, joints, rows, last)
-            if kernel.status.stop == TOUCH and not touching:
+            if kernel.status.stop == TOUCH and not pair:
                 # Half a second later, braked, they may be apart again.
-                touching = _links_that_touch(arm.model, data)
+                pair = touching(arm.model, data)
             observer.progress(float(kernel.status.step), float(steps))
             observer.frame(arm.model, data)
             if (
@@ -218,7 +219,7 @@ def run_guided(
                 break
     done = int(kernel.status.step)
     code = int(kernel.status.stop)
-    reason = GUARDS[code] + touching if code else None
+    reason = GUARDS[code] + (f": {pair}" if pair else "") if code else None
     return GuidingRun(
         rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most)
     )
@@ -240,14 +241,6 @@ def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMoti
         np.zeros((2, 3)),
         _Status(),
     )
-
-
-def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
-    """Which two shapes press on each other the deepest, to be put behind the reason of a stop."""
-    if not data.ncon:
-        return ""
-    deepest = min(data.contact, key=lambda contact: float(contact.dist))
-    return ": " + " and ".join(model.geom(int(shape)).name for shape in deepest.geom)
 
 
 @njit(_nrt=False)
@@ -338,7 +331,7 @@ def _brake(k: _Kernel) -> None:
 def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     e = k.engine
     memory = k.memory
-    R = k.engine.site_xmat[k.engine.tool_site]
+    R = e.site_xmat[e.tool_site]
     row.time = step * e.dt
     row.speed = speed
     row.lent = k.limits.lent.now
@@ -348,11 +341,10 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
         row.torque[j] = memory.torque[j]
         row.external[j] = memory.external[j]
         row.read[j] = memory.q[j]
+    set_to(row.tool, e.site_xpos[e.tool_site])
+    set_to(row.force, k.scratch[1])
     for i in range(3):
-        row.tool[i] = e.site_xpos[e.tool_site, i]
-        row.force[i] = k.scratch[1, i]
-        for j in range(3):
-            row.R_base_tool[i, j] = R[3 * i + j]
+        set_to(row.R_base_tool[i], R[3 * i :])
 
 
 @kernel

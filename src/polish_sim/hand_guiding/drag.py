@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -94,9 +93,13 @@ def teach_path(
 def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     """A path through points of a part, all of it process; the part's normals are the tool axes."""
     along = unit(np.gradient(found.positions, axis=0))
-    return _path(
-        found.positions, found.normals, surface.normal_curvature(found.facets, found.barycentric, along)
-    )
+    curvature = surface.normal_curvature(found.facets, found.barycentric, along)
+    moved = np.concatenate([[True], norms(np.diff(found.positions, axis=0)) > 1e-6])
+    positions, n = found.positions[moved], int(moved.sum())
+    return ToolPath(
+        positions, found.normals[moved], arc_length(positions), np.zeros(n, np.int64),
+        np.full(n, PROCESS, np.int8), curvature[moved],
+    )  # fmt: skip
 
 
 def simplified(points: Array, tolerance: float) -> Indices:
@@ -152,22 +155,6 @@ def _knots(s: Array, corners: Array) -> Array:
             kept.append(float(place))
     ends = np.full(DEGREE + 1, 0.0), np.full(DEGREE + 1, s[-1])
     return np.concatenate([ends[0], kept[1:], ends[1]])
-
-
-def _path(positions: Array, axes: Array, curvature: Array) -> ToolPath:
-    moved = np.concatenate([[True], norms(np.diff(positions, axis=0)) > 1e-6])
-    positions = positions[moved]
-    axes = axes[moved]
-    curvature = curvature[moved]
-    n = len(positions)
-    return ToolPath(
-        positions.copy(),
-        axes.copy(),
-        arc_length(positions),
-        np.zeros(n, np.int64),
-        np.full(n, PROCESS, np.int8),
-        curvature.copy(),
-    )
 
 
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
@@ -237,10 +224,8 @@ def _way(t: Array, duration: float) -> Array:
 def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: float, high: float) -> Array:
     """Band-limited noise of three axes with a given rms, shape (steps, 3)."""
     settle = round(4.0 / max(high - low, 1e-3) / dt)
-    nyquist = 0.5 / dt
-    band = butter(
-        2, [low / nyquist, high / nyquist] if low else high / nyquist, "band" if low else "low", output="sos"
-    )
+    edges, kind = ([low, high], "band") if low else (high, "low")
+    band = butter(2, edges, kind, fs=1.0 / dt, output="sos")
     noise = sosfilt(band, rng.standard_normal((settle + steps, 3)), axis=0)[settle:]
     return noise * rms / np.maximum(np.sqrt(np.mean(noise**2, axis=0)), 1e-300)
 
@@ -258,16 +243,6 @@ class DragTask(NamedTuple):
     surface: Surface
     path: ToolPath  #: What the hand means to show, work frame
     reach: Reach
-
-    @property
-    def positions_base(self) -> Array:
-        """Points of the path, base frame [m], shape (n, 3)."""
-        return apply(self.reach.T_base_work, self.path.positions_work)
-
-    @property
-    def rotations(self) -> Array:
-        """Tool frames along it, shape (n, 3, 3)."""
-        return self.reach.rotations(self.path.axes_work)
 
 
 def prepare_drag(scenario: Checked) -> DragTask:
@@ -312,15 +287,15 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     observer.stage("prepare the part")
     task = prepare_drag(scenario)
     mode = scenario.guide.mode or MODE
-    grip = replace(
-        scenario.hand, turn_stiffness_nm_rad=scenario.drag.turn_stiffness_nm_rad,
-        turn_damping_nm_s_rad=scenario.drag.turn_damping_nm_s_rad,
-    )  # fmt: skip
-    model = torque_arm(scenario, LaidPart(task.mesh, task.reach.T_base_work))
-    arm = guided_arm(scenario, mode, model, believe_arm(scenario), hand_of(grip))
+    drag, reach, path = scenario.drag, task.reach, task.path
+    grip = hand_of(scenario.hand)._replace(
+        turn_stiffness=drag.turn_stiffness_nm_rad, turn_damping=drag.turn_damping_nm_s_rad
+    )
+    model = torque_arm(scenario, LaidPart(task.mesh, reach.T_base_work))
+    arm = guided_arm(scenario, mode, model, believe_arm(scenario), grip)
     dragged = drag_table(
-        task.positions_base, task.rotations, scenario.drag, scenario.hand, scenario.simulation.timestep_s,
-        np.random.default_rng(scenario.seed),
+        apply(reach.T_base_work, path.positions_work), reach.rotations(path.axes_work), drag, scenario.hand,
+        scenario.simulation.timestep_s, np.random.default_rng(scenario.seed),
     )  # fmt: skip
     observer.stage("drag by hand")
     started = time.perf_counter()

@@ -27,7 +27,7 @@ def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
     known = whole and len(sizes) > 0
     return {
         "hand_force_peak_n": float(sizes.max()) if known else math.nan,
-        "hand_force_rms_n": math.sqrt(float(np.mean(sizes**2))) if known else math.nan,
+        "hand_force_rms_n": rms(sizes) if known else math.nan,
         "lent_energy_j": lent_j,
     }
 

@@ -16,7 +16,7 @@ from polish_sim.calibration.tables import XYZ_MM, Measured, Quantity, mm_texts, 
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
     SweptCircle,
-    base_from_meeting_axes,
+    base_from_circles,
     fit_circle_without_outliers,
 )
 from polish_sim.errors import CalibrationError, InputError
@@ -94,7 +94,7 @@ class AxisArcs:
                 _named(f"the {robot}'s axis {axis}", fit_circle_without_outliers, points, noise)
                 for axis, points in enumerate(self.arcs[robot], 1)
             )
-            frames[robot] = _named(f"the {robot}", base_from_meeting_axes, *circles[robot])
+            frames[robot] = _named(f"the {robot}", base_from_circles, *circles[robot])
         groups = [
             Group(
                 f"{robot}, axis {axis + 1}",

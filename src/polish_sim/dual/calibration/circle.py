@@ -174,20 +174,11 @@ class BaseFrame(NamedTuple):
 def base_from_circles(first: SweptCircle, second: SweptCircle) -> BaseFrame:
     """Base frame of an arm and its covariance, to first order in the noise of the circles of joints 1 and 2.
 
-    Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises
-    CalibrationError for axes nearly parallel or not square, or circles that cannot be the arm's.
-    """
-    _check_axes(first, second)
-    return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance), meets=False)
-
-
-def base_from_meeting_axes(first: SweptCircle, second: SweptCircle) -> BaseFrame:
-    """The same, with what the arm's table says: axes 1 and 2 meet and are square.
-
-    Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise
-    explains (one in a million), the arm is not as its table says, and the frame is that of
-    `base_from_circles`. Raises CalibrationError, too, if the axes miss each other as those of one arm never
-    do.
+    Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. By the arm's table
+    axes 1 and 2 meet and are square: both circles are adjusted to that by their covariances. Where they
+    contradict the table by more than noise explains (one in a million), the arm is not as its table says, and
+    they are taken as they are. Raises CalibrationError for axes nearly parallel or not square, circles that
+    cannot be the arm's, or axes that miss each other as those of one arm never do.
     """
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)
@@ -200,7 +191,7 @@ def base_from_meeting_axes(first: SweptCircle, second: SweptCircle) -> BaseFrame
                 f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, here they meet: arcs of two "
                 "robots taken for one's, or a tracker, target or stand that moved in between?"
             )
-        return base_from_circles(first, second)
+        return _base(first, second, np.zeros(10), C, meets=False)
     gain = C @ G.T @ np.linalg.inv(S)
     return _base(first, second, -gain @ off, C - gain @ G @ C, meets=True)
 

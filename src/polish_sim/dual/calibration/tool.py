@@ -128,10 +128,6 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
     ``points``: the three tip positions, flange axes [m], (3, 3); ``noise``: of one coordinate [m]; the
     covariance is to first order. Raises CalibrationError for moves too short or both along one line.
     """
-    if points.shape != (3, 3):
-        raise CalibrationError(
-            f"an orientation from three points needs the shape (3, 3); got {points.shape}."
-        )
     along, across = points[1] - points[0], points[2] - points[0]
     lengths = np.linalg.norm([along, across], axis=1)
     if lengths.min() < LEAST_MOVE:

@@ -85,9 +85,8 @@ def check_touches(R_base_flange: Array) -> None:
             f"{np.degrees(spread[2]):.2g} deg rms): tilt it and turn it between touches."
         )
     if spread[0] < LEAST_SPREAD:
-        x, y, z = directions[:, 0] * (
-            1.0 if directions[np.argmax(np.abs(directions[:, 0])), 0] > 0.0 else -1.0
-        )
+        unseen = directions[:, 0]
+        x, y, z = unseen * np.sign(unseen[np.abs(unseen).argmax()])
         raise CalibrationError(
             f"the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the flange points the same way in all {count} "
             "touches: the tool point along it is unknown. Poses that only spin, or a cone without a spin of "
