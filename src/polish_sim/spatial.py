@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, Bools, dots, norms
 from polish_sim.kernel_cache import njit
 
 
@@ -40,6 +40,17 @@ def apply_each(T: Array, points: Array) -> Array:
 def place_of(T: Array, point: Array) -> Array:
     """Where a point (3,) fixed in each of some frames (..., 4, 4) is, shape (..., 3)."""
     return T[..., :3, :3] @ point + T[..., :3, 3]
+
+
+ROTATION_TOLERANCE = 1e-3  #: For the rounding of printed digits
+
+
+def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
+    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,); R^T R is one within a
+    tolerance."""
+    R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
+    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > tolerance
+    return wrong | (np.linalg.det(R) < 0.0)
 
 
 def matrices(quaternions: Array) -> Array:

@@ -17,7 +17,7 @@ from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, check_load, volume_and_center
+from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, load_of, volume_and_center
 from polish_sim.errors import InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
@@ -91,7 +91,7 @@ def test_the_master_carries_the_parts_mass():
         scene(density=7800.0)
     # Inside out it would weigh -0.75 kg, which the gripper's own kilogram would hide.
     with pytest.raises(InputError, match=r"its faces look inwards"):
-        check_load(replace(hub(), faces=hub().faces[:, ::-1]), 1000.0)
+        load_of(replace(hub(), faces=hub().faces[:, ::-1]), 1000.0)
 
 
 def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes():

@@ -18,8 +18,8 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
-from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
+from polish_sim.spatial import no_rotations
 
 GRAVITY = 9.81  # [m/s^2], the model's
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)

@@ -11,9 +11,9 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.payload import condition_of, payload_regressor
-from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
+from polish_sim.spatial import no_rotations
 
 PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi  #: Joints that stay [rad]: 0.7 m above the table
 TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW  #: Wrist 1, tool straight down [rad]; by pi less: straight up

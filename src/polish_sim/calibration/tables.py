@@ -14,11 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, norms
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import transform
+from polish_sim.spatial import ROTATION_TOLERANCE, no_rotations, transform
 from polish_sim.tables import Columns
 from polish_sim.toml_text import read_toml, toml_text
 
-ROTATION_TOLERANCE = 1e-3  #: For the rounding of printed digits
 QUATERNION = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
@@ -28,14 +27,6 @@ UNITS: Mapping[str, float] = {"m": 1.0, "mm": 1e-3}
 FULL_TURN = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
 _LARGEST_RATIO = 100.0  # of a line's distance and that of the middle one
 REACH = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
-
-
-def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
-    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,); R^T R is one within a
-    tolerance."""
-    R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
-    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > tolerance
-    return wrong | (np.linalg.det(R) < 0.0)
 
 
 class Measured(Columns):

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, midpoints, norms
 from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
@@ -215,7 +215,7 @@ def _refuse_beside_file(config: DualConfig) -> None:
 def middle_of(path: ToolPath) -> Array:
     """The middle of what is worked on, every millimetre of it counted alike, work frame [m], shape (3,)."""
     ends = path.process[1:] & path.process[:-1]
-    between = 0.5 * (path.positions_work[1:] + path.positions_work[:-1])[ends]
+    between = midpoints(path.positions_work)[ends]
     return np.average(between, axis=0, weights=np.diff(path.s)[ends])
 
 

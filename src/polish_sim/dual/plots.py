@@ -202,7 +202,7 @@ def plot_budget(
     figure = new_figure(11.0, 4.8)
     left, right = figure.subplots(1, 2)
     _draw_shares(left, shares)
-    _draw_lengths(right, np.linalg.norm(errors, axis=2).ravel(), covariances, asked)
+    _draw_lengths(right, norms(errors).ravel(), covariances, asked)
     dual = trial.dual
     facts = [
         f"tracker {1e3 * dual.tracker_noise_m:g} mm, touches {1e3 * dual.touch_noise_m:g} mm",

@@ -113,12 +113,14 @@ def volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
     return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
 
 
-def check_load(mesh: PartMesh, density: float) -> None:
-    """Refuse a part that encloses no volume (InputError), or is too heavy for the master (ReachError)."""
-    mass = density * volume_and_center(mesh)[0]
+def load_of(mesh: PartMesh, density: float) -> tuple[float, Array]:
+    """Mass [kg] of a part and its centre [m]; InputError if it encloses no volume, ReachError if it is too
+    heavy for the master."""
+    volume, center = volume_and_center(mesh)
+    mass = density * volume
     if not mass > 0.0:
         raise InputError(
-            f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no "
+            f"the part's mesh encloses {1e6 * volume:.4g} cm^3, so that the master would carry no "
             "mass: it is open or its faces look inwards. Close it, or turn its faces outwards."
         )
     if mass + GRIPPER_MASS > PAYLOAD_LIMIT:
@@ -127,6 +129,7 @@ def check_load(mesh: PartMesh, density: float) -> None:
             f"more than its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set "
             "dual.density_kg_m3=..."
         )
+    return mass, center
 
 
 # The scene of both robots.
@@ -207,9 +210,7 @@ def _add_gripper(master: Any, held: Held) -> Any:
         size = [GRIPPER_RADIUS, 0.5 * held.nose, 0.0]
         gripper.add_geom(name="gripper_nose", size=size, pos=middle, mass=0.0, **look)
     part = add_drawn_part(master, flange, held.mesh, held.T_flange_part)
-    check_load(held.mesh, held.density)
-    volume, center = volume_and_center(held.mesh)
-    mass = held.density * volume
+    mass, center = load_of(held.mesh, held.density)
     size = np.ptp(held.mesh.vertices, axis=0)
     part.gravcomp = 1.0
     part.mass = mass

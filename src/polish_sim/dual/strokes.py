@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
+from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms, running_sums
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
@@ -61,7 +61,7 @@ def _fed_at_most(process: ProcessConfig, path: ToolPath) -> Bools:
         return np.ones(len(path.s), dtype=bool)
     top = process.feed_m_s if path.feed is None else float(path.feed.max())
     on = path.process
-    fed = np.cumsum(np.r_[0.0, np.where(on[1:] & on[:-1], np.diff(path.s), 0.0)])
+    fed = running_sums(np.where(on[1:] & on[:-1], np.diff(path.s), 0.0))
     return np.r_[0.0, fed[:-1]] <= top * (process.max_feed_s + SPARE_S)
 
 
@@ -231,7 +231,7 @@ def _fed(stroke: Stroke, number: int, step: float, touch_down: float) -> Visits:
     """A stroke's feed after its touch-down [s], at the largest rates its motion may be played at."""
     motion = stroke.motion
     slowness = 1.0 / motion.rates
-    played = np.r_[0.0, np.cumsum(midpoints(slowness) * motion.spacing)]
+    played = running_sums(midpoints(slowness) * motion.spacing)
     if motion.duration == 0.0:
         played *= 0.0
     end = min(float(played[-1]), stroke.feed_time)

@@ -35,7 +35,7 @@ from polish_sim.dual.scene import (
     PairContacts,
     Seat,
     build_pair_scene,
-    check_load,
+    load_of,
     seat_part,
     seat_text,
 )
@@ -89,7 +89,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     use_arm(scenario.robot.arm)
     observer.stage("plan the path")
     mesh, surface, region, path = _given_or_rim(scenario.part, scenario.plan, plan)
-    check_load(mesh, dual.density_kg_m3)
+    load_of(mesh, dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, dual.standoff_m)
     check_shaft(path, surface, dual.pad_clearance_m)
@@ -285,7 +285,7 @@ def _curve_between(surface: Surface, outer: Array, inner: Array) -> BSpline:
     gap = np.inf
     for count in POINTS:
         out = outer[np.linspace(0, len(outer), count, endpoint=False).astype(int)]
-        nearest = inner[np.argmin(np.linalg.norm(out[:, None] - inner[None], axis=2), axis=1)]
+        nearest = inner[np.argmin(norms(out[:, None] - inner[None]), axis=1)]
         curve = fit_closed_spline(surface.closest(0.5 * (out + nearest)).positions)
         points = curve(np.linspace(0.0, length_of(curve), 8 * count))
         gap = norms(points - surface.closest(points).positions).max()

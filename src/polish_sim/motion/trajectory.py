@@ -242,10 +242,7 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
     motion = TimedPath(
         float(clock[1] - clock[0]),
         sum(boxes),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 4)),
-        np.empty((n, 3)),
+        *(np.empty((n, width)) for width in (3, 3, 4, 3)),
         places,
         speeds,
         np.ones(n),

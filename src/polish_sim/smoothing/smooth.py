@@ -61,7 +61,7 @@ class TrialPath(NamedTuple):
 
 def trial_path() -> TrialPath:
     """The path, closed, on the dome, scaled to its length."""
-    headings = np.radians(np.cumsum(np.concatenate([[0.0], np.tile(_TURNS, 4)])))[:-1]
+    headings = np.radians(running_sums(np.tile(_TURNS, 4)))[:-1]
     legs = np.tile(_LEGS, 4)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
     flat = np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)])
     flat -= flat[:-1].mean(axis=0)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures
+from polish_sim.arrays import Array, Figures, rms_length
 from polish_sim.calibration.arm import (
     LEAST_POSES,
     ArmEstimate,
@@ -89,14 +89,14 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
     """
     if min(len(one.q) for one in tracked.values()) < FOLDS / (FOLDS - 1) * LEAST_POSES:
         return math.nan
-    squares: list[Array] = []
+    off: list[Array] = []
     for one in tracked.values():
         fold = np.arange(len(one.q)) % FOLDS
         for k in range(FOLDS):
             found = fit_arm(one.rows(fold != k), noise, tolerance)
             left = one.rows(fold == k)
-            squares.append(np.sum((left.seen - found.target_at(left.q, left.weight)) ** 2, axis=1))
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
+            off.append(left.seen - found.target_at(left.q, left.weight))
+    return rms_length(np.concatenate(off))
 
 
 def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance) -> Figures:
@@ -106,11 +106,11 @@ def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance
     heldout_rms_m the distance in poses that were left out in turn, transform T_master_follower.
     """
     noise = residual_rms(list(found.arms.values()))
-    nominal = [np.sum(fit_placement(one).residuals ** 2, axis=1) for one in tracked.values()]
+    nominal = [fit_placement(one).residuals for one in tracked.values()]
     return {
         "poses": sum(len(one.q) for one in tracked.values()),
         "residual_rms_m": noise,
-        "nominal_rms_m": float(np.sqrt(np.mean(np.concatenate(nominal)))),
+        "nominal_rms_m": rms_length(np.concatenate(nominal)),
         "heldout_rms_m": held_out_rms(tracked, noise, tolerance),
         "transform": found.T_master_follower.tolist(),
     }

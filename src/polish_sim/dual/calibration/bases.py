@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,21 +66,6 @@ class AxisArcs:
     """Target seen by a tracker while axis 1, then axis 2 turns alone, robot by robot."""
 
     arcs: Mapping[str, tuple[Array, Array]]  #: Points by rising joint angle, tracker frame [m], (n, 3) each
-
-    @classmethod
-    def read(cls, columns: Measured) -> Self:
-        """Read columns robot, axis, and the target's place, see `read_base_measurements`."""
-        robots = robots_of(columns)
-        columns.need(["axis"], "which joint turned: 1 or 2")
-        axes = columns.numbers(["axis"])[:, 0]
-        columns.refuse(~np.isin(axes, (1.0, 2.0)), lambda row: f"axis is {axes[row]:g}, wanted 1 or 2.")
-        points = columns.points("", "the target's position")
-        which = {robot: [(robots == robot) & (axes == axis) for axis in (1, 2)] for robot in ROBOTS}
-        for robot, masks in which.items():
-            for axis, mask in enumerate(masks, 1):
-                if not mask.any():
-                    raise InputError(f"'{columns.file}' holds no arc of axis {axis} of the {robot}.")
-        return cls({robot: (points[first], points[second]) for robot, (first, second) in which.items()})
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases from four circles; ``noise`` of one coordinate [m], None: the residuals'.
@@ -185,7 +170,18 @@ def read_base_measurements(file: Path) -> AxisArcs:
 
     Raises InputError for a missing file, column or robot, mixed units or an invalid value.
     """
-    return AxisArcs.read(Measured.read(file, "measurement", "measurements of the bases"))
+    columns = Measured.read(file, "measurement", "measurements of the bases")
+    robots = robots_of(columns)
+    columns.need(["axis"], "which joint turned: 1 or 2")
+    axes = columns.numbers(["axis"])[:, 0]
+    columns.refuse(~np.isin(axes, (1.0, 2.0)), lambda row: f"axis is {axes[row]:g}, wanted 1 or 2.")
+    points = columns.points("", "the target's position")
+    which = {robot: [(robots == robot) & (axes == axis) for axis in (1, 2)] for robot in ROBOTS}
+    for robot, masks in which.items():
+        for axis, mask in enumerate(masks, 1):
+            if not mask.any():
+                raise InputError(f"'{file}' holds no arc of axis {axis} of the {robot}.")
+    return AxisArcs({robot: (points[first], points[second]) for robot, (first, second) in which.items()})
 
 
 def robots_of(columns: Measured) -> NDArray[np.str_]:

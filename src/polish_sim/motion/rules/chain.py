@@ -11,7 +11,7 @@ from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to
-from polish_sim.spatial import steady_rotations, unit
+from polish_sim.spatial import no_rotations, steady_rotations, unit
 
 
 class Chain(NamedTuple):
@@ -157,7 +157,7 @@ def _check(tips: Array, rotations: Array) -> None:
         raise SmoothingError(
             f"way point {int(np.argmin(finite))} (counted from 0) holds a value that is not finite."
         )
-    skewed = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-6
+    skewed = no_rotations(rotations, 1e-6)
     if skewed.any():
         raise SmoothingError(
             f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation."

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot as dot3
@@ -318,7 +318,7 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Spline
         knots = _with_corners(knots, corners)
         spline = draw_spline(line, knots, corners)
         off = _off(line, spline, knots, (tolerance, axis_tolerance))
-        off &= ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
+        off &= ~_inside(midpoints(knots), corners)
         if not off.any():
             return SplineCurve(spline, length)
         place = place_in_mm(line.at(knots[:-1][off][:1])[0, :3])
@@ -389,9 +389,7 @@ def _with_corners(knots: Array, corners: list[Corner]) -> Array:
     while True:
         spans = np.diff(knots)
         beside = np.minimum(np.r_[np.inf, spans[:-1]], np.r_[spans[1:], np.inf])
-        steep = (spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)) & ~_inside(
-            0.5 * (knots[1:] + knots[:-1]), corners
-        )
+        steep = (spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)) & ~_inside(midpoints(knots), corners)
         if not steep.any():
             return knots
         knots = _halved(knots, steep)
@@ -436,5 +434,4 @@ def _angle(one: Array, two: Array) -> float:
 
 
 def _halved(knots: Array, which: Bools) -> Array:
-    middles = 0.5 * (knots[:-1] + knots[1:])
-    return np.sort(np.concatenate([knots, middles[which]]))
+    return np.sort(np.concatenate([knots, midpoints(knots)[which]]))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, running_sums
+from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import (
@@ -60,7 +60,7 @@ def squares_on(knots: Array) -> Squares:
 
 def control_values(squares: Squares, b: Array) -> Array:
     """Control values of a spline near values b at the knots (n,), shape (n + 1,)."""
-    return np.concatenate([b[:1], 0.5 * (b[:-1] + b[1:]), b[-1:]])
+    return np.concatenate([b[:1], midpoints(b), b[-1:]])
 
 
 def around(stencils: Array, controls: Array) -> Array:
@@ -415,7 +415,7 @@ def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
     """Speeds a motion without a limit of tangential jerk could have [m/s], shape (n,), positive."""
     square = np.minimum(caps, caps_of(bounded)[1]) ** 2
     square[[0, -1]] = np.minimum(square[[0, -1]], launch.speed**2)
-    gain = 2.0 * bounded.limits[1, 0] / np.maximum(np.linalg.norm(bounded.rates[0, :, :3], axis=1), 1e-3)
+    gain = 2.0 * bounded.limits[1, 0] / np.maximum(norms(bounded.rates[0, :, :3]), 1e-3)
     _spread(u, square, gain)
     return np.sqrt(square)
 
@@ -486,7 +486,7 @@ def fastest_law(
         beside = np.maximum(np.append(factors[0], factors), np.append(factors, factors[-1]))
         shares *= np.where(beside > 1.0, beside, 1.0) ** -TIGHTER
         if far.any():
-            more = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])[far])
+            more = np.union1d(knots, midpoints(knots)[far])
             shares, knots = np.interp(more, knots, shares), more
             bounded, caps = _with_halved(knots, far, bounded, caps, look)
     return best
@@ -595,8 +595,8 @@ def law_knots(coarse: Array, speeds: Array, caps: Array, launch: Launch) -> Arra
     steps, length = np.diff(coarse), float(coarse[-1])
     parts = np.maximum(1, np.ceil(steps / (KNOT_TIME * np.maximum(speeds[1:], speeds[:-1])))).astype(int)
     parts[_steady(coarse, speeds, caps)] = 1
-    counted = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    inner = np.repeat(coarse[:-1], parts) + counted * np.repeat(steps / parts, parts)
+    span, counted = in_groups(parts)
+    inner = coarse[span] + counted * (steps / parts)[span]
     most = max(KNOT_TIME / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
     times = launch.duration * LAUNCH_GROWTH ** np.arange(1 + int(np.log(most) / np.log(LAUNCH_GROWTH)))
     ways = np.asarray(launch.jerk / 6.0 * times**3)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Indices, dots, norms, running_sums
+from polish_sim.arrays import Array, Indices, dots, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import PIECES, box_pieces
@@ -280,7 +280,7 @@ def _slower(line: Polyline, passage: Passage, lasting: Array) -> Indices:
     """Inner way points where stops are faster, from middle to middle of their segments, and more so than
     beside them."""
     times = np.linspace(0.0, passage.duration, 4 * len(passage.places))
-    middles = np.interp(0.5 * (line.u[1:] + line.u[:-1]), passage_at(passage, times)[0], times)
+    middles = np.interp(midpoints(line.u), passage_at(passage, times)[0], times)
     ends = np.cumsum(lasting)
     late = (middles - ends + 0.5 * lasting)[1:-1]
     spans = np.diff(np.concatenate([[0.0], late, [passage.duration - ends[-1]]]))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, Bools, Indices, joined, norms
+from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
@@ -56,7 +56,7 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
     Along arc lengths ``s`` (n,) [m] the turn begins and ends ``reach`` [m] from the crease.
     """
     turn = norms(np.diff(normals, axis=0))
-    jumps = 0.5 * (s[1:] + s[:-1])[turn > CREASE]
+    jumps = midpoints(s)[turn > CREASE]
     if len(jumps) == 0:
         return normals
     even = np.linspace(s[0], s[-1], max(int((s[-1] - s[0]) * SAMPLES / reach), 2) + 1)
