@@ -175,6 +175,11 @@ def into_plane(directions: Array, normals: Array) -> Array:
     return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
 
 
+def directions_at(angles: Array) -> Array:
+    """Unit vectors in a plane at angles (n,) [rad] from its first axis, shape (n, 2)."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
 def angles_between(first: Array, second: Array) -> Array:
     """Angles between vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
     return np.arctan2(norms(np.cross(first, second)), dots(first, second))

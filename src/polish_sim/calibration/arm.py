@@ -52,6 +52,9 @@ class Tolerance(NamedTuple):
     angle: float = float(np.radians(0.02))  #: Of joint offsets and alpha [rad]
 
 
+USUAL = Tolerance()
+
+
 class ArmEstimate(NamedTuple):
     """An arm as calibrated, or as built."""
 
@@ -96,7 +99,7 @@ def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:
     return np.stack([*(way * part for part in parts), *waves], axis=2)
 
 
-def fit_arm(tracked: TrackedArm, noise: float | None, tolerance: Tolerance | None = None) -> ArmEstimate:
+def fit_arm(tracked: TrackedArm, noise: float | None, tolerance: Tolerance = USUAL) -> ArmEstimate:
     """The most probable table, base and target of an arm, from twenty poses or more with all joints well
     moved.
 
@@ -105,7 +108,6 @@ def fit_arm(tracked: TrackedArm, noise: float | None, tolerance: Tolerance | Non
     """
     if noise is None:
         noise = residual_rms([fit_arm(tracked, USUAL_NOISE, tolerance)])
-    tolerance = tolerance or Tolerance()
     spread = np.repeat([tolerance.angle, tolerance.length, tolerance.length, tolerance.angle], 6)
     gears = np.zeros(_GEARS) if tracked.weight is None else _LIKELY.ravel()
     return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), spread, gears]), max(noise, 1e-9))

@@ -181,16 +181,13 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
     return X
 
 
-def fit_payload(
-    readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY, used: Bools | None = None
-) -> PayloadEstimate:
+def fit_payload(readings: PayloadReadings, drift: bool = False, used: Bools | None = None) -> PayloadEstimate:
     """Estimate tool and bias by least squares, force and torque weighted by their noise, found from the
     residuals.
 
     Args:
         readings: At least three poses with gravity along different axes of the sensor.
         drift: Whether to fit a linear drift of the bias.
-        gravity: [m/s^2]
         used: Readings to use, shape (n,); None uses all.
 
     Raises:
@@ -200,7 +197,7 @@ def fit_payload(
     check_identifiable(readings.up_sensor[chosen])
     zero_time = float(readings.time[chosen].mean())
     since = readings.time - zero_time
-    X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
+    X = payload_regressor(readings.up_sensor, since if drift else None)
     # Times brought to about -1..1, so that the condition does not depend on how long it took.
     unit_time = since[chosen] / max(float(np.abs(since[chosen]).max()), 1e-12)
     condition = condition_of(payload_regressor(readings.up_sensor[chosen], unit_time if drift else None, 1.0))
@@ -221,16 +218,14 @@ def fit_payload(
     )
 
 
-def fit_without_outliers(
-    readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY
-) -> PayloadEstimate:
+def fit_without_outliers(readings: PayloadReadings, drift: bool = False) -> PayloadEstimate:
     """`fit_payload` without readings too far off to be noise, at most a quarter; with fewer than seven all
     are used."""
     check_identifiable(readings.up_sensor)
     since = readings.time - float(readings.time.mean())
-    X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
+    X = payload_regressor(readings.up_sensor, since if drift else None)
     used = agreeing(_problem(X, readings.wrenches), np.zeros(X.shape[2]), "readings")
-    return fit_payload(readings, drift, gravity, used)
+    return fit_payload(readings, drift, used)
 
 
 def _problem(X: Array, wrenches: Array) -> Problem[Array]:

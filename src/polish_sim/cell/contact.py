@@ -21,6 +21,7 @@ from polish_sim.config import HeadConfig, PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel, matvec, minus, set_to
+from polish_sim.spatial import directions_at
 
 
 class PadMaterial(Record):
@@ -80,7 +81,7 @@ def _spread_points(count: int) -> Array:
     radius = np.sqrt((place + 0.5) / len(place))
     turn = 0.5 * math.pi * place * (math.sqrt(5.0) - 1.0) / 2.0
     angle = (turn[:, None] + 0.5 * math.pi * np.arange(4)).ravel()
-    return np.repeat(radius, 4)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.repeat(radius, 4)[:, None] * directions_at(angle)
 
 
 @kernel

@@ -22,7 +22,7 @@ from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, kernel
 from polish_sim.planning.points import build_point_grid
-from polish_sim.spatial import perpendicular
+from polish_sim.spatial import directions_at, perpendicular
 
 #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
 ROUNDS = 20
@@ -188,7 +188,7 @@ def would_sink(
     across = perpendicular(axes)
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
     angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
-    shifts = aside * np.column_stack([np.cos(angles), np.sin(angles)])
+    shifts = aside * directions_at(angles)
     sinks = np.empty(len(axes), bool)
     _note_sinking(pad, part, frames, positions, force, shifts, round(deepest / STEP), sinks)
     return sinks

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array, Indices, midpoints, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Indices, joined, midpoints, next_corners, norms, running_sums
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -195,8 +195,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
         done.append((facets[small], corners[small]))
         rows = np.flatnonzero(near & ~small)
         facets, corners = np.repeat(facets[rows], 2), _halved(corners[rows], sides[rows].argmax(axis=1))
-    owners = np.concatenate([f for f, _ in done]) if done else np.empty(0, np.int64)
-    shares = np.concatenate([c for _, c in done]) if done else np.empty((0, 3, 3))
+    owners, shares = joined(done or [(np.empty(0, np.int64), np.empty((0, 3, 3)))])
     if not len(owners):
         return PressedNodes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     areas = surface.facet_areas[owners] * np.abs(np.linalg.det(shares))

@@ -43,7 +43,7 @@ from polish_sim.dual.frames import (
     true_chain,
 )
 from polish_sim.dual.placement import default_poses
-from polish_sim.spatial import apply, transform
+from polish_sim.spatial import apply, directions_at, transform
 
 TOGETHER = "together"
 #: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will
@@ -80,8 +80,8 @@ class PairBudgetTrial:
     def _around(self, count: int) -> Array:
         """The tool at places all round the rim, shape (count, 4, 4)."""
         angle = 2.0 * np.pi * np.arange(count) / count
-        x, y = self.rim_radius * np.cos(angle), self.rim_radius * np.sin(angle)
-        return transform(TOOL_DOWN, np.stack([x, y, np.full(count, self.rim_height)], axis=1))
+        rim = np.column_stack([self.rim_radius * directions_at(angle), np.full(count, self.rim_height)])
+        return transform(TOOL_DOWN, rim)
 
 
 class Share(NamedTuple):

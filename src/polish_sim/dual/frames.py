@@ -44,7 +44,16 @@ from polish_sim.dual.calibration.tool_checks import ToolTouches
 from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, to_pose, transform
+from polish_sim.spatial import (
+    apply,
+    directions_at,
+    from_pose,
+    inverse,
+    perpendicular,
+    rotation_to_axis,
+    to_pose,
+    transform,
+)
 
 #: Where the simulated tracker sees the master
 T_TRACKER_MASTER = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
@@ -52,7 +61,7 @@ ARC_POINTS = 200
 LEAST_APART = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
 SAME_POSE = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
 #: A part whose frame is that of the gripper's face, as the hub's is
-ON_FACE = transform(np.eye(3), np.zeros(3))
+ON_FACE = np.eye(4)
 FAR_M, FAR_RAD = 0.01, 0.1  #: Farther off, a calibration is of another tool or of robots elsewhere [m], [rad]
 INSIDE = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
 #: A region this narrow for its length does not fix the turn about it: marks then cover the part
@@ -72,7 +81,7 @@ def spread_marks(region: Region, surface: Surface, count: int) -> Array:
         if widths[1] > NARROW * widths[0]:
             break
     angle = 2.0 * np.pi * np.arange(count) / count
-    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ (axes[:2] / widths[:2, None])
+    directions = directions_at(angle) @ (axes[:2] / widths[:2, None])
     outmost = points[np.argmax((points - middle) @ directions.T, axis=0)]
     there = candidate.closest(middle + INSIDE * (outmost - middle))
     R = [rotation_to_axis(-normal[None], perpendicular(normal))[0] for normal in there.normals]

@@ -132,7 +132,7 @@ def free_strokes(
         start = build_path_table(points[first][None], rotations[first][None])
         more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(
-            travel=travel_to(strokes, points[down], rotations[down]) if strokes else time_path(start, pace),
+            travel=travel_to(strokes, points[down], rotations[down]),
             lead_in=start,
             process=table,
             motion=motion,

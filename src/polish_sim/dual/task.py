@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from polish_sim.arrays import Array, norms, running_sums
+from polish_sim.arrays import Array, joined, norms, running_sums
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked, DualConfig, PartConfig, PlanConfig
@@ -48,6 +48,7 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.motion import forward, use_arm
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult
+from polish_sim.planning.moves.travel import Move, move_in, path_of
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length, interpolate
 from polish_sim.spatial import inverse, unit
@@ -304,18 +305,10 @@ def _resampled(loop: Array, count: int) -> Array:
 
 
 def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float) -> ToolPath:
-    points = np.concatenate(
-        [positions[:1] + clearance * axes[:1], positions, positions[-1:] + clearance * axes[-1:]]
-    )  # fmt: skip
-    segment = np.full(len(points), PROCESS, np.int8)
-    segment[0] = APPROACH
-    segment[-1] = RETRACT
-    framed = np.concatenate([axes[:1], axes, axes[-1:]])
-    return ToolPath(
-        points,
-        framed,
-        arc_length(points),
-        np.zeros(len(points), np.int64),
-        segment,
-        np.pad(bend, 1, mode="edge"),
+    above = positions + clearance * axes
+    moves = (
+        move_in(APPROACH, above[:1], axes[:1], 0),
+        move_in(PROCESS, positions, axes, 0),
+        move_in(RETRACT, above[-1:], axes[-1:], 0),
     )
+    return path_of(Move(*joined(moves)), np.pad(bend, 1, mode="edge"))

@@ -84,7 +84,7 @@ def run_payload_calibration(
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
     observer.stage("estimate")
-    estimate = calibration.fit_without_outliers(readings, drift, cell_gravity(cell))
+    estimate = calibration.fit_without_outliers(readings, drift)
     figures = calibration.estimate_figures(estimate) | _errors(cell, estimate)
     figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams.payload)
     long_run = idle_force(cell, streams.payload)
@@ -117,7 +117,7 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
-    worst = abs(estimate.mass - carried.mass) * cell_gravity(cell) + float(
+    worst = abs(estimate.mass - carried.mass) * calibration.GRAVITY + float(
         np.linalg.norm(_bias_error(cell, estimate))
     )
     return {
@@ -128,11 +128,6 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
         "bias_error_nm": off[3:].tolist(),
         "compensation_error_max_n": worst,
     }
-
-
-def cell_gravity(cell: Cell) -> float:
-    """Gravity of the cell's model [m/s^2]."""
-    return float(-cell.model.opt.gravity[2])
 
 
 def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
@@ -160,7 +155,7 @@ def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np
     load = weight_of(cell.carried, R)
     read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
     theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
-    left = (read - calibration.payload_regressor(R[:, 2, :], None, cell_gravity(cell)) @ theta)[:, :3]
+    left = (read - calibration.payload_regressor(R[:, 2, :]) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
         "residual_poses": CHECK_POSES,

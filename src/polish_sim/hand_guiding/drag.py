@@ -42,6 +42,7 @@ from polish_sim.hand_guiding.teach import (
     trace_of_move,
 )
 from polish_sim.motion import forward
+from polish_sim.planning.moves.travel import move_in, path_of
 from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
 from polish_sim.spatial import apply, inverse, unit
@@ -95,11 +96,7 @@ def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     along = unit(np.gradient(found.positions, axis=0))
     curvature = surface.normal_curvature(found.facets, found.barycentric, along)
     moved = np.concatenate([[True], norms(np.diff(found.positions, axis=0)) > 1e-6])
-    positions, n = found.positions[moved], int(moved.sum())
-    return ToolPath(
-        positions, found.normals[moved], arc_length(positions), np.zeros(n, np.int64),
-        np.full(n, PROCESS, np.int8), curvature[moved],
-    )  # fmt: skip
+    return path_of(move_in(PROCESS, found.positions[moved], found.normals[moved], 0), curvature[moved])
 
 
 def simplified(points: Array, tolerance: float) -> Indices:

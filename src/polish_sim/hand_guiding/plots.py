@@ -38,6 +38,7 @@ _BEFORE_S, _AFTER_S = 0.1, 0.2
 def plot_guiding(record: RunRecord) -> Figure:
     """Draw the hand's force in every mode, a panel for each direction and pace; dashed the paper's peaks."""
     names = [str(name).rsplit("_", 2) for name in record.metrics["moves"]]
+    modes = {mode for mode, *_ in names}
     panels = list(dict.fromkeys((direction, pace) for _mode, direction, pace in names))
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
@@ -50,7 +51,7 @@ def plot_guiding(record: RunRecord) -> Figure:
         if not axes.lines:
             _say_why(axes, record)
             continue
-        _draw_paper(axes, {mode for mode, *_ in names})
+        _draw_paper(axes, modes)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
         axes.set(
             xlabel="time from the move's start [s]",
@@ -60,9 +61,7 @@ def plot_guiding(record: RunRecord) -> Figure:
         axes.set_visible(False)
     highest = max([float(np.max(line.get_ydata())) for axes in grid.flat for line in axes.lines], default=1.0)
     grid[0, 0].set_ylim(0.0, 1.05 * highest)
-    dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(
-        mode for mode, *_ in names
-    )
+    dashed = any(axes.lines for axes in grid.flat) and PAPER_N.keys() & modes
     facts = [
         "numbers: largest while it moves",
         *(["thin dotted: peaks of paper 3, another robot"] if dashed else []),

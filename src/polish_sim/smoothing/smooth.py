@@ -37,7 +37,7 @@ from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
-from polish_sim.spatial import into_plane, rotation_to_axis, transform, unit
+from polish_sim.spatial import directions_at, into_plane, rotation_to_axis, transform, unit
 
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the
@@ -62,7 +62,7 @@ class TrialPath(NamedTuple):
 def trial_path() -> TrialPath:
     """The path, closed, on the dome, scaled to its length."""
     headings = np.radians(running_sums(np.tile(_TURNS, 4)))[:-1]
-    legs = np.tile(_LEGS, 4)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    legs = np.tile(_LEGS, 4)[:, None] * directions_at(headings)
     flat = np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)])
     flat -= flat[:-1].mean(axis=0)
     scale = 1e-3

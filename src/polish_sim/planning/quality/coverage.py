@@ -19,7 +19,7 @@ from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.triangulation import Triangulation
-from polish_sim.spatial import unit
+from polish_sim.spatial import directions_at, unit
 
 STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
 CHORD = 0.15  #: Length of the chords the path is measured by, in step-overs
@@ -117,9 +117,7 @@ def _disc_points(radius: float) -> Array:
     """Points of equal area on a disc (sunflower) [m], shape (q, 2)."""
     k = np.arange(SPRINGS)
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
-    return np.asarray(
-        radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    )
+    return np.asarray(radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * directions_at(angle))
 
 
 # How long each place of a region is under the pad: its compressed disc carried along the path (path ->
