@@ -89,9 +89,9 @@ def test_a_law_that_drives_by_itself_is_stopped_by_its_energy():
     assert run.figures["path_done"] == 0.0
 
 
-def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
+def cut(rows: int, stop_step: int = 0, interrupted: bool = False, direction: str = "x") -> PlayedMove:
     """The first rows of a fast move, at rest."""
-    asked = scenario(mode="gravity", direction="x", duration_s=0.6)
+    asked = scenario(mode="gravity", direction=direction, duration_s=0.6)
     move = moves_of(asked.guide, asked.hand)[0]
     table = move_table(move, asked.hand, home_pose(), 0.001)
     reason = "links touch" if stop_step else None
@@ -119,7 +119,7 @@ def test_only_a_whole_move_has_a_force(play, whole):
 @pytest.mark.parametrize("order", [1, -1])
 def test_one_move_cut_short_leaves_its_mode_without_a_peak(order):
     """The largest of a known and an unknown force is unknown, whichever came first."""
-    played = [cut(2400), cut(1400, interrupted=True)][::order]
+    played = [cut(2400), cut(1400, interrupted=True, direction="y")][::order]
     assert np.isnan(figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
     forces = [{"hand_force_peak_n": 20.0, "hand_force_rms_n": 9.0}, {"hand_force_peak_n": np.nan}][::order]
     moves = "classical_x_slow", "classical_y_slow", "assist_x_slow", "assist_y_slow"

@@ -73,15 +73,9 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal)
 
 
-class DualCell(NamedTuple):
-    """Two robots about to start."""
-
-    cell: PairCell  #: Not yet run
-    part: RealPart  #: At the start
-
-
-def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
-    """Set the cell up: the scene from the true frames, the plan from the believed ones."""
+def build_dual_cell(scenario: Checked, task: DualTask) -> tuple[PairCell, RealPart]:
+    """Set the cell up, not yet run: the scene from the true frames, the plan from the believed ones; and
+    the part at the start."""
     streams = random_streams(scenario.seed)
     place = task.place
     pressing = scenario.dual.standoff_m == 0.0
@@ -105,7 +99,7 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
         course_for(controller, scenario, place, task.strokes),
     )  # fmt: skip
     believe_tool(cell, streams.payload)
-    return DualCell(cell, part)
+    return cell, part
 
 
 def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array:

@@ -143,12 +143,16 @@ class PlayedMove(NamedTuple):
     table: MoveTable
     run: GuidingRun
 
+    @property
+    def phase(self) -> NDArray[np.int8]:
+        """Of the rows of its run, shape (n,)."""
+        return self.table.phase[: len(self.run.rows)]
+
 
 def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
     tool = _motion(play, 1)
-    rows = play.run.rows
-    return tool.trace(rows["time"], play.table.phase[: len(rows)], arc_length(tool.tips))
+    return tool.trace(play.run.rows["time"], play.phase, arc_length(tool.tips))
 
 
 def _motion(play: PlayedMove, every: int) -> ToolMotion:
@@ -169,7 +173,7 @@ def move_columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[st
         "torque_nm": part["torque"],
         **_motion(play, every).columns(),
         "wrench_raw_sensor": part["raw"],
-        "phase": play.table.phase[: len(play.run.rows) : every].astype(float),
+        "phase": play.phase[::every].astype(float),
         "hand_force_n": part["force"],
         **read,
         "lent_j": part["lent"],
@@ -180,20 +184,21 @@ def move_columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[st
 def figures_of_moves(scenario: Checked, played: Sequence[PlayedMove], asked: int, wall: float) -> Figures:
     """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of
     the run."""
-    figures: Figures = {}
-    measured = [
-        measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j) for play in played
-    ]
-    for play, values in zip(played, measured, strict=True):
-        figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
+    measured = {
+        _name(play.move): measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j)
+        for play in played
+    }
+    figures: Figures = {
+        f"{move}_{name}": value for move, values in measured.items() for name, value in values.items()
+    }
     last = played[-1].move.mode
-    of_last = [values for play, values in zip(played, measured, strict=True) if play.move.mode == last]
+    of_last = [measured[_name(play.move)] for play in played if play.move.mode == last]
     # An undefined figure of one move makes that of the mode undefined.
     figures |= {name: float(np.max([values[name] for values in of_last])) for name in of_last[0]}
     let_go = _rows_in(played[-1], OFF)
     figures |= measure_drift(let_go["time"], let_go["q"])
-    forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
-    figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
+    figures |= compare_modes(measured)
+    figures |= {"moves": list(measured), "model": scenario.guide.model_file or "exact"}
     steps = sum(len(play.run.rows) for play in played)
     stops = [
         f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}"
@@ -210,7 +215,7 @@ def figures_of_moves(scenario: Checked, played: Sequence[PlayedMove], asked: int
 
 
 def _rows_in(play: PlayedMove, phase: int) -> NDArray[Any]:
-    return play.run.rows[play.table.phase[: len(play.run.rows)] == phase]
+    return play.run.rows[play.phase == phase]
 
 
 def _is_whole(play: PlayedMove) -> bool:
