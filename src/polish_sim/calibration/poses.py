@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from itertools import pairwise, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ class PosePlan(NamedTuple):
     @property
     def move_times(self) -> Array:
         """Time for the way to each pose from the one before [s], shape (n,); 0 to the first."""
-        return np.array([0.0, *(move_time(a, b) for a, b in zip(self.q[:-1], self.q[1:], strict=True))])
+        return np.array([0.0, *starmap(move_time, pairwise(self.q))])
 
 
 def move_time(q_from: Array, q_to: Array) -> float:

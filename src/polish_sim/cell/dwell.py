@@ -187,7 +187,7 @@ def would_sink(
     part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
     across = perpendicular(axes)
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
-    angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     shifts = aside * directions_at(angles)
     sinks = np.empty(len(axes), bool)
     _note_sinking(pad, part, frames, positions, force, shifts, round(deepest / STEP), sinks)

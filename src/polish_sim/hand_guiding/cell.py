@@ -198,7 +198,11 @@ def run_guided(
     mujoco.mj_forward(arm.model, data)
     if data.ncon:
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
-    kernel = _build(arm, data, q_start, motion, servos)
+    kernel = _Kernel(
+        engine_views(arm.model, data), arm.belief, arm.gains, build_memory(6), arm.limits, arm.hand, motion,
+        servos, np.array(q_start), np.array(arm.model.jnt_range[arm.model.actuator_trnid[:6, 0]]),
+        np.zeros((2, 3)), _Status(),
+    )  # fmt: skip
     steps = len(servos)
     rows = np.zeros(steps, GuidingRow.dtype)
     pair = ""
@@ -222,24 +226,6 @@ def run_guided(
     reason = GUARDS[code] + (f": {pair}" if pair else "") if code else None
     return GuidingRun(
         rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most)
-    )
-
-
-def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMotion, servos: Array) -> _Kernel:
-    joints = arm.model.actuator_trnid[:6, 0]
-    return _Kernel(
-        engine_views(arm.model, data),
-        arm.belief,
-        arm.gains,
-        build_memory(6),
-        arm.limits,
-        arm.hand,
-        motion,
-        servos,
-        np.array(q_start),
-        np.array(arm.model.jnt_range[joints]),
-        np.zeros((2, 3)),
-        _Status(),
     )
 
 

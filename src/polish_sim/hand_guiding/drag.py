@@ -284,15 +284,15 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     observer.stage("prepare the part")
     task = prepare_drag(scenario)
     mode = scenario.guide.mode or MODE
-    drag, reach, path = scenario.drag, task.reach, task.path
+    drag, reach = scenario.drag, task.reach
     grip = hand_of(scenario.hand)._replace(
         turn_stiffness=drag.turn_stiffness_nm_rad, turn_damping=drag.turn_damping_nm_s_rad
     )
     model = torque_arm(scenario, LaidPart(task.mesh, reach.T_base_work))
     arm = guided_arm(scenario, mode, model, believe_arm(scenario), grip)
     dragged = drag_table(
-        apply(reach.T_base_work, path.positions_work), reach.rotations(path.axes_work), drag, scenario.hand,
-        scenario.simulation.timestep_s, np.random.default_rng(scenario.seed),
+        apply(reach.T_base_work, task.path.positions_work), reach.rotations(task.path.axes_work), drag,
+        scenario.hand, scenario.simulation.timestep_s, np.random.default_rng(scenario.seed),
     )  # fmt: skip
     observer.stage("drag by hand")
     started = time.perf_counter()

@@ -312,7 +312,7 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     for name, values in zip(Segment.dtype.names, (in_base.tips, *in_base[2:]), strict=True):
         segments[name] = values[: len(segments)]
     count = len(segments) * len(nodes)
-    out = JointRates(*(np.full((count, 6), np.nan) for _ in range(4)))
+    out = JointRates(*np.full((4, count, 6), np.nan))
     nodes = np.asarray(nodes, dtype=float)
     status, row = _fill_rates(segments, nodes, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:
@@ -336,7 +336,7 @@ def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, a
     Raises:
         ReachError: A sample cannot be reached, or is singular.
     """
-    out = JointRates(*(np.full((len(tips), 6), np.nan) for _ in range(4)))
+    out = JointRates(*np.full((4, len(tips), 6), np.nan))
     given = (np.ascontiguousarray(each) for each in (tips, rotations, linear, angular))
     status, row = _fill_motion(*given, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:

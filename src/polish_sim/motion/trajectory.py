@@ -239,10 +239,14 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
     else:
         boxes, clock, places, speeds = (0.0, 0.0, 0.0), row_times(0.0), np.zeros(2), np.zeros(2)
     n = len(clock)
+    positions, velocities, spins = np.empty((3, n, 3))
     motion = TimedPath(
         float(clock[1] - clock[0]),
         sum(boxes),
-        *(np.empty((n, width)) for width in (3, 3, 4, 3)),
+        positions,
+        velocities,
+        np.empty((n, 4)),
+        spins,
         places,
         speeds,
         np.ones(n),

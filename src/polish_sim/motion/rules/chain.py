@@ -54,9 +54,7 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
     tips, rotations = tips[kept], rotations[kept]
     axes = unit(rotations[:, :, 2])
     n = len(tips) - 1
-    chain = Chain(
-        tips, axes, rotations, np.zeros(n), np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n)
-    )
+    chain = Chain(tips, axes, rotations, *(np.zeros(shape) for shape in (n, (n, 3), n, (n, 3), n)))
     _fill_segments(chain)
     if n and chain.angles.max() > HALF_TURN:
         k, raw = int(chain.angles.argmax()), np.flatnonzero(kept)

@@ -116,7 +116,7 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
 def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> DeviationCurve:
     """Measure a motion against the stretch of the way points it is on at each of some times [s], shape
     (n,)."""
-    seen, curve = motion.sample(times), DeviationCurve(np.zeros(len(times)), np.zeros(len(times)))
+    seen, curve = motion.sample(times), DeviationCurve(*np.zeros((2, len(times))))
     tips, axes = np.ascontiguousarray(seen.tips[:, 0]), np.ascontiguousarray(seen.axes[:, 0])
     _fill_curve(raw, *motion.under_way(times), tips, axes, curve)
     return curve

@@ -115,7 +115,7 @@ class Smoothed(NamedTuple):
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
         """See `SmoothMotion`."""
-        places, speeds = np.empty(len(times)), np.empty(len(times))
+        places, speeds = np.empty((2, len(times)))
         _mark(self.schedule, index_schedule(self.chain, self.schedule), times, marks, places, speeds)
         return np.maximum.accumulate(places), speeds
 
@@ -160,7 +160,7 @@ def _under_way(index: ScheduleIndex, time: float) -> tuple[int, int]:
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
     """Find each segment's pieces; a segment without any stays at its start."""
     first = np.searchsorted(schedule.segments, np.arange(len(chain.lengths) + 1))
-    begins, ends = np.full(len(chain.lengths), np.inf), np.full(len(chain.lengths), np.inf)
+    begins, ends = np.full((2, len(chain.lengths)), np.inf)
     filled = np.flatnonzero(np.diff(first))
     begins[filled] = schedule.starts[first[filled]]
     last = first[filled + 1] - 1
