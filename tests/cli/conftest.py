@@ -1,11 +1,15 @@
 """The command line as a user calls it, in an empty folder."""
 
+import atexit
 import importlib.util
 import json
 import os
 import re
 import shutil
+import signal
 import sys
+import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -15,7 +19,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
+from polish_sim.cli.main import app, commands
 
 Tool = Callable[..., Any]  # called with the words of a command line
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
@@ -44,6 +48,68 @@ def browser() -> Iterator[Any]:
 def metrics_of(folder: Path | str) -> dict[str, Any]:
     """The figures a command wrote into a folder."""
     return dict(json.loads(Path(folder, "metrics.json").read_text(encoding="utf-8")))
+
+
+class Started:
+    """`polish-sim` at work in a process of its own, forked from this one: nothing is imported or drawn anew.
+
+    ``out`` and ``err`` are the descriptors of files for what it says.
+    """
+
+    def __init__(
+        self,
+        *words: object,
+        folder: Path,
+        out: int | None = None,
+        err: int | None = None,
+        begin: Callable[[], None] = app,
+    ) -> None:
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            try:
+                atexit._clear()
+                os.chdir(folder)
+                for stream, given in ((1, out), (2, err)):
+                    os.dup2(stream if given is None else given, stream)
+                sys.stdout, sys.stderr = (os.fdopen(stream, "w", 1, closefd=False) for stream in (1, 2))
+                sys.argv = ["polish-sim", *map(str, words)]
+                begin()
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(99)
+
+    def __enter__(self) -> "Started":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.wait()
+
+    def poll(self, options: int = os.WNOHANG) -> int | None:
+        """The exit code once it has ended."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, options)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def wait(self, timeout_s: float = 120.0) -> int:
+        """The exit code, once it has ended; it is killed if it does not."""
+        latest = time.monotonic() + timeout_s
+        while self.poll() is None:
+            time.sleep(0.005)
+            if time.monotonic() > latest:
+                self.kill()
+                raise AssertionError("it does not end")
+        return self.poll()  # type: ignore[return-value]
+
+    def send_signal(self, number: signal.Signals) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+        self.poll(0)
 
 
 @contextmanager

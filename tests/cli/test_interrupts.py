@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 import typer
 
+from polish_sim.cli import progress, start
 from polish_sim.cli.boundary import execute
 from polish_sim.log import read_log
-from tests.cli.conftest import metrics_of
+from tests.cli.conftest import Started, metrics_of
 from tests.kept import plate_file
 
 
@@ -36,12 +37,14 @@ def interrupted(
     """What a command says when Ctrl-C or other ``signals`` come a while after it is ready, by its draft
     folder and what it has said; it ends with 130. It says every 0.1 s how far it is.
     """
-    start = "from polish_sim.cli import progress, start; progress.QUIET_S = 0.1; start()"
-    command = [sys.executable, "-c", start, *words, "--out", "out/cut"]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+
+    def talk() -> None:
+        progress.QUIET_S = 0.1
+        start()
+
     with (
         tempfile.NamedTemporaryFile() as said,
-        subprocess.Popen(command, cwd=folder, env=environment, stderr=said) as run,
+        Started(*words, "--out", "out/cut", folder=folder, err=said.fileno(), begin=talk) as run,
     ):
         while not ready(_at_work(folder / "out"), Path(said.name).read_text()):
             assert run.poll() is None, Path(said.name).read_text()
@@ -137,12 +140,16 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
 
 
-def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path):
+def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path, monkeypatch):
     ours, its = pty.openpty()
+    monkeypatch.setenv("TERM", "xterm")
+
+    def run_there() -> None:
+        os.close(ours)
+        start()
+
     words = ["run", "arc", "--feed", "0.5", "--out", "cut"]
-    start = [sys.executable, "-c", "from polish_sim.cli import start; start()", *words]
-    bar = os.environ | {"TERM": "xterm"}
-    with subprocess.Popen(start, cwd=tmp_path, env=bar, stdout=its, stderr=its) as run:
+    with Started(*words, folder=tmp_path, out=its, err=its, begin=run_there) as run:
         os.close(its)
         said = b""
         while b"%" not in said.partition(b"simulate")[2]:

@@ -27,7 +27,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.log import RunLog
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario, override
-from tests.cli.conftest import PROGRAM, in_browser
+from tests.cli.conftest import PROGRAM, Started, in_browser
 
 WITH_VISER = importlib.util.find_spec("viser") is not None
 served = pytest.mark.skipif(not WITH_VISER, reason="no viser: pip install 'polish-sim[view]'")
@@ -187,15 +187,18 @@ class Tab:
 class Running:
     """A command that serves a page."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: object, anew: bool) -> None:
         self.url = f"http://127.0.0.1:{(port := free_port())}"
         self._said = folder / "said"
-        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-        command = [*PROGRAM, *words, "--live-port", str(port)]
+        self.process: Started | subprocess.Popen[bytes]
+        words = (*words, "--live-port", str(port))
         with self._said.open("w") as stream:
-            self.process = subprocess.Popen(
-                command, cwd=folder, env=environment, stdout=stream, stderr=stream
-            )
+            if anew:
+                program = [*PROGRAM, *words]
+                heard = os.environ | {"PYTHONUNBUFFERED": "1"}
+                self.process = subprocess.Popen(program, cwd=folder, env=heard, stdout=stream, stderr=stream)
+            else:
+                self.process = Started(*words, folder=folder, out=stream.fileno(), err=stream.fileno())
         self.until(lambda: f"open {self.url} in a browser" in self.said)
 
     @property
@@ -216,12 +219,13 @@ class Running:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
-    """Start a command in an empty folder; it does not outlive the test."""
+def start(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start a command in an empty folder, in a new Python beside a browser: what drives that one was not made
+    to be forked. The command does not outlive the test."""
     started = []
 
     def begin(*words: str) -> Running:
-        started.append(Running(tmp_path, *words))
+        started.append(Running(tmp_path, *words, anew="browser" in request.fixturenames))
         return started[-1]
 
     yield begin

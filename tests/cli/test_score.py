@@ -1,7 +1,6 @@
 """`polish-sim score` as a user calls it, on a small part of the battery."""
 
 import json
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from polish_sim.scoring import score
 from polish_sim.scoring.border import Rest
 from polish_sim.scoring.score import Row, Task
-from tests.cli.conftest import PROGRAM, metrics_of
+from tests.cli.conftest import Started, metrics_of
 
 HERE = ["--on", "here"]
 ONE = ["--case", "approach-20", "--seeds", "1", *HERE]
@@ -53,7 +52,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
 
 def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tmp_path, monkeypatch):
     words = ["score", "--case", "noise-1", *SHORT, *HERE]
-    with subprocess.Popen([*PROGRAM, *words, "--seeds", "3", "--out", "killed"], cwd=tmp_path) as run:
+    with Started(*words, "--seeds", "3", "--out", "killed", folder=tmp_path) as run:
         file = tmp_path / "killed" / "rows.jsonl"
         while not file.exists() or not file.read_bytes().count(b"\n"):
             assert run.poll() is None

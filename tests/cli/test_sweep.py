@@ -1,9 +1,7 @@
 """`polish-sim sweep`: one folder, which resumes whatever ended the command."""
 
 import json
-import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from polish_sim.cli.sweep import check_values
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
-from tests.cli.conftest import PROGRAM, metrics_of
+from tests.cli.conftest import Started, metrics_of
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
@@ -76,13 +74,13 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
 
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin8", *SHORT]
-    rows, begin = tmp_path / "s" / "rows.jsonl", [*PROGRAM, *asked, "--out", "s"]
+    rows, begin = tmp_path / "s" / "rows.jsonl", [*asked, "--out", "s"]
     for ended_by, least, where in ((signal.SIGKILL, 2, ONE), (signal.SIGINT, 4, HERE)):
-        with subprocess.Popen([*begin, *where], cwd=tmp_path, start_new_session=True) as command:
+        with Started(*begin, *where, folder=tmp_path) as command:
             while not rows.exists() or rows.read_bytes().count(b"\n") < least:
                 assert command.poll() is None
                 time.sleep(0.02)
-            os.kill(command.pid, ended_by)
+            command.send_signal(ended_by)
             assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)
     assert metrics_of(tmp_path / "s")["runs"] < 8
     assert polish_sim(*asked, *HERE, "--out", "s").code == 0

@@ -30,7 +30,7 @@ from polish_sim.ur.dashboard import answer
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
-from tests.cli.conftest import PROGRAM, UNPROVEN, undrawn
+from tests.cli.conftest import UNPROVEN, Started, undrawn
 from tests.kept import plate_file
 
 ADDRESS = "127.0.0.1"
@@ -404,10 +404,10 @@ def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_p
     planned = ["plan", plate, "--stepover", "40", *UNPROVEN, "--out", str(tmp_path / "PLAN")]
     with undrawn():
         assert execute(commands, planned) == 0
-    words = [*PROGRAM, "serve", "--part", plate, "--path", "PLAN/path.csv", "--out", "TWO"]
+    words = ["serve", "--part", plate, "--path", "PLAN/path.csv", "--out", "TWO"]
     words += ["--address", both[0], "--address", both[1]]
-    with (tmp_path / "said").open("w") as stream:
-        process = subprocess.Popen(words, cwd=tmp_path, stdout=stream, stderr=stream)
+    with (tmp_path / "said").open("w") as stream, undrawn():
+        process = Started(*words, folder=tmp_path, out=stream.fileno(), err=stream.fileno())
     said = (tmp_path / "said").read_text
     try:
         begun = time.monotonic()
