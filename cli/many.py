@@ -98,12 +98,15 @@ def filled(
         with at_work(given, stage, files, usual) as (workers, heard):
             runner = Runner(kept, workers, heard)
             done = work(runner)
-        yield folder, done
+        # Said before what is shown of them.
         if runner.lost:
             console.note(
                 f"{count_text(runner.lost, 'run')} left out: the processes died; the same command does them "
                 "again."
             )
+        if runner.interrupted:
+            console.note("interrupted: what follows is of the runs done so far.")
+        yield folder, done
         if runner.interrupted:
             raise KeyboardInterrupt
 

@@ -347,7 +347,12 @@ def plan_to_run(
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import plan_facts, read_cuts, write_plan
     from polish_sim.experiments.even_removal import plan_removal
-    from polish_sim.experiments.proof import proof_notes, prove_with_a_pad_that_fits, why_not_proven
+    from polish_sim.experiments.proof import (
+        drift_notes,
+        proof_notes,
+        prove_with_a_pad_that_fits,
+        why_not_proven,
+    )
     from polish_sim.planning import measure_given_path
 
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
@@ -361,7 +366,8 @@ def plan_to_run(
         if folder and row.name == "surface" and scenario.safety.proof != "none":
             known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
             if known is not None and not (doubt := why_not_proven(scenario, plan.path, known)):
-                plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
+                notes = (*plan.notes, *proof_notes(known), *drift_notes(scenario, plan))
+                plan = replace(plan, proof=known, notes=notes)
             else:
                 if known is not None:
                     console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")

@@ -291,10 +291,10 @@ def _longest(border: Border, stable: Sequence[bool | None]) -> float | None:
 
 def _border_rows(found: dict[str, Any], border: Border) -> list[list[str]]:
     rows = []
-    for scale, cell, model in zip(
-        border.scales, found["latency_stable_s"], found["latency_stable_model_s"], strict=True
-    ):
-        all_of_it = cell is not None and cell == border.latencies[-1]
-        shown = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
+    limits = (found[f"latency_stable_{of}"] for of in ("s", "model_s"))
+    columns = zip(*found["stable"], strict=True)
+    for scale, cell, model, runs in zip(border.scales, *limits, columns, strict=True):
+        least, none = ("", "none") if False in runs else (">= ", "-")
+        shown = none if cell is None else f"{least}{1e3 * cell:.0f}"
         rows.append([f"{scale:g} x", shown, f"{1e3 * model:.0f}" if math.isfinite(model) else "-"])
     return rows

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.experiments import proof
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
 from tests.cli.conftest import Call, Tool, metrics_of
@@ -22,13 +23,15 @@ def plan(polish_sim: Tool) -> Call:
     return made
 
 
-def test_a_proven_plan_is_not_played_again(plan, polish_sim):
+def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     assert "prove in the cell" in plan.err
     assert metrics_of("plan")["proven"] == 1
     run = ("run", "surface", "--path", "plan")
+    monkeypatch.setattr(proof, "drift_notes", lambda *_: ["the sensor drifts"])
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")
     assert whole.code == 0, whole.err
     assert "prove in the cell" not in whole.err
+    assert "note: the sensor drifts" in whole.err
     harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
     other = polish_sim(*run, *harder, "--out", "other")
     assert "prove in the cell" in other.err

@@ -143,9 +143,14 @@ def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
     monkeypatch.setattr("polish_sim.scoring.border.press_bench", counted(pressed))
     monkeypatch.setattr("polish_sim.scoring.border.build_bench", lambda _: None)
     monkeypatch.setattr("polish_sim.scoring.border.longest_stable", lambda _: 0.03)
-    code, _, err = polish_sim(*words, "cut")
+    code, out, err = polish_sim(*words, "cut")
     assert code == 130
+    assert "interrupted: what follows is of the runs done so far" in err
     assert "--out cut resumes" in err.splitlines()[-1]
+    if file == "border.json":  # the shortest five of eight latencies are done: 0.03 s is the next
+        assert [line.split()[:4] for line in out.splitlines() if " x " in line][:1] == [
+            ["0.2", "x", ">=", "20"]
+        ]
     assert Path("cut/rows.jsonl").read_bytes().count(b"\n") == 40
     again = polish_sim(*words, "cut")
     measured = 40 - left[0]

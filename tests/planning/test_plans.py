@@ -164,6 +164,11 @@ BAD = {
         PlanConfig(edge_margin_m=0.05),
         "nothing of the region is left 50 mm inside its border",
     ),
+    "a step-over wider than the region": (
+        PartConfig("plate"),
+        PlanConfig(region="box:-13,-13,0,13,13,30", pattern="contour", stepover_m=0.05),
+        r"too narrow for a step-over of 25 mm: .* \(or a larger --overlap\)",
+    ),
     "a start far off": (
         PartConfig("plate"),
         PlanConfig(stepover_m=0.016, start=(5.0, 0.0, 0.02)),

@@ -72,7 +72,7 @@ def plan_on(
     if not any(found):
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half "
-            "of it inside the border. Set a smaller step-over or a larger region."
+            "of it inside the border. Set a smaller step-over (or a larger --overlap) or a larger region."
         )
     cuts = [
         CutOut(TOO_NARROW, piece.mesh.vertices)

@@ -45,7 +45,8 @@ WINDOW_S = 0.8
 class Rest(NamedTuple):
     """How a loop ended."""
 
-    resting: bool | None  #: No swing, or one that dies away; None: the run's process died
+    #: No swing, or one that dies away; None: not known, the run's process died or it was not done
+    resting: bool | None
     #: Resting, or a swing the scorecard allows: friction of the joints can keep a small one up
     stable: bool | None
     swing: float  #: Of the exact force, peak to peak in the last window [N]
@@ -236,7 +237,7 @@ def measure_border(
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
 
-    A run whose process died again and again is `LOST`.
+    A run whose process died again and again, or that Ctrl-C left out, is `LOST`.
     """
     tasks = {entry.label: border_tasks(entry, scales, latencies) for entry in entries}
     rows = score_rows(runner, [task for own in tasks.values() for task in own], border_row)
