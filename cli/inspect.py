@@ -8,9 +8,17 @@ from pathlib import Path
 from typing import Annotated
 
 from polish_sim.cli import console
-from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, argument, build_scenario, takes
+from polish_sim.cli.options import (
+    CONFIG_OPTIONS,
+    OUTPUT_OPTIONS,
+    Given,
+    argument,
+    build_scenario,
+    named_options,
+    takes,
+)
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.run import check_part, planned_part, planned_settings
+from polish_sim.cli.run import check_part, planned_settings
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
@@ -46,9 +54,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     beside = path.with_name("path.json")
     facts = plan_facts(beside if path.name == "path.csv" and beside.exists() else path)
     if facts:
-        base = merge(Scenario(), planned_settings(path, facts, given), "")
-        if given["--part"] is None:
-            given = {**given, "--part": planned_part(path, facts["part"])}
+        base = merge(Scenario(), planned_settings(path, facts, named_options(given)), "")
     elif given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
     else:  # the step-over is guessed unless something sets it

@@ -297,11 +297,10 @@ def _declared(option: Own) -> inspect.Parameter:
         parser=None if switch else option.read,
         show_default=False,
     )
-    default = False if switch else None
     return inspect.Parameter(
         _parameter(option),
         inspect.Parameter.KEYWORD_ONLY,
-        default=default,
+        default=False if switch else None,
         annotation=Annotated[kind, declared],
     )
 
@@ -431,23 +430,29 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
         raise ConfigError(
             f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'."
         )
+    return with_options(scenario, given)
+
+
+#: Settings that are an option of their own
+SWITCHES = {"--allow-contact": "safety.tool_in_part=allow", "--even-removal": "plan.removal=even"}
+
+
+def with_options(scenario: Scenario, given: Given) -> Scenario:
+    """A scenario with a tool, then the options, then --set on top of it. Raises as `build_scenario`."""
     tool = None
     if given.get("--tool") is not None:
         from polish_sim.job.tools import choose_tool  # only this option reads the library
 
         tool = choose_tool(given["--tool"])
         scenario = merge(scenario, tool.settings(), "tool.")
-    keys = config_keys(base)
+    keys = config_keys(Scenario(experiment=scenario.experiment))
     for option, value in given.items():
         if value is not None and option in keys:
             scenario = merge(scenario, keys[option].table(value), "")
-    if given.get("--allow-contact"):
-        scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
-    if given.get("--even-removal"):
-        scenario = merge(scenario, {"plan": {"removal": "even"}}, "")
     if given.get("--calibration") is not None:
-        scenario = merge(scenario, _calibrations(given["--calibration"], base.experiment), "")
-    scenario = override(scenario, given.get("--set") or [])
+        scenario = merge(scenario, _calibrations(given["--calibration"], scenario.experiment), "")
+    switched = [word for option, word in SWITCHES.items() if given.get(option)]
+    scenario = override(scenario, [*switched, *(given.get("--set") or ())])
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
         scenario = merge(scenario, _overlapping(scenario.pad, given, keys["--stepover"]), "")
@@ -522,8 +527,10 @@ def refuse_beside(given: Given, chosen: str, *options: str) -> None:
 
 
 def named_options(given: Given) -> set[str]:
-    """The options that were given."""
-    return {name for name, value in given.items() if value is not None}
+    """The options that were given, or whose keys are set by name."""
+    words = {word.partition("=")[0] for word in given.get("--set") or ()}
+    by_key = {key.option.name for key in _keys(Scenario(), "") if f"{key.section}.{key.name}" in words}
+    return by_key | {name for name, value in given.items() if value is not None}
 
 
 def refuse_idle_on_path(plan: PlanConfig, given: Given) -> None:

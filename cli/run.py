@@ -4,7 +4,7 @@ figures."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +26,7 @@ from polish_sim.cli.options import (
     refuse_idle_on_path,
     refuse_without,
     takes,
+    with_options,
 )
 from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
@@ -184,14 +185,14 @@ def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Chec
     from polish_sim.experiments.assembly import check
 
     row = experiment(scenario.experiment)
-    source = Path(scenario.plan.file) if scenario.plan.file else None
+    source = scenario.plan.file
     path = None
-    if row.along_plan and source is not None:
-        path, scenario = take_plan(source, scenario, given)
-    elif source is not None and "--path" not in row.options:
+    if source and row.along_plan:
+        path, scenario = take_plan(Path(source), scenario, given)
+    elif source and "--path" not in row.options:
         raise InputError(f"'{row.name}' runs along no plan: leave plan.file out.")
-    elif source is not None:
-        scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
+    elif source:
+        scenario = merge(scenario, {"plan": {"file": str(Path(source).resolve())}}, "")
     elif row.plans:
         refuse_idle_on_path(scenario.plan, given)
     return path, check(scenario, path)
@@ -233,14 +234,9 @@ def run_once(
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
             draw_run(record, draft)
             save_page(draft, page_of(record, model, planned.notes if planned else ()))
-            if stop and planned is not None:
+            if stop and planned:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
-            rendered = (
-                bool(len(record.log))
-                and model is not None
-                and save_cell_picture(draft / CELL_PICTURE, record, model)
-            )
-            if video and rendered:
+            if len(record.log) and model and save_cell_picture(draft / CELL_PICTURE, record, model) and video:
                 from polish_sim.cli.film import write_film
 
                 observer.stage("film")
@@ -356,21 +352,22 @@ def plan_to_run(
     from polish_sim.planning import measure_given_path
 
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    source = Path(scenario.plan.file)
     if given is None:
         plan = plan_removal(scenario, observer)
     else:
-        plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
+        plan = measure_given_path(given, *asked, read_cuts(source))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
     try:
         if folder and row.name == "surface" and scenario.safety.proof != "none":
-            known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
-            if known is not None and not (doubt := why_not_proven(scenario, plan.path, known)):
+            known = given and plan_facts(source).get("proof")
+            if doubt := known and why_not_proven(scenario, plan.path, known):
+                console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")
+            if known and not doubt:
                 notes = (*plan.notes, *proof_notes(known), *drift_notes(scenario, plan))
                 plan = replace(plan, proof=known, notes=notes)
             else:
-                if known is not None:
-                    console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     finally:
         for text in plan.notes:
@@ -391,30 +388,30 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     """
     from polish_sim.exchange import plan_facts, read_path
 
-    refuse_idle(named_options(given), PATH_OPTIONS, "on a finished plan, plan.file")
+    named = named_options(given)
+    refuse_idle(named, PATH_OPTIONS, "on a finished plan")
     path = read_path(source)
     facts = plan_facts(source)
-    named = {"plan": {"file": str(source.resolve()), "begin_m": scenario.plan.begin_m}}
+    file = {"plan": {"file": str(source.resolve()), "begin_m": scenario.plan.begin_m}}
     if not facts:
-        return path, merge(scenario, named, "")
-    chosen = given.get("--part") is not None or given.get("--path") is None
-    if not chosen:
-        scenario = merge(scenario, {"part": {"file": planned_part(source, facts["part"])}}, "")
+        return path, merge(scenario, file, "")
+    refuse_idle(named, ("--up", "--units"), "on a finished plan")
+    elsewhere = named if "--path" in named else {*named, "--part"}
+    scenario = with_options(merge(scenario, planned_settings(source, facts, elsewhere), ""), given)
     check_part(source, scenario.part.file, facts["part"])
-    settings = planned_settings(source, facts, given)
-    proof = facts["proof"]
-    if given.get("--contact-force") is not None:
-        settings["process"].pop("contact_force_n", None)
-        path = replace(path, force=None) if proof and proof.get("eased") else path
-    if given.get("--feed") is not None:
-        settings["process"].pop("feed_m_s", None)
-        # Where it was slowed it was for the feed it was proven at.
-        path = replace(path, feed=None) if proof and proof["slowed"] else path
-    if proof and given.get("--part-pose") is None:
-        settings["part"]["pose"] = proof["pose"]
-    if given.get("--pad-diameter") is not None:
-        settings.pop("pad", None)
-    return path, merge(merge(scenario, settings, ""), named, "")
+    scenario, proof = merge(scenario, file, ""), facts["proof"] or {}
+    process = scenario.process
+    force, feed = process.contact_force_n != facts["contact_force_n"], process.feed_m_s != facts["feed_m_s"]
+    if (force or feed) and facts["plan"].get("removal"):
+        raise InputError(
+            f"feed and force of the plan '{source}' are those of its removal: plan again for others."
+        )
+    # Where it was eased or slowed it was for the force and the feed it was proven at.
+    if force and proof.get("eased"):
+        path = replace(path, force=None)
+    if feed and proof.get("slowed"):
+        path = replace(path, feed=None)
+    return path, scenario
 
 
 def planned_part(source: Path, part: Mapping[str, str]) -> str:
@@ -428,36 +425,40 @@ def planned_part(source: Path, part: Mapping[str, str]) -> str:
     name = part["name"]
     if name in workpiece_names() and _hash(part_path(name)) == part["sha256"]:
         return name
-    return _planned_file(source, part, f"made on '{part['file']}'", "--part")
+    return _planned_file(source, part, "on", "--part")
 
 
-def _planned_file(source: Path, known: Mapping[str, str], what: str, option: str) -> str:
+def _planned_file(source: Path, known: Mapping[str, str], how: str, option: str) -> str:
     for file in (Path(known.get("path", "")), source.parent / known["file"]):
-        if file.is_file():
+        if file.is_file() and _hash(file) == known["sha256"]:
             return str(file)
-    raise InputError(f"the plan '{source}' was {what}: say where it is with {option}.")
+    raise InputError(
+        f"the plan '{source}' was made {how} '{known['file']}', which is gone or has changed: say where it "
+        f"is with {option}, or plan again."
+    )
 
 
-def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> dict[str, Any]:
-    """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and
-    fixture."""
+def planned_settings(source: Path, facts: Mapping[str, Any], named: Collection[str]) -> dict[str, Any]:
+    """The settings a plan was made with, as a table of the scenario, without the files options name; older
+    plans do not say pad, force and fixture.
+
+    Raises:
+        InputError: A file is gone or has changed.
+    """
     from polish_sim.geometry.orientation import side_name
 
-    settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}, "process": {}}
-    if facts.get("feed_m_s"):
-        settings["process"]["feed_m_s"] = facts["feed_m_s"]
-    fixture = facts["fixture"]
-    if fixture and given.get("--fixture") is None:
-        what = f"made with the fixture '{fixture['file']}', which is gone or has changed"
-        settings["part"]["fixture_file"] = found = _planned_file(source, fixture, what, "--fixture")
-        if _hash(Path(found)) != fixture["sha256"]:
-            raise InputError(
-                f"the plan '{source}' was {what}: say where it is with --fixture, or plan again."
-            )
+    part = {"unit": facts["part"]["unit"]}
+    if "--part" not in named:
+        part["file"] = planned_part(source, facts["part"])
+    if facts["fixture"] and "--fixture" not in named:
+        part["fixture_file"] = _planned_file(source, facts["fixture"], "with the fixture", "--fixture")
+    if facts["proof"]:
+        part["pose"] = facts["proof"]["pose"]
+    process = {name: facts[name] for name in ("contact_force_n", "feed_m_s") if facts[name]}
+    settings = {"plan": facts["plan"], "part": part, "process": process}
     if facts["pad"]:
-        settings["part"]["up"] = side_name(facts["up"])
+        part["up"] = side_name(facts["up"])
         settings["pad"] = {**facts["pad"], "choice": "given"}
-        settings["process"]["contact_force_n"] = facts["contact_force_n"]
     return settings
 
 

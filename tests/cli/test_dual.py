@@ -97,7 +97,7 @@ def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim):
     assert polish_sim(*run, "--fault", "master-stop@contact+1", "--dry-run").code == 0
     code, _, err = polish_sim(*run, "--region", "all", "--out", "again")
     assert code == 2
-    assert "--region would change nothing with --path" in err
+    assert "--region would change nothing on a finished plan" in err
     far = ("--dual", "--set", "dual.follower_pose=[-2.5,0,0,0,0,3]", "--out", "far")
     refused(polish_sim("plan", "wheel_hub_rim", *far), "the follower does not reach")
     assert not Path("far").exists()

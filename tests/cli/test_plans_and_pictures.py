@@ -83,7 +83,8 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     words = ("--up", "z", "--stepover", "40", *UNPROVEN, "--out", "plan")
     assert polish_sim("plan", mine, *words)[0] == 0
     run = ("run", "surface", "--path", "plan")
-    done(polish_sim(*run, *QUICK, *UNPROVEN, "--out", "run"))
+    force, pose = "process.contact_force_n=12", "part.pose=[0, -0.6, 0.2, 0, 0, 0]"
+    done(polish_sim(*run, *QUICK, *UNPROVEN, "--set", force, "--set", pose, "--feed", "8", "--out", "run"))
     files = {file.name for file in Path("run").iterdir()}
     assert files >= {"path.csv", "path.json", "path.png", "force.png"}
     figures = metrics_of("run")  # of a run that stops short
@@ -91,10 +92,25 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     assert figures["path_done"] < 1.0
     config = Path("run/config.toml").read_text()
     assert f'file = "{mine}"' in config
-    assert "stepover_m = 0.04 " in config
+    for word in (
+        "stepover_m = 0.04",
+        "contact_force_n = 12.0",
+        "feed_m_s = 0.008",
+        "pose = [0.0, -0.6, 0.2,",
+    ):
+        assert f"\n{word} " in config
+    document = json.loads(Path("plan/path.json").read_text())
+    document["plan"]["removal"] = "even"
+    Path("even.json").write_text(json.dumps(document))
     for more, said in (
-        (["--lead-in", "arc", "--overlap", "60"], "--overlap, --lead-in would change nothing with --path"),
+        (
+            ["--lead-in", "arc", "--overlap", "60"],
+            "--overlap, --lead-in would change nothing on a finished plan",
+        ),
         (["--part", "plate"], "another file than 'plate'"),
+        (["--set", "plan.pattern=raster", "--units", "mm"], "--pattern would change nothing"),
+        (["--up", "x", "--units", "mm"], "--up, --units would change nothing"),
+        (["--path", "even.json", "--feed", "8"], "those of its removal: plan again"),
     ):
         refused(polish_sim(*run, *more, "--out", "other"), said)
         assert not Path("other").exists()

@@ -146,9 +146,6 @@ DUAL = Experiment(
     faults="polish_sim.dual.faults:PAIR_FAULTS",
     remade=False,
     only_with={REMOVAL_OPTIONS: COVER_OPTIONS},
-    not_with={
-        "--path": PATH_OPTIONS,
-        "--master-path": ("--master-speed", "--master-turn", "--part-pose"),
-    },
+    not_with={"--master-path": ("--master-speed", "--master-turn", "--part-pose")},
     notes="polish_sim.dual.scene:seat_notes",
 )

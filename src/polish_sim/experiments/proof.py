@@ -161,7 +161,7 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
         PolishSimError: As of `prove`, of the first pad.
     """
     best: Proven | None = None
-    failed: PolishSimError | None = None
+    failed: list[PolishSimError] = []
     work = Work(plan)
     for pad, asked in _pads_from(scenario.pad, scenario.plan, plan.tool.pad):
         if work.used > 1.0:
@@ -174,7 +174,7 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
         except PolishSimError as error:
             if pad is scenario.pad and not isinstance(error, PlanError):
                 raise
-            failed = failed or error
+            failed.append(error)
             continue
         if best is None or _pressed(found.plan) > WORTH_A_PAD * _pressed(best.plan):
             best = found
@@ -182,8 +182,7 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
         if _lost(found.plan) + area.polished_m2 - _pressed(found.plan) < MUCH * area.region_m2:
             break
     if best is None:
-        assert failed is not None
-        raise failed
+        raise failed[0]
     return best
 
 

@@ -152,7 +152,6 @@ SURFACE = Experiment(
     fixtures=True,
     band_n=FOLLOW_BAND_N,
     only_with={("--path",): ("--from",)},
-    not_with={"--path": PATH_OPTIONS},
     paper={
         "part.file": "freeform",
         "plan.file": "",
