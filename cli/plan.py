@@ -49,6 +49,7 @@ PartFile = Annotated[
 
 
 @takes(
+    "--part-pose",
     "--units",
     "--up",
     "--fixture",
@@ -77,7 +78,7 @@ def plan(part: PartFile, given: Given) -> int:
     given = {**given, "--part": part}
     refuse_taken(given)
     if dual:
-        named = named_options(given) & {*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture"}
+        named = named_options(given) & {*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture", "--part-pose"}
         refuse_idle_options(experiment("dual"), named)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)

@@ -414,20 +414,6 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     return path, scenario
 
 
-def planned_part(source: Path, part: Mapping[str, str]) -> str:
-    """The part a plan says it was made on: a shipped one, or its file where that still is.
-
-    Raises:
-        InputError: It is not there any more.
-    """
-    from polish_sim.models import part_path, workpiece_names
-
-    name = part["name"]
-    if name in workpiece_names() and _hash(part_path(name)) == part["sha256"]:
-        return name
-    return _planned_file(source, part, "on", "--part")
-
-
 def _planned_file(source: Path, known: Mapping[str, str], how: str, option: str) -> str:
     for file in (Path(known.get("path", "")), source.parent / known["file"]):
         if file.is_file() and _hash(file) == known["sha256"]:
@@ -446,10 +432,14 @@ def planned_settings(source: Path, facts: Mapping[str, Any], named: Collection[s
         InputError: A file is gone or has changed.
     """
     from polish_sim.geometry.orientation import side_name
+    from polish_sim.models import part_path, workpiece_names
 
-    part = {"unit": facts["part"]["unit"]}
+    made_on = facts["part"]
+    part = {"unit": made_on["unit"]}
     if "--part" not in named:
-        part["file"] = planned_part(source, facts["part"])
+        name = made_on["name"]
+        shipped = name in workpiece_names() and _hash(part_path(name)) == made_on["sha256"]
+        part["file"] = name if shipped else _planned_file(source, made_on, "on", "--part")
     if facts["fixture"] and "--fixture" not in named:
         part["fixture_file"] = _planned_file(source, facts["fixture"], "with the fixture", "--fixture")
     if facts["proof"]:

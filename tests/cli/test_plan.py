@@ -59,7 +59,7 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
 
 
 def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_sim):
-    words = ("--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan")
+    words = ("--stepover", "40", "--part-pose", "0,-950,400,0,0,0", "--out", "plan")
     code, out, err = polish_sim("plan", "saddle", *words)
     assert code == 3
     assert "out of reach" in out

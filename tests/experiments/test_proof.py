@@ -337,16 +337,19 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     shares = {name: limit["share"] for name, limit in proof["limits"].items()}
     assert shares.pop("tangential error") > 0.5  # what no mend helps is only said
     assert max(shares.values()) <= 0.8
+    there = override(proven.scenario, [f"part.pose={list(proof['pose'])}"])
     for changes, named in (
         ("seed=77", ""),
+        ("part.displacement_m=0.004", "part.displacement_m"),
+        ("part.pose=[0.4, -0.4, 0.1, 0, 0, 0]", "another pose"),
         ("process.feed_m_s=0.04", "process.feed_m_s"),
         ("robot.arm=ideal", "robot.arm"),
         ("safety.proof='2'", "--proof 1"),
     ):
-        doubt = why_not_proven(override(proven.scenario, [changes]), path, proof)
+        doubt = why_not_proven(override(there, [changes]), path, proof)
         assert named in doubt
         assert bool(doubt) == bool(named)
-    assert why_not_proven(proven.scenario, soft_corner()[1].path, proof) == "of another path"
+    assert why_not_proven(there, soft_corner()[1].path, proof) == "of another path"
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path):

@@ -32,7 +32,7 @@ from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE
-from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
+from polish_sim.config import Checked, FaultsConfig, PadConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
@@ -111,13 +111,14 @@ class Proven(NamedTuple):
 
 
 def _settings(scenario: Scenario) -> Scenario:
-    """What a proof depends on besides the path: arm, tool, sensor, controller, force, feed and limits."""
+    """What a proof depends on besides path and pose: arm, tool, sensor, controller, force, feed, limits and
+    how far off its drawing a part may be."""
     process = replace(scenario.process, changes="", learn="")
     return replace(
         scenario,
         experiment="surface",
         seed=0,
-        part=PartConfig(),
+        part=replace(scenario.part, file="", fixture_file="", unit="", up="", pose=()),
         plan=PlanConfig(),
         process=process,
         faults=FaultsConfig(),
@@ -125,10 +126,6 @@ def _settings(scenario: Scenario) -> Scenario:
         safety=replace(scenario.safety, proof=""),
         simulation=replace(scenario.simulation, log_rate_hz=0.0),
     )
-
-
-def _changed(settings: Scenario) -> list[str]:
-    return changed_words(settings, _settings(default_scenario("surface")))
 
 
 def prove(
@@ -288,9 +285,8 @@ class _Prover:
                 self._ease(eased, SINKS_OFF, share)
             gone &= ~eased
         if gone.any():
-            size, newton = 2e3 * scenario.pad.radius_m, force.max()
-            why = f"{SINKS_OFF}: of {size:.3g} mm, under {newton:.3g} N, {1e3 * aside:.2g} mm aside"
-            self._leave_out(gone, why)
+            size = f"{2e3 * scenario.pad.radius_m:.3g} mm, under {force.max():.3g} N"
+            self._leave_out(gone, f"{SINKS_OFF}: of {size}, {1e3 * aside:.2g} mm aside")
 
     def _keep(self, remaining: Remaining) -> None:
         """Continue with what is left of the path."""
@@ -551,7 +547,7 @@ class _Prover:
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
             "settings": config_hash(_settings(scenario), {}), "path": path_key(place.path),
-            "changed": _changed(_settings(scenario)),
+            "changed": changed_words(_settings(scenario), _settings(default_scenario("surface"))),
             "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
             "work_used": self.work.used,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
@@ -632,9 +628,12 @@ def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) 
     """Why a plan folder's ``proof`` does not hold for a path and its settings; empty if it does."""
     settings = _settings(scenario)
     if proof["settings"] != config_hash(settings, {}):
-        words = {*_changed(settings)} ^ {*proof.get("changed", ())}
+        words = {*changed_words(settings, _settings(default_scenario("surface")))}
+        words ^= {*proof.get("changed", ())}
         names = sorted({word.partition("=")[0] for word in words}) or ["a file they name, or the version"]
         return f"of other settings ({', '.join(names[:3])}{', ...' * (len(names) > 3)})"
     if proof["path"] != path_key(path):
         return "of another path"
+    if scenario.part.pose != tuple(proof["pose"]):
+        return "of another pose of the part"
     return "" if scenario.safety.proof in ("nominal", proof["proof"]) else f"with --proof {proof['proof']}"
