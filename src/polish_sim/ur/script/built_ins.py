@@ -92,12 +92,10 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
 class BuiltIns(Sockets):
     """The functions by their names in URScript."""
 
-    _machine: Machine
-
-    def __init__(self, machine: Machine | None = None) -> None:
+    def __init__(self, machine: Any = None) -> None:
+        """Without a machine its functions can be named, not called."""
         super().__init__()
-        if machine is not None:
-            self._machine = machine
+        self._machine: Machine = machine
         self._waypoint = Pose((0.0,) * 6)
         self._flags: dict[int, bool] = {}
 

@@ -78,11 +78,6 @@ class Machine:
         if not self.program.secondary:
             listener.started(self.program.name)
 
-    @property
-    def name(self) -> str:
-        """The programme's name."""
-        return self.program.name
-
     def stop(self) -> None:
         """End the programme and stop the robot; harmless when it has ended."""
         if not self.running:

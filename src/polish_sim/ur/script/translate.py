@@ -56,7 +56,8 @@ class _Routine:
 
 
 BUILT_IN_WORDS = {"enter_critical": "pass", "exit_critical": "pass", "halt": "raise Halt"}
-TEXTS = {"True": "True", "False": "False"}
+OPERATIONS = {"+": "add", "-": "sub", "*": "mul", "%": "mod", "xor": "xor"}
+"""Operators that are functions of `values`; the others are Python's own."""
 
 
 class _Translator:
@@ -122,38 +123,35 @@ class _Translator:
         for tree in main.body.find_data("run"):
             if str(tree.children[0]) in self.routines:
                 self.routines[str(tree.children[0])].waits = True
-        for tree in _statements(main.body):
-            if tree.data == "assign":
-                self.shared.setdefault(_target(tree), tree.meta.line)
+        for tree in _assignments(main.body):
+            self.shared.setdefault(_target(tree), tree.meta.line)
 
     def _find_own(self, routine: _Routine) -> None:
         routine.own.update(str(parameter.children[0]) for parameter in routine.parameters)
-        assigned = [tree for tree in _statements(routine.body) if tree.data == "assign"]
-        routine.own.update(_target(tree) for tree in assigned if tree.children[0] == "local")
-        for tree in assigned:
+        for tree in _assignments(routine.body):
             name = _target(tree)
-            if self.shared.get(name, 1 << 30) > routine.tree.meta.line:
+            if tree.children[0] == "local" or self.shared.get(name, 1 << 30) > routine.tree.meta.line:
                 routine.own.add(name)
 
     def _find_waiting(self) -> None:
-        found = True
-        while found:
-            still = [routine for routine in self.routines.values() if not routine.waits]
-            waiting = [routine for routine in still if self._does_wait(routine.body)]
+        while waiting := [
+            routine
+            for routine in self.routines.values()
+            if not routine.waits and self._does_wait(routine.body)
+        ]:
             for routine in waiting:
                 routine.waits = True
-            found = bool(waiting)
 
     def _does_wait(self, body: Any) -> bool:
-        for tree in _statements(body, whole=True):
-            if tree.data == "handle" and tree.children[0] == "join":
-                return True
-            if tree.data == "call":
-                name = str(tree.children[0])
-                known = self.routines.get(name)
-                if known.waits if known else inspect.isgeneratorfunction(self.built_ins.get(name)):
-                    return True
-        return False
+        return any(
+            tree.children[0] == "join" if tree.data == "handle" else self._is_waited_for(tree.children[0])
+            for tree in _statements(body, whole=True)
+            if tree.data in ("handle", "call")
+        )
+
+    def _is_waited_for(self, name: str) -> bool:
+        routine = self.routines.get(name)
+        return routine.waits if routine else inspect.isgeneratorfunction(self.built_ins.get(name))
 
     # Text of Python.
 
@@ -170,8 +168,7 @@ class _Translator:
         if optional != sorted(optional) or len(set(parameters)) != len(parameters):
             raise _refusal(routine.tree, "a parameter without a default behind one with, or twice")
         self._write(0, f"def {name}({', '.join(parameters)}):", routine.tree)
-        written = {_target(tree) for tree in _statements(routine.body) if tree.data == "assign"}
-        shared = sorted(written - routine.own)
+        shared = sorted(set(map(_target, _assignments(routine.body))) - routine.own)
         if shared:
             self._write(1, "global " + ", ".join(f"g_{word}" for word in shared), routine.tree)
         self._write(1, f"spend({self._cost(routine.body)})", routine.tree)
@@ -194,15 +191,15 @@ class _Translator:
         *_, place, value = tree.children
         name = self._variable(_target(tree))
         text = self._expression(value)
-        if getattr(place, "data", "") == "index":
+        if _kind(place) == "index":
             inside, *indices = place.children
-            if getattr(inside, "data", "") == "index":
+            if _kind(inside) == "index":
                 indices = [*inside.children[1:], *indices]
             text = f"replaced({', '.join([name, text, *map(self._expression, indices)])})"
         self._write(depth, f"{name} = {text}", tree)
 
     def _write_call_alone(self, tree: Any, depth: int) -> None:
-        if getattr(tree.children[0], "data", "") not in ("call", "run"):
+        if _kind(tree.children[0]) not in ("call", "run"):
             raise _refusal(tree, "a value alone does nothing: a call, an assignment or a keyword is expected")
         self._write(depth, self._expression(tree.children[0]), tree)
 
@@ -243,8 +240,8 @@ class _Translator:
         return f"l_{name}" if name in self.here.own else f"g_{name}"
 
     def _expression(self, tree: Any) -> str:
-        if hasattr(tree, "data"):
-            return getattr(self, f"_{tree.data}")(tree)
+        if kind := _kind(tree):
+            return getattr(self, f"_{kind}")(tree)
         if tree.type == "NAME":
             if tree not in self.here.own and tree not in self.shared:  # type: ignore[union-attr]
                 raise _refusal(
@@ -253,34 +250,21 @@ class _Translator:
             return self._variable(str(tree))
         if tree.type == "NUMBER":
             return repr(_number(tree))
-        return repr(str(tree)[1:-1]) if tree.type == "STRING" else TEXTS[str(tree)]
-
-    def _either(self, tree: Any) -> str:
-        left, word, right = tree.children
-        pair = self._expression(left), self._expression(right)
-        return f"xor({pair[0]}, {pair[1]})" if word == "xor" else f"({pair[0]} or {pair[1]})"
+        return repr(str(tree)[1:-1]) if tree.type == "STRING" else str(tree)
 
     def _operation(self, tree: Any) -> str:
         left, sign, right = tree.children
-        return f"({self._expression(left)} {sign} {self._expression(right)})"
+        pair = self._expression(left), self._expression(right)
+        name = OPERATIONS.get(sign)
+        return f"{name}({pair[0]}, {pair[1]})" if name else f"({pair[0]} {sign} {pair[1]})"
 
-    _all = _compared = _operation
+    _either = _all = _compared = _sum = _term = _operation
 
     def _negated(self, tree: Any) -> str:
         return f"(not {self._expression(tree.children[0])})"
 
     def _signed(self, tree: Any) -> str:
         return f"({tree.children[0]}{self._expression(tree.children[1])})"
-
-    def _sum(self, tree: Any) -> str:
-        left, sign, right = tree.children
-        return f"{'add' if sign == '+' else 'sub'}({self._expression(left)}, {self._expression(right)})"
-
-    def _term(self, tree: Any) -> str:
-        left, sign, right = tree.children
-        if sign == "/":
-            return self._operation(tree)
-        return f"{'mul' if sign == '*' else 'mod'}({self._expression(left)}, {self._expression(right)})"
 
     def _list(self, tree: Any) -> str:
         if len(tree.children) > LONGEST_LIST:
@@ -313,40 +297,33 @@ class _Translator:
         """The call, checked, and whether it waits."""
         word, *arguments = tree.children
         name = str(word)
-        routine = self.routines.get(str(word))
-        placed = [argument for argument in arguments if getattr(argument, "data", "") != "named"]
+        routine = self.routines.get(name)
+        placed = [argument for argument in arguments if _kind(argument) != "named"]
         named = {str(argument.children[0]): argument.children[1] for argument in arguments[len(placed) :]}
-        if any(getattr(argument, "data", "") == "named" for argument in arguments[: len(placed)]):
+        if any(_kind(argument) == "named" for argument in arguments[: len(placed)]):
             raise _refusal(word, "named arguments stand behind the others")
         if len(placed) + len(named) != len(arguments):
             raise _refusal(word, "an argument is named twice")
         texts = [self._expression(argument) for argument in placed]
         if routine is not None:
-            parameters = [str(parameter.children[0]) for parameter in routine.parameters]
-            needed = [
-                str(parameter.children[0]) for parameter in routine.parameters if len(parameter.children) == 1
-            ]
+            needs = {str(known.children[0]): len(known.children) == 1 for known in routine.parameters}
             mark = "l_"
             prefix = "f_"
-            waits = routine.waits
-        else:
-            if name not in self.built_ins:
-                known = {*self.built_ins, *self.routines}
-                text = f"unknown function '{name}'.{did_you_mean(name, known)}"
-                raise ScriptError(*_place(word), text, f"compile_error_name_not_found:{name}:")
-            called = self.built_ins[name]
-            signature = inspect.signature(called).parameters.values()
-            parameters = [parameter.name for parameter in signature]
-            needed = [parameter.name for parameter in signature if parameter.default is parameter.empty]
+        elif name in self.built_ins:
+            signature = inspect.signature(self.built_ins[name]).parameters.values()
+            needs = {known.name: known.default is known.empty for known in signature}
             mark = ""
             prefix = "b_"
-            waits = inspect.isgeneratorfunction(called)
-        given = [*parameters[: len(texts)], *named]
-        wrong = len(texts) > len(parameters) or len(set(given)) < len(given)
-        if wrong or set(given) - set(parameters) or set(needed) - set(given):
-            raise _refusal(word, f"{name} takes ({', '.join(parameters)}), of which needed: {len(needed)}")
+        else:
+            text = f"unknown function '{name}'.{did_you_mean(name, {*self.built_ins, *self.routines})}"
+            raise ScriptError(*_place(word), text, f"compile_error_name_not_found:{name}:")
+        given = [*list(needs)[: len(texts)], *named]
+        needed = {parameter for parameter, is_needed in needs.items() if is_needed}
+        wrong = len(texts) > len(needs) or len(set(given)) < len(given)
+        if wrong or set(given) - needs.keys() or needed - set(given):
+            raise _refusal(word, f"{name} takes ({', '.join(needs)}), of which needed: {len(needed)}")
         texts += [f"{mark}{key}={self._expression(value)}" for key, value in named.items()]
-        return f"{prefix}{name}({', '.join(texts)})", waits
+        return f"{prefix}{name}({', '.join(texts)})", self._is_waited_for(name)
 
 
 def _number(token: Any) -> int | float:
@@ -361,18 +338,27 @@ def _number(token: Any) -> int | float:
 def _statements(body: Any, whole: bool = False) -> Iterator[Any]:
     """The trees in a body, or its statements, without functions within."""
     for tree in body.children:
-        if hasattr(tree, "data") and tree.data != "routine":
+        if _kind(tree) not in ("", "routine"):
             yield tree
             if whole or tree.data in ("if", "while", "block"):
                 yield from _statements(tree, whole)
 
 
+def _assignments(body: Any) -> Iterator[Any]:
+    return (tree for tree in _statements(body) if tree.data == "assign")
+
+
+def _kind(tree: Any) -> str:
+    """What a tree is of; empty for a word."""
+    return getattr(tree, "data", "")
+
+
 def _target(assign: Any) -> str:
     """The variable an assignment changes."""
     place = assign.children[-2]
-    while getattr(place, "data", "") == "index":
+    while _kind(place) == "index":
         place = place.children[0]
-    if hasattr(place, "data") or place.type != "NAME":
+    if getattr(place, "type", "") != "NAME":
         raise _refusal(assign, "only a variable or an element of one can be given a value")
     return str(place)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import atan2, cos, fmod, isfinite, sin, sqrt
+from math import atan2, dist, fmod, hypot, isfinite, sqrt
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.spatial import inverse, transform
+from polish_sim.ur.kinematics import matrix_of, pose_of
 
 LARGEST_INTEGER = 2**31
 LONGEST_TEXT = 8192
@@ -168,88 +171,47 @@ def to_text(value: Any) -> str:
     return text
 
 
-# Rotations of three numbers: an array library takes ten times as long for them.
-
-Components = tuple[float, float, float]
+# Poses and rotations, by the compiled kinematics of the controller.
 
 
-def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    angle = sqrt(x * x + y * y + z * z)
-    share = sin(0.5 * angle) / angle if angle > 1e-12 else 0.5
-    return cos(0.5 * angle), share * x, share * y, share * z
-
-
-def _rotation_vector(w: float, x: float, y: float, z: float) -> Components:
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
-    length = sqrt(x * x + y * y + z * z)
-    scale = 2.0 * atan2(length, w) / length if length > 1e-12 else 2.0
-    return scale * x, scale * y, scale * z
-
-
-def turned(rotation: Iterable[float], vector: Iterable[float]) -> Components:
-    """A vector turned by a rotation vector."""
-    w, x, y, z = _quaternion(*rotation)
-    a, b, c = vector
-    i, j, k = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i
-
-
-def _after(first: Iterable[float], second: Iterable[float]) -> Components:
-    """The rotation ``first @ second``."""
-    w, x, y, z = _quaternion(*first)
-    d, a, b, c = _quaternion(*second)
-    return _rotation_vector(
-        w * d - x * a - y * b - z * c,
-        w * a + x * d + y * c - z * b,
-        w * b - x * c + y * d + z * a,
-        w * c + x * b - y * a + z * d,
-    )
+def _matrix(pose: Any) -> Array:
+    return matrix_of(array(pose))
 
 
 def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
     """``T_from @ T_from_to``."""
-    a, b = numbers(p_from, 6), numbers(p_from_to, 6)
-    place = turned(a[3:], b[:3])
-    return Pose((a[0] + place[0], a[1] + place[1], a[2] + place[2], *_after(a[3:], b[3:])))
+    return as_pose(pose_of(_matrix(p_from) @ _matrix(p_from_to)))
 
 
 def pose_inv(p_from: Any) -> Pose:
     """The inverse of a pose."""
-    a = numbers(p_from, 6)
-    back = [-value for value in a[3:]]
-    return Pose((*(-value for value in turned(back, a[:3])), *back))
+    return as_pose(pose_of(inverse(_matrix(p_from))))
 
 
 def pose_add(p_1: Any, p_2: Any) -> Pose:
     """Sum of positions; rotation ``R_1 @ R_2``."""
-    a, b = numbers(p_1, 6), numbers(p_2, 6)
-    return Pose((*(x + y for x, y in zip(a[:3], b[:3], strict=True)), *_after(a[3:], b[3:])))
+    T, by = _matrix(p_1), _matrix(p_2)
+    return as_pose(pose_of(transform(T[:3, :3] @ by[:3, :3], T[:3, 3] + by[:3, 3])))
 
 
 def pose_sub(p_to: Any, p_from: Any) -> Pose:
     """Difference of positions; the rotation from one to the other, in base axes."""
-    a, b = numbers(p_to, 6), numbers(p_from, 6)
-    back = [-value for value in b[3:]]
-    return Pose((*(x - y for x, y in zip(a[:3], b[:3], strict=True)), *_after(a[3:], back)))
+    T, by = _matrix(p_to), _matrix(p_from)
+    return as_pose(pose_of(transform(T[:3, :3] @ by[:3, :3].T, T[:3, 3] - by[:3, 3])))
 
 
 def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
     """The pose at a share of the way between two."""
-    a = numbers(p_from, 6)
-    b = numbers(p_to, 6)
-    share = number(alpha)
-    turn = _after([-value for value in a[3:]], b[3:])
-    place = (x + share * (y - x) for x, y in zip(a[:3], b[:3], strict=True))
-    return Pose((*place, *_after(a[3:], [share * value for value in turn])))
+    T = _matrix(p_from)
+    way = pose_of(inverse(T) @ _matrix(p_to))
+    return as_pose(pose_of(T @ matrix_of(number(alpha) * way)))
 
 
 def wrench_trans(T_from_to: Any, w_from: Any) -> List:
     """A wrench seen from another frame."""
-    a, w = numbers(T_from_to, 6), numbers(w_from, 6)
-    moment = np.array(w[3:]) - np.cross(a[:3], w[:3])
-    back = [-value for value in a[3:]]
-    return List((*turned(back, w[:3]), *turned(back, moment.tolist())))
+    T, w = _matrix(T_from_to), array(w_from)
+    moment = w[3:] - np.cross(T[:3, 3], w[:3])
+    return as_list(np.append(w[:3] @ T[:3, :3], moment @ T[:3, :3]))
 
 
 def norm(a: Any) -> float:
@@ -259,25 +221,23 @@ def norm(a: Any) -> float:
 
 def point_dist(p_from: Any, p_to: Any) -> float:
     """Distance of two poses' positions [m]."""
-    return norm(List(numbers(p_from, 6)[:3]) - List(numbers(p_to, 6)[:3]))
+    return dist(numbers(p_from, 6)[:3], numbers(p_to, 6)[:3])
 
 
 def pose_dist(p_from: Any, p_to: Any) -> float:
     """Length of the difference of two poses."""
-    return norm(List(numbers(pose_sub(p_from, p_to), 6)))
+    return norm(pose_sub(p_from, p_to))
 
 
 def rpy2rotvec(rpy: Any) -> List:
     """Roll, pitch, yaw (about the fixed x, y, z) as a rotation vector."""
-    roll, pitch, yaw = numbers(rpy, 3)
-    return List(_after((0.0, 0.0, yaw), _after((0.0, pitch, 0.0), (roll, 0.0, 0.0))))
+    return as_list(Rotation.from_euler("xyz", array(rpy, 3)).as_rotvec())
 
 
 def rotvec2rpy(rotation: Any) -> List:
     """The inverse of ``rpy2rotvec``."""
-    vector = numbers(rotation, 3)
-    x, y, z = (turned(vector, axis) for axis in np.eye(3).tolist())
-    level = sqrt(y[2] * y[2] + z[2] * z[2])
+    x, y, z = matrix_of(np.append(np.zeros(3), array(rotation, 3)))[:3, :3].T.tolist()
+    level = hypot(y[2], z[2])
     if level < 1e-9:  # straight up or down: roll and yaw are about one axis
         return List((0.0, atan2(-x[2], level), atan2(-y[0], y[1])))
     return List((atan2(y[2], z[2]), atan2(-x[2], level), atan2(x[1], x[0])))
