@@ -31,7 +31,6 @@ from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, to_pose
 from polish_sim.ur.controller import RobotController
 from polish_sim.ur.robot import PLAYING, SimulatedRobot
-from polish_sim.ur.script import Machine
 
 PARTS = ("plate", "freeform", "saddle")
 MOST_S = 1200.0  #: Robot time a programme may take
@@ -63,7 +62,7 @@ def main() -> None:
         say(part, "held", held.figures)
         real = build_part(scenario, place)
         robot = SimulatedRobot(build_cell(scenario, place, real))
-        controller = RobotController(robot, "5.11", Machine)
+        controller = RobotController(robot, "5.11")
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(T_base_work))
         text = urscript_text(plan, setup).replace("part_is_placed = False", "part_is_placed = True")
         controller.run(text.rstrip("\n") + "\n", "")

@@ -256,7 +256,6 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
     from polish_sim.ur.controller import RobotController
     from polish_sim.ur.physics import clear_away
     from polish_sim.ur.robot import SimulatedRobot
-    from polish_sim.ur.script import Machine
 
     observer.stage("prepare the cell")
     cell = build_cell(job.scenario, job.place, job.part)
@@ -264,7 +263,7 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
         clear_away(cell)
     robot = SimulatedRobot(cell)
     robot.step()  # compiles what it needs before a client waits
-    return RobotController(robot, given["--polyscope"] or POLYSCOPES[0], Machine, reader)
+    return RobotController(robot, given["--polyscope"] or POLYSCOPES[0], reader)
 
 
 # Serving.

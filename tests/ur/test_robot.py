@@ -175,7 +175,7 @@ def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot):
     assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
     robot.unlock()
     stood = robot.actual_q.copy()
-    robot.servoj(robot.target_q - 1.5, TICK_S, 0.03, 300.0)
+    robot.servoj(robot.target_q - 1.5, 0.03)
     stand(robot, 0.1)
     assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
     assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
@@ -282,7 +282,7 @@ def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot):
 def test_a_client_s_sensor_is_what_force_mode_feels(robot):
     stand(robot, 0.5)
     assert robot.steady()
-    robot.ft_input(True, 0.0, np.zeros(3), np.zeros(3))
+    robot.ft_input(True)
     robot.external = np.array([0.0, 0.0, 12.0, 0.0, 0.0, 0.0])
     stand(robot, 0.01)
     assert robot.tcp_force.tolist() == [0.0, 0.0, 12.0, 0.0, 0.0, 0.0]
@@ -294,7 +294,7 @@ def test_a_client_s_sensor_is_what_force_mode_feels(robot):
     robot.external[2] = 20.0
     stand(robot, 1.0)
     assert robot.actual_tcp_pose[2] > first + 0.002  # pushed up by 8 N more
-    robot.ft_input(False, 0.0, np.zeros(3), np.zeros(3))
+    robot.ft_input(False)
     robot.end_force_mode()
     stand(robot, 0.5)
     assert robot.steady()

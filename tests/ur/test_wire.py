@@ -28,7 +28,6 @@ from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Link, RobotController
 from polish_sim.ur.dashboard import answer
 from polish_sim.ur.robot import SimulatedRobot
-from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import UNPROVEN, Started, undrawn
 from tests.kept import plate_file
@@ -47,7 +46,7 @@ class Served:
     """A server in a thread of its own."""
 
     def __init__(self, robot: SimulatedRobot, real_time: bool) -> None:
-        self.controller, self.robot, self._ended = RobotController(robot, "5.11", Machine), robot, False
+        self.controller, self.robot, self._ended = RobotController(robot, "5.11"), robot, False
         for self.offset in range(1000 + os.getpid() % 1000, 30000, 997):
             with contextlib.suppress(InputError):
                 self.server = Server(self.controller, ADDRESS, real_time, self.offset)
@@ -202,7 +201,7 @@ def test_the_dashboard_says_what_the_robot_does(served):
 
 
 def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robot):
-    controller = RobotController(robot, "5.11", Machine)
+    controller = RobotController(robot, "5.11")
     controller.run("def stops():\n  protective_stop()\n  sync()\nend\n", "")
     controller.tick()
     stopped, unlock = robot.ticks, "unlock protective stop"
@@ -234,7 +233,7 @@ def test_the_robot_stops_when_the_client_of_its_programme_dies(served):
 
 
 def test_a_watchdog_stops_a_programme_whose_client_is_silent(robot):
-    controller = RobotController(robot, "5.11", Machine)
+    controller = RobotController(robot, "5.11")
     controller.run(loop('rtde_set_watchdog("input_int_register_0", 10, "stop")').decode(), "")
     while controller.machine is not None and robot.ticks < 200:
         controller.tick()
@@ -289,7 +288,7 @@ def test_the_line_falls_silent_now_and_then_and_loses_nothing():
 
 def test_a_long_programme_is_read_while_the_clock_goes_on(robot):
     reader = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
-    controller = RobotController(robot, "5.11", Machine, reader)
+    controller = RobotController(robot, "5.11", reader)
     source = "def long():\n" + "  x = 7 * (2 + [1, 2][1])\n" * 1000 + "  sleep(9)\nend\n"
     controller.run(source, "")
     controller.tick()

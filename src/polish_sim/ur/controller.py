@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from polish_sim.arrays import Array
 from polish_sim.motion import link_frames
 from polish_sim.motion.makes import used_arm
 from polish_sim.ur.physics import TICK_S
@@ -27,13 +28,14 @@ from polish_sim.ur.robot import (
     STOPPED,
     SimulatedRobot,
 )
+from polish_sim.ur.script import Machine
+from polish_sim.ur.script.translate import Program, read
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
     from polish_sim.config import RobotConfig
-    from polish_sim.ur.script import Machine, ScriptError
-    from polish_sim.ur.script.translate import Program
+    from polish_sim.ur.script import ScriptError
 
 STREAM = 0x4C494E4B  #: Of the random numbers
 
@@ -80,23 +82,17 @@ PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was 
 KEPT = 1000  #: Lines of the controller's log that are kept, and messages of a tick
 UNREAD = 8  #: Programmes that may wait to be read
 
-Start = Callable[["Program", "RobotController", str], "Machine"]
-"""Makes a machine of a programme, for a client's address."""
-
 
 class RobotController:
     """What all ports of one robot share."""
 
-    def __init__(
-        self, robot: SimulatedRobot, version: str, start: Start, reader: Executor | None = None
-    ) -> None:
+    def __init__(self, robot: SimulatedRobot, version: str, reader: Executor | None = None) -> None:
         """``reader`` reads programmes beside the clock, in a process; without one time stands while they are
         read."""
-        self.robot = robot
+        self.robot: SimulatedRobot = robot
         self.version = VERSIONS[version]
-        self._start = start
         self._reader = reader
-        self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
+        self.torque_constants: Array = np.array(used_arm().torque_constants)  #: [N m/A]
         scenario = robot.cell.scenario
         self.link = Link(scenario.robot, scenario.seed)
         self._unread: list[tuple[str, str]] = []  #: Sources and clients; the first is with the reader
@@ -168,8 +164,6 @@ class RobotController:
     def run(self, source: str, client: str) -> None:
         """Start a programme in the place of the one that runs; one of ``sec`` beside it. Nothing while
         unpowered."""
-        from polish_sim.ur.script.translate import read
-
         if not _beside(source):
             self.stop("another programme starts")
         if self._reader is None:
@@ -181,8 +175,6 @@ class RobotController:
 
     def _read_on(self) -> None:
         """Begin what has been read, unless it was stopped meanwhile, and hand the next to the reader."""
-        from polish_sim.ur.script.translate import read
-
         assert self._reader is not None
         if self._reading is not None:
             found, job = self._reading
@@ -202,7 +194,7 @@ class RobotController:
             self.note(found.text)
             self.runtime_exception(found.line, found.column, found.wire)
             return
-        machine = self._start(found, self, client)
+        machine = Machine(found, self, client)
         if _beside(source):
             self.secondary.append(machine)
         else:

@@ -5,28 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from polish_sim.ur.controller import UNLOCK_TICKS, RobotController
-from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING, STOPPED
+from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 SERIAL = "20265500001"
-MODES: Mapping[int, str] = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
-SAFETY: Mapping[int, str] = {1: "NORMAL", 3: "PROTECTIVE_STOP"}
-STATES: Mapping[int, str] = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
+MODES = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
+SAFETY = {NORMAL: "NORMAL", PROTECTIVE: "PROTECTIVE_STOP"}
+STATES = {STOPPED: "STOPPED", PLAYING: "PLAYING", PAUSED: "PAUSED"}
 LONGEST = 4096  #: Of a line
 BYE = "Disconnected"
 
 
-def _power(mode: int, said: str) -> Callable[[RobotController, str], str]:
-    def command(controller: RobotController, _: str) -> str:
-        controller.power(mode)
+def _done(act: Callable[[RobotController, str], object], said: str) -> Callable[[RobotController, str], str]:
+    def command(controller: RobotController, words: str) -> str:
+        act(controller, words)
         return said
 
     return command
-
-
-def _stop(controller: RobotController, _: str) -> str:
-    controller.stop("by the dashboard")
-    return "Stopped"
 
 
 def _play(controller: RobotController, _: str) -> str:
@@ -49,16 +44,6 @@ def _unlock(controller: RobotController, _: str) -> str:
     )
 
 
-def _popup(controller: RobotController, text: str) -> str:
-    controller.popup(text, "Message", False, False, False)
-    return "showing popup"
-
-
-def _close_popup(controller: RobotController, _: str) -> str:
-    controller.close_popup()
-    return "closing popup"
-
-
 def _log(controller: RobotController, text: str) -> str:
     controller.note(text)
     return "Added log message" if text else "No log message to add"
@@ -69,37 +54,37 @@ def _version(controller: RobotController, _: str) -> str:
     return f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2026)"
 
 
-COMMANDS: Mapping[str, Callable[[RobotController, str], str]] = {
+COMMANDS: Mapping[str, str | Callable[[RobotController, str], str]] = {
     "load": lambda c, name: f"File not found: {name}",
     "play": _play,
-    "stop": _stop,
+    "stop": _done(lambda c, _: c.stop("by the dashboard"), "Stopped"),
     "pause": _pause,
-    "quit": lambda c, _: BYE,
-    "shutdown": _power(POWER_OFF, "Shutting down"),
-    "running": lambda c, _: f"Program running: {str(c.robot.runtime == 2).lower()}",
-    "popup": _popup,
-    "close popup": _close_popup,
-    "close safety popup": lambda c, _: "closing safety popup",
+    "quit": BYE,
+    "shutdown": _done(lambda c, _: c.power(POWER_OFF), "Shutting down"),
+    "running": lambda c, _: f"Program running: {str(c.robot.runtime == PLAYING).lower()}",
+    "popup": _done(lambda c, text: c.popup(text, "Message", False, False, False), "showing popup"),
+    "close popup": _done(lambda c, _: c.close_popup(), "closing popup"),
+    "close safety popup": "closing safety popup",
     "polyscopeversion": _version,
     "version": _version,
     "programstate": lambda c, _: f"{STATES[c.robot.runtime]} {c.program or 'null'}",
-    "power on": _power(IDLE, "Powering on"),
-    "power off": _power(POWER_OFF, "Powering off"),
-    "brake release": _power(RUNNING, "Brake releasing"),
+    "power on": _done(lambda c, _: c.power(IDLE), "Powering on"),
+    "power off": _done(lambda c, _: c.power(POWER_OFF), "Powering off"),
+    "brake release": _done(lambda c, _: c.power(RUNNING), "Brake releasing"),
     "unlock protective stop": _unlock,
     "robotmode": lambda c, _: f"Robotmode: {MODES[c.robot.mode]}",
-    "get robot model": lambda c, _: "UR5",
-    "get loaded program": lambda c, _: "No program loaded",
-    "get serial number": lambda c, _: SERIAL,
-    "get operational mode": lambda c, _: "NONE",
+    "get robot model": "UR5",
+    "get loaded program": "No program loaded",
+    "get serial number": SERIAL,
+    "get operational mode": "NONE",
     "addtolog": _log,
     "isprogramsaved": lambda c, _: f"true {c.program or 'null'}",
-    "is in remote control": lambda c, _: "true",
+    "is in remote control": "true",
     "setuserrole": lambda c, role: f"Setting user role: {role}",
-    "getuserrole": lambda c, _: "PROGRAMMER",
+    "getuserrole": "PROGRAMMER",
     "safetymode": lambda c, _: f"Safetymode: {SAFETY[c.robot.safety]}",
     "safetystatus": lambda c, _: f"Safetystatus: {SAFETY[c.robot.safety]}",
-    "restart safety": lambda c, _: "Restarting safety",
+    "restart safety": "Restarting safety",
 }
 """What each command does and answers, by its words in lower case."""
 
@@ -110,5 +95,5 @@ def answer(controller: RobotController, line: str) -> str:
     for count in range(len(words), 0, -1):
         command = COMMANDS.get(" ".join(words[:count]).lower())
         if command is not None:
-            return command(controller, " ".join(words[count:]))
+            return command if isinstance(command, str) else command(controller, " ".join(words[count:]))
     return f"could not understand: '{line}'"

@@ -14,6 +14,7 @@ the radius of gyration `GYRATION_M`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -41,9 +42,8 @@ class Drive(Protocol):
 
 
 class Profile(NamedTuple):
-    """From rest to rest over a length at limited speed and acceleration."""
+    """From rest to rest at limited speed and acceleration."""
 
-    length: float
     ramp: float  #: Time in which it gains speed [s]
     duration: float  #: [s]
 
@@ -64,13 +64,13 @@ def profile(length: float, a: float, v: float, t: float) -> Profile:
     """The profile at a speed ``v`` and an acceleration ``a``, or in a time ``t`` [s] where that is above
     0."""
     if length < 1e-9:
-        return Profile(0.0, 0.0, max(t, 0.0))
+        return Profile(0.0, max(t, 0.0))
     if t > 0.0:
         most = 0.25 * a * t * t
         ramp = 0.5 * t if most <= length else 0.5 * t * (1.0 - math.sqrt(1.0 - length / most))
-        return Profile(length, ramp, t)
+        return Profile(ramp, t)
     ramp = min(v / a, math.sqrt(length / a))
-    return Profile(length, ramp, length / (a * ramp) + ramp)
+    return Profile(ramp, length / (a * ramp) + ramp)
 
 
 class Way(Protocol):
@@ -103,24 +103,24 @@ class ToolWay(Way):
     """The TCP along a line, or a circle through ``via``, turning about one axis."""
 
     def __init__(
-        self, start: Array, first: Array, last: Array, tcp: Array, via: Array | None, fixed: bool
+        self, start: Array, tcp: Array, pose: Array, via: Array | None = None, fixed: bool = False
     ) -> None:
-        """Start at joint angles, there the TCP is at a pose ``first``; poses are transforms (4, 4)."""
+        """From joint angles to a ``pose`` of the TCP, a transform ``tcp`` (4, 4) on the flange."""
         self._inverse = inverse(tcp)
         self._q = start.copy()
-        self._p, self._R = first[:3, 3].copy(), Rotation.from_matrix(first[:3, :3])
-        way = last[:3, 3] - self._p
+        first, last = tool_at(start, tcp)[0], matrix_of(pose)
+        self._p, self._R = first[:3, 3], Rotation.from_matrix(first[:3, :3])
+        self._way = last[:3, 3] - self._p
         self._turn = (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec()
-        self._way = way
-        self._axis = np.zeros(3)
         self._angle = 0.0
-        if via is not None:
-            self._on_circle(via[:3, 3] - self._p, way, fixed)
-        self.reach = (
-            float(np.linalg.norm(way)) if via is None else self._angle * float(np.linalg.norm(self._arm))
-        )
+        if via is None:
+            self.reach = float(np.linalg.norm(self._way))
+            self.end = inverse_near(self.pose(1.0) @ self._inverse, start)
+        else:
+            self._on_circle(via[:3] - self._p, self._way, fixed)
+            self.reach = self._angle * float(np.linalg.norm(self._arm))
+            self.end = self._followed()
         self.length = max(self.reach, LEVER_M * float(np.linalg.norm(self._turn)))
-        self.end = inverse_near(self.pose(1.0) @ self._inverse, start) if via is None else self._followed()
 
     def pose(self, share: float) -> Array:
         """Pose of the TCP."""
@@ -162,12 +162,18 @@ class ToolWay(Way):
             self._turn = self._angle * self._axis
 
 
-class _Under(NamedTuple):
+@dataclass
+class _Under:
     """A way and how it is followed."""
 
     way: Way
     profile: Profile
     blend: float  #: Radius [m]
+    clock: float = 0.0  #: Since its begin [s]
+
+    def here(self) -> Array:
+        """Joint angles now."""
+        return self.way.at(self.profile.place(self.clock))
 
 
 class Moves(Drive):
@@ -175,46 +181,38 @@ class Moves(Drive):
     added."""
 
     def __init__(self) -> None:
-        self._under: list[tuple[_Under, float]] = []
+        self._under: list[_Under] = []
         self.scale = 1.0  #: Share of the time that passes, of the speed slider
 
     def begin(self, way: Way, a: float, v: float, t: float, blend: float) -> None:
         """Begin a move from the end of the last."""
-        self._under.append((_Under(way, profile(way.length, a, v, t), blend), 0.0))
+        self._under.append(_Under(way, profile(way.length, a, v, t), blend))
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Sum of the moves under way."""
-        last = len(self._under) - 1
-        at = np.zeros(6)
-        self._under = [(move, clock + self.scale * dt) for move, clock in self._under]
-        for number, (move, clock) in enumerate(self._under):
-            here = move.way.at(move.profile.place(clock))
-            at += here if number == last else here - move.way.end
-        self._under = [
-            (move, clock)
-            for number, (move, clock) in enumerate(self._under)
-            if number == last or clock < move.profile.duration
-        ]
+        for move in self._under:
+            move.clock += self.scale * dt
+        *others, last = self._under
+        at = sum((move.here() - move.way.end for move in others), np.zeros(6)) + last.here()
+        self._under = [*(move for move in others if move.clock < move.profile.duration), last]
         return at
 
     def done(self) -> bool:
         """Whether the last move has ended, or is so near to its end that the next may begin."""
-        move, clock = self._under[-1]
-        if clock >= move.profile.duration:
-            return True
-        left = (1.0 - move.profile.place(clock)) * move.way.reach
-        return move.profile.duration - clock <= move.profile.ramp and left <= move.blend
+        last = self._under[-1]
+        left_s = last.profile.duration - last.clock
+        left = (1.0 - last.profile.place(last.clock)) * last.way.reach
+        return left_s <= 0.0 or (left_s <= last.profile.ramp and left <= last.blend)
 
     @property
     def under_way(self) -> bool:
         """Whether anything still moves."""
-        move, clock = self._under[-1]
-        return len(self._under) > 1 or clock < move.profile.duration
+        return len(self._under) > 1 or self._under[-1].clock < self._under[-1].profile.duration
 
     @property
     def end(self) -> Array:
         """Where the last leads."""
-        return self._under[-1][0].way.end
+        return self._under[-1].way.end
 
 
 class Servo(Drive):
@@ -271,8 +269,7 @@ class ToolSpeed(Drive):
 
     def __init__(self, tcp: Array, goal: Array) -> None:
         self._tcp = tcp
-        self.twist = np.zeros(6)
-        self._started = False
+        self.twist: Array | None = None  #: Of the TCP; None before it moves
         self.aim(goal.copy(), 1.0, 1.0)
 
     def aim(self, goal: Array, a: float, a_rot: float) -> None:
@@ -285,9 +282,7 @@ class ToolSpeed(Drive):
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Linear and angular part accelerate at their limits."""
         J = tool_at(q, self._tcp)[1]
-        if not self._started:
-            self.twist = J @ qd
-            self._started = True
+        self.twist = J @ qd if self.twist is None else self.twist
         self._short = False
         for part, a in ((slice(0, 3), self.a), (slice(3, 6), self.a_rot)):
             short = self.goal[part] - self.twist[part]
@@ -300,13 +295,6 @@ class ToolSpeed(Drive):
     def done(self) -> bool:
         """Whether the speed is reached."""
         return not self._short
-
-
-def tool_way(
-    start: Array, first: Array, pose: Array, tcp: Array, via: Array | None = None, fixed: bool = False
-) -> ToolWay:
-    """Way of the TCP to a ``pose``, through ``via`` if that is given."""
-    return ToolWay(start, first, matrix_of(pose), tcp, None if via is None else matrix_of(via), fixed)
 
 
 GYRATION_M = 0.25  #: Of the virtual mass [m]
@@ -329,8 +317,8 @@ class Compliance:
         """Take a task frame (a pose in the base frame) and what to press with there."""
         self._frame = matrix_of(frame)
         self.kind = kind
-        self.selection = np.asarray(selection) != 0
-        self.wrench = np.asarray(wrench)
+        self.selection = selection != 0
+        self.wrench = wrench
         self.limits = np.abs(limits)
 
     def axes(self, p: Array, twist: Array) -> Array:

@@ -190,22 +190,19 @@ class Rig:
         trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
         force = trace["normal_force_n"]
         seconds = trace["time_s"]
-        place = np.zeros(len(trace))
         pressing = force > FIRST_CONTACT_N
+        trace["path_s_m"] = 0.0
         if pressing.any():
-            place = s[cKDTree(points).query(trace["tcp_position_m"])[1]]
+            trace["path_s_m"] = s[cKDTree(points).query(trace["tcp_position_m"])[1]]
         trace["phase"] = np.where(pressing, TOUCH_PHASE, APPROACH_PHASE)
         seated = np.flatnonzero(force >= SEATED * self.cell.scenario.process.contact_force_n)
-        touching = seconds[pressing]
-        for some in (
-            np.split(seated, np.flatnonzero(_lifted(seconds[seated], touching)) + 1) if len(seated) else ()
-        ):
-            trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
         if len(seated):
+            lifts = np.flatnonzero(_lifted(seconds[seated], seconds[pressing]))
+            for some in np.split(seated, lifts + 1):
+                trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
             trace["phase"][seconds > seconds[seated[0]] + most_s] = RETRACT_PHASE
-        trace["path_s_m"] = place
-        at = np.searchsorted(seconds, rows[:, row_layout()["time_s"][0]] - 1e-9)
         columns = row_layout()
+        at = np.searchsorted(seconds, rows[:, columns["time_s"][0]] - 1e-9)
         for name in ("path_s_m", "phase"):
             rows[:, columns[name][0]] = trace[name][np.minimum(at, len(trace) - 1)]
         return self.cell.result([Played(rows, trace)], False, wall_s)

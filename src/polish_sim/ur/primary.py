@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import used_arm
+from polish_sim.ur.rtde import numbers_of
 
 if TYPE_CHECKING:
     from polish_sim.ur.controller import RobotController
@@ -132,21 +134,24 @@ def _joints(controller: RobotController) -> bytes:
     return _framed(1, b"".join(joints))
 
 
+REALTIME: Sequence[str | int] = [
+    "timestamp", "target_q", "target_qd", "target_qdd", "target_current", "target_moment",
+    "actual_q", "actual_qd", "actual_current", "joint_control_output",
+    "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "target_TCP_pose", "target_TCP_speed",
+    "actual_digital_input_bits", "joint_temperatures", "actual_execution_time", 1,
+    "robot_mode", "joint_mode", "safety_mode", 6, "actual_tool_accelerometer", 6,
+    "speed_scaling", "actual_momentum", 2, "actual_main_voltage", "actual_robot_voltage",
+    "actual_robot_current", "actual_joint_voltage", "actual_digital_output_bits", "runtime_state",
+    "elbow_position", "elbow_velocity", "safety_status", 3, "payload", "payload_cog", "payload_inertia",
+]  # fmt: skip
+"""What port 30003 sends: outputs of RTDE, and how many numbers in between are not used."""
+
+
 def realtime_state(controller: RobotController) -> bytes:
     """The 1220 bytes of port 30003."""
-    r = controller.robot
-    still = np.zeros(6)
-    current = r.joint_torques / controller.torque_constants
-    elbow = controller.elbow()
-    values = [
-        r.time_s, *r.target_q, *r.target_qd, *r.target_qdd, *current, *r.joint_torques,
-        *r.actual_q, *r.actual_qd, *current, *current,
-        *r.actual_tcp_pose, *r.actual_tcp_speed, *r.tcp_force, *r.target_tcp_pose, *r.target_tcp_speed,
-        r.digital_in, *np.full(6, 30.0), 1.0, 0.0, r.mode, *[controller.joint_mode] * 6, r.safety, *still,
-        0.0, 0.0, 9.81, *still, float(r.runtime == 2), 0.0, 0.0, 0.0, 48.0, 48.0, 0.5, *np.full(6, 48.0),
-        r.digital_out, r.runtime, *elbow, r.safety, 0.0, 0.0, 0.0,
-        r.payload_mass, *r.payload_cog, *r.payload_inertia,
-    ]  # fmt: skip
+    values = list[float]()
+    for part in REALTIME:
+        values += numbers_of(controller, part) if isinstance(part, str) else [0.0] * part
     return struct.pack(f">i{len(values)}d", 4 + 8 * len(values), *values)
 
 

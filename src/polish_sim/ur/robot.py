@@ -28,8 +28,8 @@ from polish_sim.ur.motion import (
     Moves,
     Servo,
     ToolSpeed,
+    ToolWay,
     Way,
-    tool_way,
 )
 from polish_sim.ur.physics import TICK_S, Rig
 
@@ -49,7 +49,7 @@ TARE = 100  #: Readings that make the sensor's zero
 CONTACT_N = 8.0  #: Change of the force that counts as contact [N]
 TOUCH_N = 2.0  #: Change with which it began [N]
 FEED_HZ = 10.0  #: Least rate of the readings of a client's sensor
-OUTPUTS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
+PINS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First bit and number of the digital inputs and outputs."""
 
 
@@ -251,19 +251,17 @@ class SimulatedRobot:
 
         def way(start: Array) -> Way:
             apart = self._pose_at(q)[:3, 3] - self._pose_at(start)[:3, 3]
-            return JointWay(start, np.asarray(q, dtype=float), float(np.linalg.norm(apart)))
+            return JointWay(start, q, float(np.linalg.norm(apart)))
 
         self._move(way, a, v, t, r)
 
     def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
         """Move the TCP in a straight line."""
-        self._move(lambda start: tool_way(start, self._pose_at(start), pose, self._tcp), a, v, t, r)
+        self._move(lambda start: ToolWay(start, self._tcp, pose), a, v, t, r)
 
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
         """Move the TCP on a circle. ``mode`` 0: orientation as given, 1: fixed to the arc."""
-        self._move(
-            lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r
-        )
+        self._move(lambda start: ToolWay(start, self._tcp, to, via, mode == 1), a, v, 0.0, r)
 
     def move_done(self) -> bool:
         """Whether the programme continues: the move has ended, or the blend to the next may begin."""
@@ -273,17 +271,17 @@ class SimulatedRobot:
         """Let a streamed goal act after the arm's latency from command to motion."""
         self._coming.append((self.ticks + self._delay, act))
 
-    def servoj(self, q: Array, t: float, lookahead: float, gain: float) -> None:
-        """Track joint positions; the machine waits ``t``."""
+    def servoj(self, q: Array, lookahead: float) -> None:
+        """Track joint positions."""
         if not isinstance(drive := self._drive, Servo):
             self._begin(drive := Servo(self.target_q))
-        self._stream(partial(drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
+        self._stream(partial(drive.aim, q, min(max(lookahead, 0.03), 0.2)))
 
     def speedj(self, qd: Array, a: float) -> None:
         """Accelerate to joint speeds and hold them."""
         if not isinstance(drive := self._drive, JointSpeeds):
             self._begin(drive := JointSpeeds(self.target_qd))
-        self._stream(partial(drive.aim, np.array(qd, dtype=float), max(a, 1e-3)))
+        self._stream(partial(drive.aim, qd, max(a, 1e-3)))
 
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
         """Accelerate to a TCP twist and hold it; linear [m/s], then angular [rad/s].
@@ -292,7 +290,7 @@ class SimulatedRobot:
         """
         if not isinstance(drive := self._drive, ToolSpeed):
             self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed))
-        self._stream(partial(drive.aim, np.array(xd, dtype=float), max(a, 1e-3), max(a_rot or a, 1e-3)))
+        self._stream(partial(drive.aim, xd, max(a, 1e-3), max(a_rot or a, 1e-3)))
 
     def stopj(self, a: float) -> None:
         """Decelerate the joints [rad/s^2]; ``move_done`` says when they stand."""
@@ -318,7 +316,7 @@ class SimulatedRobot:
             self._mode_settings.speed = np.zeros(6)
         self.compliance = self._mode_settings
         self.compliance.free = False
-        self.compliance.set(frame, selection, wrench, kind, np.asarray(limits))
+        self.compliance.set(frame, selection, wrench, kind, limits)
 
     def force_mode_set_damping(self, damping: float) -> None:
         """Damping 0 to 1 of force mode."""
@@ -335,12 +333,10 @@ class SimulatedRobot:
 
     def _coast(self, a: float) -> None:
         """Leave force mode and torques, and stop the joints from the speeds they are commanded now."""
-        drive = JointSpeeds(np.zeros(6))
         self._coming.clear()
         self.compliance = None
-        self._torque_left = 0
+        self._begin(drive := JointSpeeds(np.zeros(6)))
         drive.a = a
-        self._drive, self._reference, self._reference_qd = drive, self.target_q.copy(), self.target_qd.copy()
 
     def freedrive(self, axes: Array, frame: Array) -> None:
         """Let the arm be led along the free axes (1) of a frame.
@@ -348,7 +344,7 @@ class SimulatedRobot:
         It is force mode with no force, so that the arm goes where something pushes it.
         """
         limits = np.array([0.25, 0.25, 0.25, 1.0, 1.0, 1.0])
-        self.force_mode(np.asarray(frame), np.asarray(axes), np.zeros(6), FIXED, limits)
+        self.force_mode(frame, axes, np.zeros(6), FIXED, limits)
         assert self.compliance is not None
         self.compliance.free = True
 
@@ -366,7 +362,7 @@ class SimulatedRobot:
         Without elastic joints there is no friction to compensate.
         The arm carries itself and the tool it has; what is added is the weight of another payload than that.
         """
-        torque = np.array(tau, dtype=float)
+        torque = tau.copy()
         on = float(friction_comp)
         for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
             torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, 9.81 * mass])
@@ -389,7 +385,7 @@ class SimulatedRobot:
             self.cell.state.sensor.tare += np.mean(self._wrenches, axis=0)
             self._wrenches.clear()
 
-    def ft_input(self, enabled: bool, mass: float, offset: Array, cog: Array) -> None:
+    def ft_input(self, enabled: bool) -> None:
         """Take the wrench from RTDE's ``external_force_torque`` as it comes, without the sensor's weight.
 
         Its client must feed it at `FEED_HZ` or the programme pauses, unless it set a watchdog of its own.
@@ -407,7 +403,7 @@ class SimulatedRobot:
         """
         forces = np.array([force[:3] for _, force in list(self._past)[-500:]])
         change = forces - np.median(forces, axis=0)
-        way = np.asarray(direction, dtype=float)[:3]
+        way = direction[:3]
         pressed = -change @ unit(way) if way.any() else norms(change)
         free = np.flatnonzero(pressed < TOUCH_N)
         since = pressed[free[-1] + 1 :] if len(free) else pressed
@@ -417,30 +413,29 @@ class SimulatedRobot:
 
     def set_tcp(self, pose: Array) -> None:
         """Set the TCP, in the flange's frame."""
-        self.tcp_offset = np.array(pose, dtype=float)
+        self.tcp_offset = pose
         self._tcp = matrix_of(self.tcp_offset)
         self._see()
 
-    def set_payload(self, mass: float, cog: Array | None, inertia: Array | None, transition_s: float) -> None:
+    def set_payload(self, mass: float, cog: Array | None, inertia: Array | None = None) -> None:
         """Set the payload, at once; None leaves a value as it is."""
         if not 0.0 <= mass <= 100.0:
             raise ValueError(f"set_payload: a mass of {mass:g} kg")
-        self.payload_mass = float(mass)
+        self.payload_mass = mass
         if cog is not None:
-            self.payload_cog = np.array(cog, dtype=float)
+            self.payload_cog = cog
         if inertia is not None:
-            self.payload_inertia = np.array(inertia, dtype=float)
+            self.payload_inertia = inertia
         T = self._sensor_on_flange
         self.cell.compensate(self.payload_mass, T[:3, :3].T @ (self.payload_cog - T[:3, 3]))
 
-    def set_gravity(self, direction: Array) -> None:
+    def set_gravity(self, g: Array) -> None:
         """Set gravity [m/s^2], base axes: only the one the cell has.
 
         Raises:
             ValueError: It is another.
         """
-        g = np.asarray(direction, dtype=float)
-        if abs(abs(float(g[2])) - 9.81) > 0.05 or np.abs(g[:2]).max() > 0.05:
+        if abs(abs(g[2]) - 9.81) > 0.05 or np.abs(g[:2]).max() > 0.05:
             raise ValueError(
                 "set_gravity: the cell's robot stands upright, gravity is 9.81 m/s^2 along its z axis"
             )
@@ -473,7 +468,7 @@ class SimulatedRobot:
     def set_speed_fraction(self, fraction: float) -> None:
         """Move the speed slider."""
         if np.isfinite(fraction):
-            self.speed_fraction = min(max(float(fraction), 0.0), 1.0)
+            self.speed_fraction = min(max(fraction, 0.0), 1.0)
 
     def set_watchdog(self, variable: str, min_frequency: float, action: str) -> None:
         """Watch how often an RTDE input is written; ``action``: "ignore", "pause" or "stop".
@@ -508,7 +503,7 @@ class SimulatedRobot:
         """
         group, sort, side = name.split("_")
         if sort == "digital":
-            first, count = OUTPUTS[group]
+            first, count = PINS[group]
             if not 0 <= index < count:
                 raise ValueError(f"there is no {name}[{index}]")
             bit = 1 << (first + index)
@@ -532,17 +527,17 @@ class SimulatedRobot:
     def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
         """Joint angles nearest to others, None where there is no solution."""
         try:
-            return inverse_near(matrix_of(pose) @ inverse(matrix_of(tcp)), np.asarray(near, dtype=float))
+            return inverse_near(matrix_of(pose) @ inverse(matrix_of(tcp)), near)
         except ReachError:
             return None
 
     def jacobian(self, q: Array, tcp: Array) -> Array:
         """Jacobian of the TCP, shape (6, 6), linear rows first."""
-        return jacobian(np.asarray(q, dtype=float), np.asarray(tcp, dtype=float)[:3])
+        return jacobian(q, tcp[:3])
 
     def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
         """Time derivative of the Jacobian, shape (6, 6); by central differences."""
-        ahead, behind = (self.jacobian(np.asarray(q) + h * np.asarray(qd), tcp) for h in (1e-5, -1e-5))
+        ahead, behind = (self.jacobian(q + h * qd, tcp) for h in (1e-5, -1e-5))
         return (ahead - behind) / 2e-5
 
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
@@ -560,7 +555,7 @@ class SimulatedRobot:
         model = self.cell.model
         data = self._data
         forces = []
-        for speeds in (np.asarray(qd), np.zeros(6)):
+        for speeds in (qd, np.zeros(6)):
             data.qpos[:6] = q
             data.qvel[:6] = speeds
             mujoco.mj_forward(model, data)
@@ -581,12 +576,12 @@ class SimulatedRobot:
 
     def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
         """Whether a pose, or joint angles, are within reach and joint ranges."""
-        q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else np.asarray(target)
+        q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else target
         return q is not None and bool(np.all(q >= JOINT_LIMITS[:, 0]) and np.all(q <= JOINT_LIMITS[:, 1]))
 
     def q_history(self, steps: int) -> Array:
         """Joint angles some steps ago; 2 s are kept."""
-        return self._past[max(len(self._past) - 1 - max(int(steps), 0), 0)][0]
+        return self._past[max(len(self._past) - 1 - max(steps, 0), 0)][0]
 
 
 def _sensor_on_flange(cell: Cell, q: Array) -> Array:

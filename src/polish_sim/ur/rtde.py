@@ -6,10 +6,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from polish_sim.ur.robot import PINS
 
 if TYPE_CHECKING:
     from polish_sim.ur.controller import RobotController
@@ -157,14 +160,19 @@ FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
 }
 """Output fields: type and value."""
 
+
+def numbers_of(controller: RobotController, name: str) -> list[Any]:
+    """An output's numbers, of a vector several."""
+    value = FIELDS[name][1](controller)
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return value if isinstance(value, list) else [value]
+
+
 SETTINGS: Mapping[str, str] = {
     "speed_slider_mask": "UINT32",
     "speed_slider_fraction": "DOUBLE",
-    **{
-        f"{group}_digital_output{end}": "UINT8"
-        for group in ("standard", "configurable", "tool")
-        for end in ("", "_mask")
-    },
+    **{f"{group}_digital_output{end}": "UINT8" for group in PINS for end in ("", "_mask")},
     "standard_analog_output_mask": "UINT8",
     "standard_analog_output_type": "UINT8",
     "standard_analog_output_0": "DOUBLE",
@@ -175,8 +183,8 @@ SETTINGS: Mapping[str, str] = {
 
 
 def _input_type(name: str) -> str:
-    register = FIELDS.get(name, ("", None))[0] if name.startswith("input_") else ""
-    return register or SETTINGS.get(name, NOT_FOUND)
+    is_register = name.startswith("input_") and name in FIELDS
+    return FIELDS[name][0] if is_register else SETTINGS.get(name, NOT_FOUND)
 
 
 @dataclass
@@ -195,13 +203,11 @@ class Recipe:
 
     def unpack(self, data: bytes) -> dict[str, Any]:
         """Values by name."""
-        flat = self.packing.unpack_from(data)
-        at = 0
-        values = {}
-        for name, width in zip(self.names, self.widths, strict=True):
-            values[name] = flat[at] if width == 1 else flat[at : at + width]
-            at += width
-        return values
+        flat = iter(self.packing.unpack_from(data))
+        return {
+            name: next(flat) if width == 1 else tuple(islice(flat, width))
+            for name, width in zip(self.names, self.widths, strict=True)
+        }
 
 
 def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None:
@@ -217,7 +223,7 @@ def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None
             robot.registers["in"]["bool" if kind == "bit" else kind][int(number)] = value
     if values.get("speed_slider_mask"):
         robot.set_speed_fraction(values.get("speed_slider_fraction", robot.speed_fraction))
-    for group, first in (("standard", 0), ("configurable", 8), ("tool", 16)):
+    for group, (first, _) in PINS.items():
         mask = values.get(f"{group}_digital_output_mask", 0) << first
         bits = values.get(f"{group}_digital_output", 0) << first
         robot.digital_out = robot.digital_out & ~mask | bits & mask
@@ -289,7 +295,7 @@ class RtdeSession:
             (rate,) = struct.unpack_from(">d", body)
             body = body[8:]
         names = _names(body)
-        types = [FIELDS.get(name, (NOT_FOUND, None))[0] for name in names]
+        types = [FIELDS[name][0] if name in FIELDS else NOT_FOUND for name in names]
         number = 0
         if NOT_FOUND not in types and names and 1.0 <= rate <= MOST_HZ and len(self.outputs) < MOST_RECIPES:
             number = len(self.outputs) + 1 if self.version == 2 else 1
@@ -332,20 +338,14 @@ class RtdeSession:
             if now + 1e-6 < self._due.get(number, -1.0):
                 continue
             self._due[number] = max(self._due.get(number, -1.0), now - 1.0) + MOST_HZ / rate
-            flat: list[Any] = []
-            for name, width in zip(recipe.names, recipe.widths, strict=True):
-                value = FIELDS[name][1](self.controller)
-                if width == 1:
-                    flat.append(value)
-                else:
-                    flat.extend(value.tolist() if isinstance(value, np.ndarray) else value)
-            data = recipe.packing.pack(*flat)
+            numbers = chain.from_iterable(numbers_of(self.controller, name) for name in recipe.names)
             prefix = bytes([number]) if self.version == 2 else b""
-            yield struct.pack(">HB", 3 + len(prefix) + len(data), DATA) + prefix + data
+            yield _package(DATA, prefix + recipe.packing.pack(*numbers))
             self.answered = False
 
     def close(self) -> None:
-        """Give back what was claimed."""
+        """Say so and give back what was claimed."""
+        self.controller.client_gone(self)
         claimed = self.controller.claimed
         for name in [name for name, owner in claimed.items() if owner is self]:
             del claimed[name]
@@ -357,7 +357,11 @@ class RtdeSession:
         self._reply(TEXT, b"".join(said) + b"\2" if self.version == 2 else b"\2" + text.encode())
 
     def _reply(self, kind: int, body: bytes) -> None:
-        self.send(struct.pack(">HB", 3 + len(body), kind) + body)
+        self.send(_package(kind, body))
+
+
+def _package(kind: int, body: bytes) -> bytes:
+    return struct.pack(">HB", 3 + len(body), kind) + body
 
 
 def _names(body: bytes) -> list[str]:

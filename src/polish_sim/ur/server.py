@@ -60,11 +60,6 @@ class _Script(Session):
     def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
         self._controller = controller
         self._programs = Programs(controller, client)
-        self._states = 0
-        self.begin(send)
-
-    def begin(self, send: Callable[[bytes], None]) -> None:
-        """Greet."""
 
     def feed(self, data: bytes) -> bool:
         """Programmes."""
@@ -76,9 +71,10 @@ class _Script(Session):
 
 
 class _Primary(_Script):
-    def begin(self, send: Callable[[bytes], None]) -> None:
-        """The version."""
-        send(version_message(self._controller))
+    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
+        super().__init__(controller, send, client)
+        self._states = 0
+        send(version_message(controller))
 
     def packages(self) -> Sequence[bytes]:
         """The state, ten times a second and when safety changes; the configuration at first and every few."""
@@ -106,19 +102,12 @@ class _Realtime(_Script):
         return (realtime_state(self._controller),)
 
 
-class _Rtde(RtdeSession):
-    def close(self) -> None:
-        """Say so before giving the registers back."""
-        self.controller.client_gone(self)
-        super().close()
-
-
 PORTS: dict[int, Callable[[RobotController, Callable[[bytes], None], str], Any]] = {
     DASHBOARD: _Dashboard,
     PRIMARY: _Primary,
     SECONDARY: _Secondary,
     REALTIME: _Realtime,
-    RTDE: _Rtde,
+    RTDE: RtdeSession,
 }
 
 

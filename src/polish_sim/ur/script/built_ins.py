@@ -319,9 +319,9 @@ class BuiltIns(Sockets):
     def servoj(
         self, q: Any, a: Any = 0, v: Any = 0, t: Any = 0.002, lookahead_time: Any = 0.1, gain: Any = 300
     ) -> Waiting:
-        """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot."""
+        """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot, nor here the gain."""
         robot = self._taken()
-        robot.servoj(self._joints(q), *map(number, (t, lookahead_time, gain)))
+        robot.servoj(self._joints(q), number(lookahead_time))
         yield from self._for(max(_steps(t), 1))
 
     def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0) -> Waiting:
@@ -375,9 +375,8 @@ class BuiltIns(Sockets):
     def ft_rtde_input_enable(
         self, enable: Any, sensor_mass: Any = 0, sensor_measuring_offset: Any = None, sensor_cog: Any = None
     ) -> None:
-        """Take the wrench from RTDE."""
-        places = (_or(at, np.zeros(3), 3) for at in (sensor_measuring_offset, sensor_cog))
-        self._robot.ft_input(bool(enable), number(sensor_mass), *places)
+        """Take the wrench from RTDE; what is said of the sensor has no effect."""
+        self._robot.ft_input(bool(enable))
 
     enable_external_ft_sensor = ft_rtde_input_enable
 
@@ -385,11 +384,11 @@ class BuiltIns(Sockets):
 
     def set_payload(self, m: Any, cog: Any = None) -> None:
         """Set the payload."""
-        self._robot.set_payload(number(m), _or(cog, None, 3), None, 0.0)
+        self._robot.set_payload(number(m), _or(cog, None, 3))
 
     def set_target_payload(self, m: Any, cog: Any, inertia: Any = None, transition_time: Any = 0) -> None:
         """Set the payload with its inertia."""
-        self._robot.set_payload(number(m), array(cog, 3), _or(inertia, None), number(transition_time))
+        self._robot.set_payload(number(m), array(cog, 3), _or(inertia, None))
 
     def _tcp(self, tcp: Any) -> Array:
         return self._robot.tcp_offset if tcp is None or tcp == "active_tcp" else array(tcp)
