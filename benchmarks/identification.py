@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.identification_peers import SAMPLES as SAMPLES_PEERS
 from benchmarks.identification_peers import peer_rows
 from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
-from benchmarks.identification_unmatched import Known, unmatched_lines
+from benchmarks.identification_unmatched import Known, covers, unmatched_lines
 from benchmarks.table import Row, print_rows
 from polish_sim.config import RobotConfig
 from polish_sim.identification.arm import believe, build_simulated_arm, motion_limits, play_motion
@@ -88,7 +88,7 @@ def predicted(task, held_out, motion) -> float:  # type: ignore[no-untyped-def]
 
 def prepared(terms: tuple[str, ...]):  # type: ignore[no-untyped-def]
     """The arm's task, and the mean information of twenty further random motions."""
-    arm = build_simulated_arm(terms)
+    arm = build_simulated_arm(terms=terms)
     base, rng = base_of(arm.truth), np.random.default_rng(0)
     drawing = believe(arm, rng)
     task = ExcitationTask(
@@ -106,7 +106,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
     motion, other = next(drawn), next(drawn)
     t = np.arange(SAMPLES) * 10.0 / SAMPLES
     model, base = task.model, task.base
-    arm, states, held = build_simulated_arm(terms), motion(t), other(t[::10])
+    arm, states, held = build_simulated_arm(terms=terms), motion(t), other(t[::10])
     truth, exact = model.truth(), model.torque(held, model.truth())
     torque, true_base = model.torque(states, truth), base.combination @ truth
     squares, covered, ratios, consistent, nrms = [], [], [], 0, []
@@ -115,7 +115,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
         sums = sum_samples(model, base, states, torque + rng.normal(size=torque.shape) * SIGMA)
         found = estimate(sums)
         squares.append((found.theta - true_base) ** 2)
-        covered.append(found.covers(true_base))
+        covered.append(covers(found, true_base))
         full = fit_consistent(model, base, found, believe(arm, rng))
         consistent += is_consistent(full[:60].reshape(6, 10))
         errors = [
@@ -141,7 +141,7 @@ def arm_rows() -> Iterator[Row]:
     task, _held_out = prepared(FULL)
     motion = design(task, np.random.default_rng(1)).motion
     other = next(allowed_motions(task, np.random.default_rng(4)))
-    arm, encoder = build_simulated_arm(FULL), IdentifySettings().encoder
+    arm, encoder = build_simulated_arm(), IdentifySettings().encoder
     held = play_motion(arm, other, 1, 1000.0)
     held_states = periodic_states(held, other.period)
     # Near standstill the engine's friction has no size: moving joints are compared.
@@ -158,7 +158,7 @@ def arm_rows() -> Iterator[Row]:
             noise = np.random.default_rng([9, seed]).normal(size=log.torque.shape) * SIGMA
             found = estimate(sum_samples(task.model, task.base, states, log.torque + noise))
             offs.append(found.theta - true_base)
-            covered.append(found.covers(true_base))
+            covered.append(covers(found, true_base))
             nrms.append(
                 torque_error(
                     task.model.torque_of_base(held_states, task.base.columns, found.theta), exact
@@ -177,7 +177,7 @@ def arm_rows() -> Iterator[Row]:
 
 def speed_rows() -> Iterator[Row]:
     """Regressor of one sample, and an identification of 25,000."""
-    arm = build_simulated_arm(FULL)
+    arm = build_simulated_arm()
     model, base = arm.truth, base_of(arm.truth)
     rng = np.random.default_rng(0)
     q, qd, qdd = (rng.uniform(-2.0, 2.0, (25_000, 6)) for _ in range(3))

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from polish_sim.identification.estimate import (
+    INTERVAL_95,
     BaseParameters,
+    Estimate,
     estimate,
     estimate_widened,
     information,
@@ -32,6 +34,11 @@ Array = NDArray[np.float64]
 
 SEEDS = 10
 RATE = 1000.0
+
+
+def covers(found: Estimate, truth: Array) -> NDArray[np.bool_]:
+    """Which 95% intervals hold the true value."""
+    return np.abs(found.theta - truth) <= INTERVAL_95 * found.std
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,7 @@ def measure(known: Known, robot: Robot, periods: int) -> Measured:
         sums = sum_samples(model, base, states, measured)
         found = estimate_widened(model, base, sums, states, measured)
         errors.append(torque_error(model.torque_of_base(other, base.columns, found.theta), exact).mean())
-        covered.append([estimate(sums).covers(true_base), found.covers(true_base)])
+        covered.append([covers(estimate(sums), true_base), covers(found, true_base)])
         thetas.append(found.theta)
     off = np.array(thetas) - true_base
     return Measured(

@@ -54,7 +54,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.identification.arm import arm_of_table
 from polish_sim.identification.estimate import informative, torque_error
 from polish_sim.identification.identify import fit_samples, without_gears
-from polish_sim.identification.log_file import RobotLog, log_of_arm, smooth_states
+from polish_sim.identification.log_file import RobotLog, log_of_arm, spline_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
 from polish_sim.scenario_file import override
@@ -141,21 +141,21 @@ def identified_rows(data: Path) -> Iterator[Row]:
     robot = arm_of_table("ur10e")
     logs = [_arm_log(data, name) for name in IDENTIFIED]
     torque = np.concatenate([log.torque for log in logs])
-    parts = zip(*(smooth_states(log) for log in logs), strict=True)
+    parts = zip(*(spline_states(log) for log in logs), strict=True)
     states = States(*(np.concatenate(part) for part in parts))
     geared, rigid = (
         fit_samples(model, states, torque) for model in (robot.model, without_gears(robot.model))
     )
     for name in (name for name in HELD_OUT if name not in IDENTIFIED):
         log = _arm_log(data, name)
-        held = smooth_states(log)
+        held = spline_states(log)
         measured = np.where(informative(held), log.torque, np.nan)
         both = [100.0 * torque_error(fit.torque(held), measured) for fit in (geared, rigid)]
         for j, (ours, plain) in enumerate(zip(*both, strict=True), 1):
             yield Row(f"{name}, joint {j}: torque NRMS [%]", f"{ours:.3g}", f"{plain:.3g}")
     whole = RobotLog(np.arange(len(torque)), states.q, torque), states
     log = _arm_log(data, LOADED[0])
-    loaded = log, smooth_states(log)
+    loaded = log, spline_states(log)
     masses = (
         weigh_from_logs(replace(robot, model=fit.model), whole, loaded).figures for fit in (geared, rigid)
     )

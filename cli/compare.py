@@ -18,12 +18,12 @@ from polish_sim.scenario_file import numbers_of, override, to_toml
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from polish_sim.config import Scenario
     from polish_sim.exchange.robot_log import RobotRecording
 
 PANEL = "Log"
 FREE_N = 5.0  #: Beyond what noise and drift of a wrist sensor make without contact [N]
 FREE_SHARE = 0.01  #: Of the time; a shorter excess is no contact
-ROBOT = "robot."  #: What --set may change
 REPLAY = ("--arm", "--payload", "--payload-center", "--set")
 LogFile = Annotated[
     Path,
@@ -44,9 +44,9 @@ LOG_OPTIONS = (
 
 def read_measured_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
     """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`."""
-    from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
+    from polish_sim.exchange.robot_log import BY_NAME, read_column_map, read_robot_recording
 
-    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
+    columns = read_column_map(given["--map"]) if given["--map"] else BY_NAME
     window = given["--from"] or 0.0, math.inf if given["--to"] is None else given["--to"]
     log = read_robot_recording(file, need, columns, given["--run"] or "", window)
     if not log.whole and given["--to"] is None:
@@ -54,6 +54,17 @@ def read_measured_log(file: Path, given: Given, need: Sequence[str]) -> RobotRec
             f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."
         )
     return log
+
+
+def override_robot(
+    scenario: Scenario, settings: Sequence[str], keys: tuple[str, ...], takes: str
+) -> Scenario:
+    """A scenario with what ``--set`` changes of its robot; InputError for keys that would change nothing,
+    and what the command ``takes``."""
+    for text in settings:
+        if not text.startswith(keys):
+            raise InputError(f"--set {text} would change nothing in {takes}.")
+    return override(scenario, settings)
 
 
 @takes(
@@ -124,13 +135,9 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         plot_joint_torques,
     )
 
-    settings = list(given["--set"] or [])
-    for text in settings:
-        if not text.startswith(ROBOT):
-            raise InputError(
-                f"--set {text} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
-            )
-    scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
+    arm = [f"robot.arm={given['--arm']}"] if given["--arm"] else []
+    takes = "'compare': it takes robot.KEY and robot.real.KEY"
+    scenario = override_robot(SCENARIO, [*arm, *(given["--set"] or [])], ("robot.",), takes)
     payload = CarriedPayload(given["--payload"] or 0.0, _center(given["--payload-center"] or "0,0,0"))
     with console.progress() as observer:
         observer.stage("replay")

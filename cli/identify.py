@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING
 from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
-from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
+from polish_sim.cli.compare import LOG_OPTIONS, override_robot, read_measured_log
 from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import RobotConfig, Scenario
-from polish_sim.errors import InputError, count_text
+from polish_sim.errors import count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.page import Table
 from polish_sim.page import number_or_dash as dash
 from polish_sim.row_file import write_metrics
-from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 PANEL = "Identification"
 FOUND = ("unit", "value", "std", "true")  #: Headings of what was identified
 FULL_PERIODS = 5
-ARM_KEYS = ("robot.arm=", "robot.real.")  #: What --set may change
 #: A joint is noted if the model explains less than this share of its torque's variance
 LITTLE_EXPLAINED = 0.5
 OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_OPTIONS)
@@ -87,13 +85,8 @@ def identify(given: Given) -> int:
 def _simulated_robot(settings: list[str]) -> RobotConfig:
     """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change
     nothing."""
-
-    for text in settings:
-        if not text.startswith(ARM_KEYS):
-            raise InputError(
-                f"--set {text} would change nothing in 'identify': it takes robot.arm and robot.real.KEY."
-            )
-    return override(Scenario(), settings).robot
+    takes = "'identify': it takes robot.arm and robot.real.KEY"
+    return override_robot(Scenario(), settings, ("robot.arm=", "robot.real."), takes).robot
 
 
 def _refuse_idle(given: Given) -> None:
@@ -245,7 +238,7 @@ def _reader(given: Given) -> RunReader:
         log_of_arm,
         periodic_states,
         read_robot_log,
-        smooth_states,
+        spline_states,
     )
 
     period, arm = given["--period"], given["--arm"]
@@ -257,19 +250,18 @@ def _reader(given: Given) -> RunReader:
         else:
             joints = () if robot.source is None else chain.joints
             log = read_robot_log(file, chain.geometry.kind.tolist(), period, joints)
-        return log, smooth_states(log) if period is None else periodic_states(log, period)
+        return log, spline_states(log) if period is None else periodic_states(log, period)
 
     return read
 
 
 def show_payload(weighed: Weighed) -> None:
     """Print the payload."""
-    from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, body_of
+    from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS
 
-    values, std = weighed.payload.body()
-    true = [float("nan")] * 10 if weighed.truth is None else body_of(weighed.truth, weighed.payload.origin)
+    columns = BODY_NAMES, BODY_UNITS, *weighed.payload.body(), weighed.true_body()
     rows = [
         [name, unit, f"{value:.5g}", f"{deviation:.2g}", dash(truth, ".5g")]
-        for name, unit, value, deviation, truth in zip(BODY_NAMES, BODY_UNITS, values, std, true, strict=True)
+        for name, unit, value, deviation, truth in zip(*columns, strict=True)
     ]
     console.table(Table("payload, in the last link's frame", ["number", *FOUND], rows))

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, read_bytes
 
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
@@ -116,14 +116,19 @@ def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> 
         values = np.array(texts, dtype=np.float64)
     except ValueError:
         values = np.array([number_in(text) for text in texts])
-    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST))
-    if len(wrong):
-        row = int(wrong[0])
+
+    def said(row: int) -> str:
         why = f"beyond {LARGEST:g}" if np.isfinite(values[row]) else "not a number"
-        raise InputError(
-            f"'{file}', {place(row)}: {name} is '{texts[row]}', {why}. Correct or leave out the line."
-        )
+        return f"{name} is '{texts[row]}', {why}. Correct or leave out the line."
+
+    refuse_first(~(np.abs(values) <= LARGEST), file, place, said)
     return values
+
+
+def refuse_first(wrong: Bools, file: Path, place: Place, said: Callable[[int], str]) -> None:
+    """Refuse a file (InputError) where a row is ``wrong`` (n,), by what is ``said`` of the first."""
+    for row in map(int, np.flatnonzero(wrong)[:1]):
+        raise InputError(f"'{file}', {place(row)}: {said(row)}")
 
 
 def number_in(text: str) -> float:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from polish_sim.identification import identify
-from polish_sim.identification.estimate import BaseParameters, base_of
+from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_of
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import log_columns
@@ -111,6 +111,11 @@ def _arm(terms: tuple[str, ...]) -> tuple[TorqueModel, BaseParameters]:
 def noisy(torque: Array, rng: np.random.Generator) -> Array:
     """Torques as a sensor with `SIGMA` reads them."""
     return torque + rng.normal(size=torque.shape) * SIGMA
+
+
+def covers(found: Estimate, truth: Array) -> NDArray[np.bool_]:
+    """Which 95% intervals hold the true value."""
+    return np.abs(found.theta - truth) <= INTERVAL_95 * found.std
 
 
 RATE = 250.0

@@ -16,7 +16,7 @@ from polish_sim.identification.estimate import (
     sum_samples,
     torque_error,
 )
-from tests.identification.known import SIGMA, known_robot, noisy
+from tests.identification.known import SIGMA, covers, known_robot, noisy
 
 KNOWN = known_robot()
 
@@ -38,7 +38,7 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth():
         sums = sums_of(noisy(KNOWN.torque, rng))
         found = estimate(sums)
         squares.append((found.theta - KNOWN.truth) ** 2)
-        covered.append(found.covers(KNOWN.truth))
+        covered.append(covers(found, KNOWN.truth))
     bound = np.diag(inverse_of(information(sums, SIGMA)))
     ratio = float(np.sqrt(np.mean(np.mean(squares, axis=0) / bound)))
     # Fifty draws of fifty-eight correlated numbers determine this ratio to some 2%.
@@ -92,9 +92,9 @@ def test_intervals_hold_the_truth_whatever_the_noises_colour(keep, white_covers)
     for _draw in range(20):
         torque = LONG.torque + _noise(keep, rng) * SIGMA
         sums = sum_samples(LONG.model, LONG.base, LONG.states, torque)
-        white.append(estimate(sums).covers(LONG.truth))
+        white.append(covers(estimate(sums), LONG.truth))
         found = estimate_widened(LONG.model, LONG.base, sums, LONG.states, torque)
-        widened.append(found.covers(LONG.truth))
+        widened.append(covers(found, LONG.truth))
         np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
     assert 0.90 < float(np.mean(widened)) < 0.99
     assert white_covers <= float(np.mean(white)) < max(2.0 * white_covers, 0.6)

@@ -9,7 +9,7 @@ import pytest
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.identification import excitation
-from polish_sim.identification.fourier import FourierMotion, started_and_stopped
+from polish_sim.identification.fourier import Clearance, FourierMotion, started_and_stopped
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
 from polish_sim.identification.use_motion import use_states
@@ -22,7 +22,14 @@ USE = np.mean(
     [excitation.use_matrix(KNOWN.model, KNOWN.base, other.states, SIGMA) for other in OTHERS], axis=0
 )
 ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
-TASK = excitation.ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
+
+
+def far(q: np.ndarray) -> Clearance:
+    """The clearance of an arm with nothing around it."""
+    return Clearance(np.ones((len(q), 1)), np.zeros((len(q), 1, 6)))
+
+
+TASK = excitation.ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE, far)
 
 
 def test_gradients_are_the_slopes_of_the_cost():

@@ -11,7 +11,7 @@ from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_simul
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
 from polish_sim.identification.log_file import RobotLog, read_robot_log, spline_states
 from polish_sim.identification.payload import weigh_from_logs
-from polish_sim.identification.regressor import FULL, States
+from polish_sim.identification.regressor import States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.motion.makes import used_arm
 from polish_sim.scenario_file import override
@@ -44,7 +44,7 @@ def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_
 
 @pytest.mark.parametrize(("settings", "off"), [([], 1e-3), (HELD_BY_LINKS, 1e-2)])
 def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings, off):
-    arm = build_simulated_arm(FULL, override(SCENARIO, ["robot.arm=ideal", *settings]).robot)
+    arm = build_simulated_arm(override(SCENARIO, ["robot.arm=ideal", *settings]).robot)
     pose = np.array([0.3, -1.2, 1.0, -0.8, 0.7, 0.2])
     q = np.tile(pose, (round(0.05 / STEP_S), 1))
     log = play_states(arm, States(q, 0.0 * q, 0.0 * q))

@@ -25,12 +25,6 @@ SPEEDS = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3
 """Bounds between which friction is averaged [rad/s]."""
 
 
-def nrms(measured: Array, simulated: Array) -> Array:
-    """Rms of the difference over the range of what is measured, (k,), of columns (n, k)."""
-    off = np.sqrt(np.mean((simulated - measured) ** 2, axis=0))
-    return off / np.maximum(np.ptp(measured, axis=0), 1e-12)
-
-
 def delay(time: Array, measured: Array, simulated: Array) -> float:
     """How late what is measured is behind what is simulated [s], columns (n, k), within +-`MOST_S`.
 

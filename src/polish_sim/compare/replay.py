@@ -20,11 +20,12 @@ from polish_sim.arrays import Array, midpoints
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.scene import build_scene
-from polish_sim.compare.figures import SPEEDS, ForceStep, delay, fit_friction, friction_curve, nrms, ripple
+from polish_sim.compare.figures import SPEEDS, ForceStep, delay, fit_friction, friction_curve, ripple
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
+from polish_sim.identification.estimate import torque_error
 from polish_sim.page import Table, number_or_dash
 from polish_sim.page.page import Line, Motion, Page, Plot
 from polish_sim.planning.toolpath import interpolate
@@ -123,9 +124,8 @@ def bare_arm(robot: RobotConfig, payload: CarriedPayload) -> mujoco.MjModel:
     model = build_scene(replace(SCENARIO, robot=robot))
     mount = model.body("tool_mount").id
     head = model.body("head").id
-    mass = max(payload.mass, _NO_TOOL)
-    for body in (mount, head):
-        scale = (mass if body == mount else _NO_TOOL) / model.body_mass[body]
+    for body, mass in ((mount, max(payload.mass, _NO_TOOL)), (head, _NO_TOOL)):
+        scale = mass / model.body_mass[body]
         model.body_inertia[body] *= scale
         model.body_mass[body] *= scale
     model.body_ipos[mount] = payload.center
@@ -174,7 +174,7 @@ def compare_joints(robot: RobotConfig, log: RobotRecording, payload: CarriedPayl
         qdd = commands(log.time, 2)
         rigid = rigid_torques(robot, commands(log.time), qd, qdd, payload)
         figures |= {
-            "nrms": nrms(measured, played.torque).tolist(),
+            "nrms": torque_error(played.torque, measured).tolist(),
             "delay_s": delay(log.time, measured, played.torque),
         }
         for side, (torque, prefix) in enumerate(((measured, ""), (played.torque, "simulated_"))):
@@ -192,8 +192,8 @@ def _one_joint(time: Array, q: Array, qd: Array, torque: Array, rigid: Array) ->
     share = np.where(rigid * qd > 0.0, found.driving, found.driven)
     rubbing = sign * (found.coulomb + found.viscous * np.abs(qd) + share * np.abs(rigid))
     line = ripple(time, q, qd, torque - rigid - rubbing)
-    names = {"coulomb_nm": found.coulomb, "viscous_nm_s_rad": found.viscous, "driving": found.driving}
-    return {"ripple_cycles": line.cycles, "ripple_nm": line.amplitude, **names, "driven": found.driven}
+    names = ("ripple_cycles", "ripple_nm", "coulomb_nm", "viscous_nm_s_rad", "driving", "driven")
+    return dict(zip(names, (*line, *found), strict=True))
 
 
 def _largest(values: Array) -> float:
@@ -273,8 +273,9 @@ def plot_joint_torques(found: JointComparison, title: str) -> Figure:
 def plot_steps(pairs: Sequence[tuple[str, ForceStep, ForceStep]], title: str) -> Figure:
     """Forces since first contact, measured and simulated, one panel a case."""
     wide = min(2, len(pairs))
-    figure = new_figure(6.0 * wide, 1.2 + 2.2 * -(-len(pairs) // wide))
-    grid = np.atleast_1d(figure.subplots(-(-len(pairs) // wide), wide, squeeze=False)).ravel()
+    high = -(-len(pairs) // wide)
+    figure = new_figure(6.0 * wide, 1.2 + 2.2 * high)
+    grid = figure.subplots(high, wide, squeeze=False).ravel()
     for axes, (name, measured, simulated) in zip(grid, pairs, strict=False):
         axes.plot(measured.time, measured.force, color=ORANGE, linewidth=0.7, label="measured")
         axes.plot(simulated.time, simulated.force, color=BLUE, linewidth=0.7, label="simulated")
@@ -294,11 +295,11 @@ def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> Pag
     joints = np.column_stack([found.simulated_q[kept], np.zeros((len(kept), model.nq - 6))])
     pad = np.zeros((len(kept), 3))
     plots = [
-        Plot(f"joint {j + 1}, torque", "N m", _lines(found.measured, found.simulated, kept, j))
-        for j in JOINTS
-    ]
-    plots += [
-        Plot(f"joint {j + 1}, angle", "rad", _lines(found.measured_q, found.simulated_q, kept, j))
+        Plot(f"joint {j + 1}, {what}", unit, _lines(measured, simulated, kept, j))
+        for what, unit, measured, simulated in (
+            ("torque", "N m", found.measured, found.simulated),
+            ("angle", "rad", found.measured_q, found.simulated_q),
+        )
         for j in JOINTS
     ]
     tables = [joint_table("By joint", found.figures)]

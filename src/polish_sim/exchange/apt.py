@@ -17,7 +17,7 @@ from polish_sim.errors import InputError
 from polish_sim.exchange.strokes import (
     ExportSetup,
     feeds_of,
-    in_part_remark,
+    in_part_remarks,
     moves_in_part,
     rows_without_straight_air,
 )
@@ -301,12 +301,12 @@ def apt_text(result: PlanResult, setup: ExportSetup) -> str:
 def _motions(path: ToolPath, setup: ExportSetup, inside: Bools) -> Iterator[str]:
     feed = feeds_of(path, setup)
     noted = said = ""
-    for row, (position, axis) in enumerate(zip(MM * path.positions_work, path.axes_work, strict=True)):
+    points = zip(MM * path.positions_work, path.axes_work, in_part_remarks(inside), strict=True)
+    for row, (position, axis, remark) in enumerate(points):
         note = _note(path, row)
         if note != noted:
             noted = note
             yield note
-        remark = in_part_remark(inside[row], inside[row - 1] if row else False)
         if remark:
             yield f"$$ {remark}"
         if path.segment[row] in IN_THE_AIR:

@@ -27,7 +27,7 @@ from polish_sim.exchange.strokes import (
     feed_frames,
     feeds_of,
     forces_of,
-    in_part_remark,
+    in_part_remarks,
     moves_in_part,
     rows_without_straight_air,
 )
@@ -72,29 +72,26 @@ def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
 def _poses(path: ToolPath, inside: Bools) -> Iterator[str]:
     yield "poses:"
     turns = Rotation.from_matrix(feed_frames(path)).as_quat()
-    before = False
-    for p, q, now in zip(path.positions_work, turns, inside, strict=True):
-        if remark := in_part_remark(now, before):
+    for p, q, remark in zip(path.positions_work, turns, in_part_remarks(inside), strict=True):
+        if remark:
             yield f"# {remark}"
-        before = now
         yield f"- position: {{x: {p[0]:.9f}, y: {p[1]:.9f}, z: {p[2]:.9f}}}"
         yield f"  orientation: {{x: {q[0]:.9f}, y: {q[1]:.9f}, z: {q[2]:.9f}, w: {q[3]:.9f}}}"
 
 
 def _lists(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
-    yield from _list("segment", [SEGMENTS[code] for code in path.segment])
-    yield from _list("pass_index", [str(value) for value in path.pass_index])
+    """Lists in flow style, some entries to a line."""
     pressed = np.where(path.process, forces_of(path, setup), 0.0)
-    yield from _list("force_n", [f"{value:.6f}" for value in pressed])
-    yield from _list("feed_m_s", [f"{value:.9f}" for value in feeds_of(path, setup)])
-
-
-def _list(name: str, values: Sequence[str]) -> Iterator[str]:
-    """A list in flow style, some entries to a line."""
-    yield f"{name}: ["
-    for first in range(0, len(values), PER_LINE):
-        yield "  " + ", ".join(values[first : first + PER_LINE]) + ","
-    yield "  ]"
+    for name, values in (
+        ("segment", [SEGMENTS[code] for code in path.segment]),
+        ("pass_index", [str(value) for value in path.pass_index]),
+        ("force_n", [f"{value:.6f}" for value in pressed]),
+        ("feed_m_s", [f"{value:.9f}" for value in feeds_of(path, setup)]),
+    ):
+        yield f"{name}: ["
+        for first in range(0, len(values), PER_LINE):
+            yield "  " + ", ".join(values[first : first + PER_LINE]) + ","
+        yield "  ]"
 
 
 def _quoted(text: str) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
-from itertools import islice
+from contextlib import ExitStack, closing
+from itertools import count, islice
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
 
@@ -65,8 +65,7 @@ class CsvSource:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        with self._open() as text:
-            first = next((line for line in text if line.strip() and not line.startswith("#")), "")
+        _, first = next(self._lines(), (0, ""))
         self.separator = next((sign for sign in SEPARATORS if sign in first.strip()), ",")
         self.names = [name.strip().strip('"') for name in first.strip().split(self.separator)]
         if len(self.names) < 2 or all(_is_number(name) for name in self.names):
@@ -74,11 +73,13 @@ class CsvSource:
                 f"'{file}' begins with no header. Wanted: names of columns, then one sample a line."
             )
 
-    @contextmanager
-    def _open(self) -> Iterator[IO[str]]:
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Lines with their numbers, but blank ones and comments."""
         try:
             with regular(self.file).open(encoding="utf-8-sig", newline=None) as text:
-                yield text
+                for number, line in enumerate(text, 1):
+                    if line.strip() and not line.startswith("#"):
+                        yield number, line
         except OSError as error:
             raise InputError(f"cannot read the log '{self.file}': {error.strerror}.") from error
         except UnicodeDecodeError as error:
@@ -87,13 +88,9 @@ class CsvSource:
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns; InputError where a line is no row of numbers."""
         columns = [self.names.index(name) for name in names]
-        with self._open() as text:
-            numbered = (
-                (n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#")
-            )
-            next(numbered)
-            while lines := list(islice(numbered, BLOCK)):
-                yield Block(self._numbers(lines, columns), lines[0][0])
+        samples = islice(self._lines(), 1, None)
+        while lines := list(islice(samples, BLOCK)):
+            yield Block(self._numbers(lines, columns), lines[0][0])
 
     def _numbers(self, lines: list[tuple[int, str]], columns: list[int]) -> Array:
         try:
@@ -103,19 +100,16 @@ class CsvSource:
             )
         except ValueError:
             for number, line in lines:
-                self._check_line(number, line.strip().split(self.separator), columns, line.endswith("\n"))
+                self._check_line(number, line, columns)
             raise
 
-    def _check_line(self, number: int, values: list[str], columns: list[int], ended: bool) -> None:
+    def _check_line(self, number: int, line: str, columns: list[int]) -> None:
+        values = line.strip().split(self.separator)
         if len(values) <= max(columns):
-            why = (
-                "the file was cut while it was written; leave this line out"
-                if not ended
-                else "leave this line out"
-            )
+            cut = "" if line.endswith("\n") else "the file was cut while it was written; "
             raise InputError(
                 f"'{self.file}', line {number}: {len(values)} values, the header names {len(self.names)}: "
-                f"{why}."
+                f"{cut}leave this line out."
             )
         for column in columns:
             if not _is_number(values[column]):
@@ -179,8 +173,8 @@ class NpzSource:
                 found = ", ".join(f"{member} {shape[0]}" for member, (shape, _) in heads.items())
                 raise InputError(f"'{self.file}': columns are of different lengths: {found}.")
             for start in range(0, next(iter(lengths)), BLOCK):
-                count = min(BLOCK, next(iter(lengths)) - start)
-                parts = {m: self._read(streams[m], *heads[m], count) for m in members}
+                few = min(BLOCK, next(iter(lengths)) - start)
+                parts = {m: self._read(streams[m], *heads[m], few) for m in members}
                 places = (self._at[name] for name in names)
                 yield Block(np.stack([parts[m][:, column] for m, column in places], 1), start + 1)
 
@@ -243,16 +237,11 @@ class BagSource:
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns."""
         columns = [self.names.index(name) for name in names]
-        kept = []
-        first = 1
-        for row in self._rows():
-            kept.append(row[columns])
-            if len(kept) == BLOCK:
-                yield Block(np.array(kept), first)
-                kept = []
-                first = first + BLOCK
-        if kept:
-            yield Block(np.array(kept), first)
+        rows = self._rows()
+        for first in count(1, BLOCK):
+            if not (block := list(islice(rows, BLOCK))):
+                return
+            yield Block(np.array(block)[:, columns], first)
 
     def _rows(self) -> Iterator[Array]:
         wrench = np.full(6, np.nan)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +21,15 @@ from polish_sim.exchange.way_points import (
     unit_axes,
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
-from polish_sim.row_file import check_forms, plain, read_json, whole_file
-from polish_sim.tables import Columns, csv_text
+from polish_sim.row_file import METRICS, check_forms, package_versions, plain, read_json, whole_file
+from polish_sim.tables import Columns, csv_text, refuse_first
 
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh
     from polish_sim.planning import PlanResult
     from polish_sim.planning.quality.areas import CutOut
 
-PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
-VERSIONED = ("polish-sim", "numpy", "scipy", "numba")
+PATH_CSV, PATH_JSON = "path.csv", "path.json"
 OWN = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
 PLAIN = ("x", "y", "z", "i", "j", "k")
 CURVATURE = "curvature_1_m"
@@ -133,10 +131,10 @@ def _path_of(table: Points) -> WayPoints:
 
 def _segments(table: Points) -> NDArray[np.int8]:
     names = [name.strip() for name in table.texts["segment"]]
-    for row, name in enumerate(names):
-        if name not in SEGMENTS:
-            known = ", ".join(SEGMENTS)
-            raise InputError(f"'{table.file}', {table.place(row)}: unknown segment '{name}'. Known: {known}.")
+    refuse_first(
+        ~np.isin(names, SEGMENTS), table.file, table.place,
+        lambda row: f"unknown segment '{names[row]}'. Known: {', '.join(SEGMENTS)}.",
+    )  # fmt: skip
     return np.array([SEGMENTS.index(name) for name in names], dtype=np.int8)
 
 
@@ -149,11 +147,10 @@ def _wish(table: Points, name: str, unit: float) -> Array | None:
 
 def _pass_numbers(table: Points) -> Indices:
     values = table.numbers(["pass_index"])[:, 0]
-    wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**31))
-    if len(wrong):
-        where = table.place(int(wrong[0]))
-        text = table.texts["pass_index"][wrong[0]]
-        raise InputError(f"'{table.file}', {where}: pass_index is '{text}', wanted a whole number.")
+    refuse_first(
+        (values != np.round(values)) | (np.abs(values) > 2**31), table.file, table.place,
+        lambda row: f"pass_index is '{table.texts['pass_index'][row]}', wanted a whole number.",
+    )  # fmt: skip
     return values.astype(np.int64)
 
 
@@ -253,10 +250,10 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
             for cut in result.cuts
             if len(cut.positions)
         ],
-        "plan": {name: getattr(plan, name) for name in plan.__dataclass_fields__},
+        "plan": vars(plan),
         "stepover_m": plan.stepover_m,
         "pattern": plan.pattern,
         "units": "m, rad; positions and axes in the work frame, which is the STL's frame in metres",
-        "versions": {name: version(name) for name in VERSIONED},
+        "versions": package_versions(),
         "notes": list(result.notes),
     }

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,65 +20,60 @@ import numpy as np
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
+from polish_sim.tables import refuse_first
 from polish_sim.toml_text import read_toml
 
-WIDTHS: Mapping[str, int] = MappingProxyType(
-    {
-        "q_rad": 6,
-        "qd_rad_s": 6,
-        "q_desired_rad": 6,
-        "qd_desired_rad_s": 6,
-        "current_a": 6,
-        "current_desired_a": 6,
-        "torque_nm": 6,
-        "torque_desired_nm": 6,
-        "wrench": 6,
-        "force_n": 1,
-        #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
-    }
-)
+WIDTHS: Mapping[str, int] = {
+    "q_rad": 6,
+    "qd_rad_s": 6,
+    "q_desired_rad": 6,
+    "qd_desired_rad_s": 6,
+    "current_a": 6,
+    "current_desired_a": 6,
+    "torque_nm": 6,
+    "torque_desired_nm": 6,
+    "wrench": 6,
+    "force_n": 1,
+    #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
+}
 TIME = "time_s"
-NAMES: Mapping[str, str] = MappingProxyType(
-    {
-        "timestamp": TIME,
-        "time": TIME,
-        "t": TIME,
-        "actual_q": "q_rad",
-        "actual_qd": "qd_rad_s",
-        "q": "q_rad",
-        "qd": "qd_rad_s",
-        "position": "q_rad",
-        "velocity": "qd_rad_s",
-        "effort": "torque_nm",
-        "target_q": "q_desired_rad",
-        "target_qd": "qd_desired_rad_s",
-        "actual_current": "current_a",
-        "target_current": "current_desired_a",
-        "target_moment": "torque_desired_nm",
-        "actual_current_as_torque": "torque_nm",
-        "actual_tcp_force": "wrench",
-        "tcp_force": "wrench",
-        "wrench_measured_tool": "wrench",
-    }
-)  #: What recorders call them, in small letters
-UNITS: Mapping[str, float] = MappingProxyType(
-    {
-        "s": 1.0,
-        "ms": 1e-3,
-        "us": 1e-6,
-        "ns": 1e-9,
-        "rad": 1.0,
-        "deg": math.pi / 180.0,
-        "deg/s": math.pi / 180.0,
-        "rad/s": 1.0,
-        "A": 1.0,
-        "mA": 1e-3,
-        "N": 1.0,
-        "Nm": 1.0,
-        "kN": 1e3,
-        "Nmm": 1e-3,
-    }
-)
+NAMES: Mapping[str, str] = {
+    "timestamp": TIME,
+    "time": TIME,
+    "t": TIME,
+    "actual_q": "q_rad",
+    "actual_qd": "qd_rad_s",
+    "q": "q_rad",
+    "qd": "qd_rad_s",
+    "position": "q_rad",
+    "velocity": "qd_rad_s",
+    "effort": "torque_nm",
+    "target_q": "q_desired_rad",
+    "target_qd": "qd_desired_rad_s",
+    "actual_current": "current_a",
+    "target_current": "current_desired_a",
+    "target_moment": "torque_desired_nm",
+    "actual_current_as_torque": "torque_nm",
+    "actual_tcp_force": "wrench",
+    "tcp_force": "wrench",
+    "wrench_measured_tool": "wrench",
+}  #: What recorders call them, in small letters
+UNITS: Mapping[str, float] = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "rad": 1.0,
+    "deg": math.pi / 180.0,
+    "deg/s": math.pi / 180.0,
+    "rad/s": 1.0,
+    "A": 1.0,
+    "mA": 1e-3,
+    "N": 1.0,
+    "Nm": 1.0,
+    "kN": 1e3,
+    "Nmm": 1e-3,
+}
 MOST_ROWS = 500_000  #: That are kept: 1000 s at 500 Hz
 _FULL_TURN = 2.0 * math.pi
 _GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this time and this number of usual steps are gaps
@@ -119,8 +113,11 @@ HOW_TO_MAP = (
 class ColumnMap(NamedTuple):
     """How a log names its columns: ours by theirs."""
 
-    columns: Mapping[str, Sequence[str]] = MappingProxyType({})
-    scale: Mapping[str, float] = MappingProxyType({})
+    columns: Mapping[str, Sequence[str]]
+    scale: Mapping[str, float]
+
+
+BY_NAME = ColumnMap({}, {})  #: Ours or a recorder's, see `NAMES`
 
 
 def read_column_map(file: Path) -> ColumnMap:
@@ -158,7 +155,7 @@ def _listed(file: Path, name: str, theirs: Any) -> list[str]:
 def read_robot_recording(
     file: Path,
     need: Sequence[str] = (),
-    columns: ColumnMap | None = None,
+    columns: ColumnMap = BY_NAME,
     run: str = "",
     window: tuple[float, float] = (0.0, math.inf),
 ) -> RobotRecording:
@@ -172,22 +169,17 @@ def read_robot_recording(
             does not increase or values that look like other units; names the place.
     """
     source = open_source(file, run)
-    plan = _match(file, source, columns or ColumnMap())
+    plan = _match(file, source, columns)
     for name in need:
         if name not in plan:
             raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")
-    scale = (columns or ColumnMap()).scale
-    factors = np.concatenate([np.full(len(theirs), scale.get(name, 1.0)) for name, theirs in plan.items()])
+    factors = np.repeat([columns.scale.get(name, 1.0) for name in plan], [*map(len, plan.values())])
     kept, start, whole = _gather(file, source, plan, factors, window)
     time = kept[:, 0]
-    values = {}
-    first = 1
-    for name in list(plan)[1:]:
-        values[name] = kept[:, first : first + WIDTHS[name]]
-        first += WIDTHS[name]
-    missing = [name for name in values if np.isnan(values[name]).all()]
-    values = {name: value for name, value in values.items() if name not in missing}
-    _check_numbers(file, source, kept[:, 0], values)
+    parts = np.split(kept, np.cumsum([*map(len, plan.values())])[:-1], axis=1)
+    values = {name: part for name, part in zip(plan, parts, strict=True) if not np.isnan(part).all()}
+    del values[TIME]
+    _check_numbers(file, source, time, values)
     _check_units(file, time, values)
     return RobotRecording(time - time[0], values, start, whole)
 
@@ -241,14 +233,15 @@ def _gather(
     count = 0
     whole = True
     usual = 0.0
-    for rows, first in _scaled(source, plan, factors):
+    for block in source.blocks([theirs for columns in plan.values() for theirs in columns]):
+        rows = block.rows * factors
         begin = rows[0, 0] if math.isnan(begin) else begin
         steps = np.diff(rows[:, 0], prepend=rows[0, 0] - 1e-9 if math.isnan(last) else last)
         usual = usual or float(np.median(steps))
         last = float(rows[-1, 0])
         inside = (rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])
         joined = inside & np.append(inside[0] and count > 0, inside[:-1])
-        _check_steps(file, source.row, first, rows[:, 0], steps, usual, joined)
+        _check_steps(file, source.row, block.first, rows[:, 0], steps, usual, joined)
         kept.append(rows[inside][: MOST_ROWS - count])
         count += len(kept[-1])
         if last - begin > window[1] or count == MOST_ROWS:
@@ -263,35 +256,27 @@ def _gather(
     return together, float(together[0, 0] - begin), whole
 
 
-def _scaled(
-    source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array
-) -> Iterator[tuple[Array, int]]:
-    names = [theirs for columns in plan.values() for theirs in columns]
-    for block in source.blocks(names):
-        yield block.rows * factors, block.first
-
-
 def _check_steps(
     file: Path, row: str, first: int, time: Array, steps: Array, usual: float, joined: Bools
 ) -> None:
     """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
-    bad = np.flatnonzero(~(steps > 0.0))
-    if len(bad):
-        at = int(bad[0])
-        raise InputError(
-            f"'{file}', {row} {first + at}: {TIME} does not increase (it is {time[at]:.9g}). Sort the rows."
-        )
+
+    def place(at: int) -> str:
+        return f"{row} {first + at}"
+
+    refuse_first(
+        ~(steps > 0.0), file, place,
+        lambda at: f"{TIME} does not increase (it is {time[at]:.9g}). Sort the rows.",
+    )  # fmt: skip
     if usual > _SLOWEST_S:
         raise InputError(
             f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
         )
-    gaps = np.flatnonzero(joined & (steps > _GAP_S) & (steps > _GAP_STEPS * usual))
-    if len(gaps):
-        at = int(gaps[0])
-        raise InputError(
-            f"'{file}', {row} {first + at}: a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give "
-            "--to before it or cut the log there."
-        )
+    refuse_first(
+        joined & (steps > _GAP_S) & (steps > _GAP_STEPS * usual), file, place,
+        lambda at: f"a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give --to before it or cut "
+        "the log there.",
+    )  # fmt: skip
 
 
 def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[str, Array]) -> None:

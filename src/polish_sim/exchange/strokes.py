@@ -81,11 +81,11 @@ def moves_in_part(result: PlanResult, kept: Bools) -> Bools:
     return np.logical_or.reduceat(inside, np.append(0, ends[:-1] + 1))
 
 
-def in_part_remark(inside: bool, before: bool) -> str:
-    """What stands in a program where the tool comes into the part or out of it; empty elsewhere."""
-    if inside == before:
-        return ""
-    return "the tool is in the part from here" if inside else "the tool is in the part up to here"
+def in_part_remarks(inside: Bools) -> list[str]:
+    """What stands in a program where the tool comes into the part or out of it, row by row (k,); empty
+    elsewhere."""
+    words = {1: "the tool is in the part from here", -1: "the tool is in the part up to here"}
+    return [words.get(change, "") for change in np.diff(inside.astype(int), prepend=0).tolist()]
 
 
 class StrokeRows(NamedTuple):

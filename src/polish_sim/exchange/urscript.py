@@ -7,7 +7,7 @@ written: a stiff robot following it would push with all it has.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from polish_sim.exchange.strokes import (
     StrokeRows,
     feeds_of,
     forces_of,
-    in_part_remark,
+    in_part_remarks,
     moves_in_part,
     needed_rows,
     steady_frames,
@@ -180,11 +180,7 @@ def _settings(setup: ExportSetup) -> list[str]:
         ("travel_speed", f"{TRAVEL_M_S:g}", "speed in the air [m/s]"),
         ("joint_speed", f"{JOINT_RAD_S:g}", "speed to the first pose [rad/s]"),
         ("acceleration", f"{ACCELERATION_M_S2:g}", "[m/s^2], to the first pose [rad/s^2]"),
-        (
-            "force_limits",
-            "[" + ", ".join(f"{value:g}" for value in limits) + "]",
-            "x, y [m], z [m/s], angles [rad]",
-        ),
+        ("force_limits", _list(limits), "x, y [m], z [m/s], angles [rad]"),
         ("contact_share", f"{CONTACT_SHARE:g}", "share of the force that counts as contact"),
         ("contact_timeout", f"{timeout:.1f}", "longest wait for contact [s]"),
         ("spindle_output", str(tool.spindle_output), "standard digital output of the spindle"),
@@ -196,14 +192,16 @@ def _settings(setup: ExportSetup) -> list[str]:
         ("spindle_runs", "False", ""),
     )
     lines = [f"  global {name} = {value}" + (f"  # {text}" if text else "") for name, value, text in settings]
-    mass = (
-        f"  set_payload({tool.payload_kg:g}, [{', '.join(f'{value:g}' for value in tool.payload_center_m)}])"
-    )
+    mass = f"  set_payload({tool.payload_kg:g}, {_list(tool.payload_center_m)})"
     return [*lines, f"  set_tcp({_pose(tool.tcp_pose)})", f"{mass}  # [kg], centre in the flange [m]"]
 
 
 def _pose(values: Sequence[float] | Array, form: str = ".6g") -> str:
-    return "p[" + ", ".join(f"{value:{form}}" for value in values) + "]"
+    return "p" + _list(values, form)
+
+
+def _list(values: Sequence[float] | Array, form: str = "g") -> str:
+    return "[" + ", ".join(f"{value:{form}}" for value in values) + "]"
 
 
 CHORD_M = 5e-5
@@ -244,16 +242,16 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
         [path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1
     )
     strokes = strokes_of(path)
-    lines = [*opening(name, result, setup, len(path.s))]
+    lines = opening(name, result, setup, len(path.s))
     calls: list[str] = []
     for number, stroke in enumerate(strokes, start=1):
         down, landing = _down(path, poses, stroke)
-        lines += _function(f"come_down_{number}", _motions(down))
+        lines += _function(f"come_down_{number}", map(_motion, down))
         parts = list(_contact(path, poses, stroke, setup, inside))
         chunks = [parts[k : k + MOVES_PER_FUNCTION] for k in range(0, len(parts), MOVES_PER_FUNCTION)]
         for part, chunk in enumerate(chunks, start=1):
             lines += _function(f"stroke_{number}_{part}", chunk)
-        lines += _function(f"go_up_{number}", _motions(_up(path, poses, stroke)))
+        lines += _function(f"go_up_{number}", map(_motion, _up(path, poses, stroke)))
         calls += _run_stroke(number, len(chunks), down[0], landing, forces_of(path, setup)[stroke.contact[0]])
     return "\n".join([*lines, *closing(calls, result), ""])
 
@@ -302,8 +300,8 @@ def _contact(
     force = forces_of(path, setup)
     gap = norms(np.diff(path.positions_work[rows], axis=0))
     blend = np.minimum(BLEND_SHARE * np.minimum(gap[:-1], gap[1:]), LARGEST_BLEND_M)
-    for row, before, radius in zip(rows[1:], rows[:-1], [*blend, 0.0], strict=True):
-        remark = in_part_remark(inside[row], inside[before] and before != rows[0])
+    remarks = in_part_remarks(inside[rows[1:]])  # the first row is where the tool lands
+    for row, before, radius, remark in zip(rows[1:], rows[:-1], [*blend, 0.0], remarks, strict=True):
         if remark:
             yield f"# {remark}"
         if path.force is not None and force[row] != force[before]:
@@ -313,16 +311,12 @@ def _contact(
         yield _motion(_Move(poses[row], speed, radius))
 
 
-def _motions(moves: Sequence[_Move]) -> list[str]:
-    return [_motion(move) for move in moves]
-
-
 def _motion(move: _Move) -> str:
     blend = f", r={move.blend:.6f}" if move.blend > 0.0 else ""
     return f"movel(on_part({_pose(move.pose, '.6f')}), a=acceleration, v={move.speed}{blend})"
 
 
-def _function(name: str, body: Sequence[str]) -> list[str]:
+def _function(name: str, body: Iterable[str]) -> list[str]:
     return [f"  def {name}():", *(f"    {line}" for line in body), "  end", ""]
 
 
@@ -337,7 +331,7 @@ def _run_stroke(number: int, chunks: int, start: _Move, landing: Sequence[_Move]
         f"come_down_{number}()",
         f"global force_n = {force:.3f}",
         "start_pressing()",
-        *_motions(landing),
+        *map(_motion, landing),
         "wait_for_contact()",
         *(f"stroke_{number}_{part}()" for part in range(1, chunks + 1)),
         "stop_pressing()",

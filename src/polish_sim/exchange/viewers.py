@@ -26,7 +26,7 @@ from polish_sim.page.page import (
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.quality.figures import path_table
-from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
+from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.planning.triangulation import triangulate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
@@ -46,11 +46,6 @@ LEAD_COLOR = (230, 120, 20)
 LEFT_OUT_COLOR = (230, 159, 0)
 IN_PART_COLOR = (224, 0, 32)
 MENDED_COLORS = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
-VIRIDIS = np.array(
-    [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142)]
-    + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
-)
-"""Ten steps of the colour map viridis."""
 
 
 class Tube(NamedTuple):
@@ -85,11 +80,7 @@ def _stretch(path: ToolPath, rows: Indices, contact: bool, radius: float) -> Tub
     around = _rings(middle, path.axes_work[rows])
     vertices = (middle[:, None] + radius * around).reshape(-1, 3)
     s = np.repeat(path.s[rows], SIDES)
-    colors = (
-        colors_along(s / path.s[-1])
-        if contact
-        else np.tile(np.array(LEAD_COLOR, dtype=np.uint8), (len(s), 1))
-    )
+    colors = colors_along(s / path.s[-1]) if contact else _one_color(LEAD_COLOR, len(s))
     return Tube(vertices, _tube_faces(len(rows)), colors)
 
 
@@ -121,15 +112,20 @@ def _tube_faces(rings: int) -> Ints:
 
 def colors_along(share: Array) -> Colors:
     """Colour of a share of the path, 0 to 1, shape (n, 3)."""
-    steps = np.linspace(0.0, 1.0, len(VIRIDIS))
-    return interpolate(share, steps, VIRIDIS).round().astype(np.uint8)
+    from matplotlib import colormaps  # slow to import
+
+    return np.asarray(colormaps["viridis"](share, bytes=True))[:, :3]
+
+
+def _one_color(color: tuple[int, ...], count: int) -> Colors:
+    return np.tile(np.array(color, dtype=np.uint8), (count, 1))
 
 
 def _joined(pieces: list[Tube]) -> Tube:
-    starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
+    starts = running_sums([len(piece.vertices) for piece in pieces])
     numbered = [
         piece._replace(faces=piece.faces + np.int32(start))
-        for piece, start in zip(pieces, starts, strict=True)
+        for piece, start in zip(pieces, starts, strict=False)
     ]
     return Tube(*joined(numbered))
 
@@ -200,20 +196,15 @@ def part_solids(result: PlanResult) -> list[Solid]:
     out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
     size = 0.3 * result.plan.stepover_m
     way = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
-    chips = result.in_part[:, None] + size * way
-    nothing = np.empty((0, 3))
-    mended = [
-        (what, np.concatenate([nothing, *(mend.places for mend in result.mends if mend.what == what)]), color)
-        for what, color in MENDED_COLORS.items()
-    ]
-    for kind, corners, color in (
-        ("left out", out, LEFT_OUT_COLOR),
-        ("tool in the part", chips, IN_PART_COLOR),
-        *((what, places[:, None] + size * way, color) for what, places, color in mended),
-    ):
+    spots = {"tool in the part": [result.in_part]}
+    for what in MENDED_COLORS:
+        spots[what] = [np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == what)]
+    chips = {what: np.concatenate(places)[:, None] + size * way for what, places in spots.items()}
+    colors = {"left out": LEFT_OUT_COLOR, "tool in the part": IN_PART_COLOR, **MENDED_COLORS}
+    for kind, corners in {"left out": out, **chips}.items():
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-            solids.append(_solid(kind, corners.reshape(-1, 3), triangles, color))
+            solids.append(_solid(kind, corners.reshape(-1, 3), triangles, colors[kind]))
     return solids
 
 
@@ -285,7 +276,7 @@ def glb_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
 
 def _meshes(result: PlanResult) -> tuple[Any, Any]:
     tube = path_tube(result)
-    grey = np.tile(np.array(PART_COLOR, dtype=np.uint8), (len(result.mesh.vertices), 1))
+    grey = _one_color(PART_COLOR, len(result.mesh.vertices))
     return _mesh(result.mesh.vertices, result.mesh.faces, grey), _mesh(tube.vertices, tube.faces, tube.colors)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
-from polish_sim.tables import Place
+from polish_sim.tables import Place, refuse_first
 
 # What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
 
@@ -24,10 +24,9 @@ LARGEST_M = 100.0  #: A coordinate beyond this [m] is a wrong unit, not a path a
 
 def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
     """The values (n,); InputError if one is zero or negative."""
-    wrong = np.flatnonzero(values <= 0.0)
-    if len(wrong):
-        row = int(wrong[0])
-        raise InputError(f"'{file}', {place(row)}: {name} is {values[row]:g}, wanted a positive number.")
+    refuse_first(
+        values <= 0.0, file, place, lambda row: f"{name} is {values[row]:g}, wanted a positive number."
+    )
     return values
 
 
@@ -35,25 +34,22 @@ def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Ar
     """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed
     precision."""
     length = norms(axes)
-    wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
-    if len(wrong):
-        row = int(wrong[0])
-        raise InputError(
-            f"'{file}', {place(row)}: the tool axis ({', '.join(names)}) has length {length[row]:.4g}, "
-            "wanted 1: a unit vector from the part to the tool."
-        )
+    refuse_first(
+        np.abs(length - 1.0) > UNIT_TOLERANCE, file, place,
+        lambda row: f"the tool axis ({', '.join(names)}) has length {length[row]:.4g}, wanted 1: a unit "
+        "vector from the part to the tool.",
+    )  # fmt: skip
     return axes / length[:, None]
 
 
 def checked_length(file: Path, positions: Array, place: Place) -> Array:
     """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot
     reaches."""
-    far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
-    if len(far):
-        raise InputError(
-            f"'{file}', {place(int(far[0]))}: a coordinate beyond {LARGEST_M:g} m. "
-            "Plain CSV is in mm, path.csv in m: correct the unit."
-        )
+    refuse_first(
+        np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M, file, place,
+        lambda _: f"a coordinate beyond {LARGEST_M:g} m. Plain CSV is in mm, path.csv in m: correct the "
+        "unit.",
+    )  # fmt: skip
     if len(positions) < 2:
         count = "one point" if len(positions) == 1 else "0 points"
         raise InputError(f"'{file}' is no path: it has {count}. Two are the least.")
@@ -73,13 +69,11 @@ def refuse_repeats(file: Path, s: Array, place: Place) -> None:
 
 def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
     """Refuse a column (n,) that counts the way but falls; names the first row out of order."""
-    back = np.flatnonzero(np.diff(values) < 0.0)
-    if len(back):
-        row = int(back[0]) + 1
-        raise InputError(
-            f"'{file}', {place(row)}: {name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. "
-            "The points are not in the order of the path: sort them."
-        )
+    refuse_first(
+        np.diff(values, prepend=-np.inf) < 0.0, file, place,
+        lambda row: f"{name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. The points are not in "
+        "the order of the path: sort them.",
+    )  # fmt: skip
 
 
 #: Called with an unknown word that can be skipped: raises the error or notes it

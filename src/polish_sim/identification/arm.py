@@ -64,11 +64,11 @@ class SimulatedArm:
 
 
 def build_simulated_arm(
-    terms: tuple[str, ...],
     robot: RobotConfig = SCENARIO.robot,
     seed: int = 0,
     load: CarriedLoad | None = None,
     warm_at: float = math.inf,
+    terms: tuple[str, ...] = FULL,
 ) -> SimulatedArm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
@@ -203,7 +203,7 @@ class LoggedRobot:
 
 def cell_arm() -> LoggedRobot:
     """The cell's UR5e with sensor, spindle and head."""
-    arm = build_simulated_arm(FULL)
+    arm = build_simulated_arm()
     return LoggedRobot(arm.truth, arm.carried)
 
 

@@ -25,17 +25,16 @@ from scipy.ndimage import gaussian_filter1d
 from polish_sim.arrays import Array, Bools, dots
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import (
-    INTERVAL_95,
-    TURNING,
     BaseParameters,
     Estimate,
+    against_truth,
     base_of_rows,
     condition_number,
     equilibrated,
     inverse_of,
     spread_of_sums,
 )
-from polish_sim.identification.gear_fit import BLOCK_S, LOW_PASS_HZ, GearFit, slope_of
+from polish_sim.identification.gear_fit import BLOCK_S, LOW_PASS_HZ, GearFit, off_turns, slope_of
 from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
@@ -204,12 +203,9 @@ class ElasticFit(NamedTuple):
 
     def against(self, base: BaseParameters, full: Array, loads: Array) -> dict[str, float]:
         """Figures of base parameters and loads against the true ones, (p,) and (n, 2)."""
-        theta = self.estimate.theta
-        std = self.estimate.std
-        off = np.concatenate([theta - base.combination @ full, (self.numbers.loads - loads).T.ravel()])
-        held = np.abs(off) <= INTERVAL_95 * np.concatenate([std, self.loads_std.T.ravel()])
-        over = np.sqrt(np.mean(off**2 / self.bound))
-        return {"error_over_crb": over, "interval_coverage": float(np.mean(held))}
+        off = self.estimate.theta - base.combination @ full, (self.numbers.loads - loads).T.ravel()
+        std = self.estimate.std, self.loads_std.T.ravel()
+        return against_truth(np.concatenate(off), np.concatenate(std), self.bound)
 
 
 def fit_elastic(
@@ -260,9 +256,8 @@ class _Fit:
         self.rigid = base.columns[base.columns < 10 * n]
         self.torque = torque
         self.noise = np.ones(n)
-        reach = round(0.5 / LOW_PASS_HZ / self.dt)
-        slow = np.abs(filtered(motion.motor.qd, self.dt, LOW_PASS_HZ)) < TURNING
-        self.moving = np.array([np.convolve(j, np.ones(2 * reach + 1), "same") < 0.5 for j in slow.T]).T
+        speeds = filtered(motion.motor.qd, self.dt, LOW_PASS_HZ)
+        self.moving = np.array([off_turns(speed, self.dt) for speed in speeds.T]).T
         joint, row = np.nonzero(self.moving.T)
         self.blocks = joint * len(torque) + (row * self.dt / BLOCK_S).astype(np.int64)
         self.frequency = np.fft.rfftfreq(len(torque), self.dt)

@@ -68,7 +68,7 @@ class ExcitationTask:
     limits: MotionLimits
     #: The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)
     use: Array
-    clearance: ClearanceCheck | None = None
+    clearance: ClearanceCheck
 
 
 class Excitation(NamedTuple):
@@ -125,9 +125,9 @@ def shrunk(motion: FourierMotion, task: ExcitationTask) -> FourierMotion | None:
 
 
 def _allowed(states: States, task: ExcitationTask) -> bool:
-    if not task.limits.holds(states, task.model.torque(states, task.parameters)):
-        return False
-    return task.clearance is None or bool(np.all(task.clearance(states.q).distance >= task.limits.clearance))
+    return task.limits.holds(states, task.model.torque(states, task.parameters)) and bool(
+        np.all(task.clearance(states.q).distance >= task.limits.clearance)
+    )
 
 
 def design(
@@ -255,8 +255,6 @@ class ExcitationCost:
     def _near_price(self, states: States) -> tuple[float, Array]:
         task = self.task
         slope = np.zeros((GRID, 3 * task.model.joints))
-        if task.clearance is None:
-            return 0.0, slope
         near = task.clearance(states.q)
         short = np.maximum(1.0 - (near.distance - task.limits.clearance) / _ROOM, 0.0)
         slope[:, : task.model.joints] = -2.0 * _PENALTY / _ROOM * np.einsum("mp,mpn->mn", short, near.slope)

@@ -17,7 +17,7 @@ from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.identify import Identification
 from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, write_identified
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of
-from polish_sim.identification.physical import ParameterRow, parameter_rows, parameters_csv
+from polish_sim.identification.physical import ParameterRow, cell, parameter_rows, parameters_csv
 from polish_sim.row_file import save_plots, write_metrics
 from polish_sim.tables import csv_text
 
@@ -38,8 +38,7 @@ def write_folder(folder: Path, found: Identification, source: RobotSource = None
 
 def rows_of(found: Identification) -> list[ParameterRow]:
     """All numbers that were found, with their true values where these are known."""
-    truth = None if found.truth is None else found.model.truth()
-    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    rows = parameter_rows(found.model, found.base, found.found, found.full, found.truth)
     return rows if found.gears is None else rows + found.gears.rows()
 
 
@@ -66,14 +65,16 @@ def _by_load(found: Identification, alike: Array | None) -> Array | None:
 def write_payload(folder: Path, weighed: Weighed) -> None:
     """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
     payload = weighed.payload
-    rows = []
     values, std = payload.body()
+    half = INTERVAL_95 * std
     nearest = body_of(payload.nearest_body(), payload.origin)
-    for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
-        half = INTERVAL_95 * std[k]
-        numbers = [f"{x:.9g}" for x in (values[k] - half, values[k] + half, nearest[k])]
-        true = "" if weighed.truth is None else f"{body_of(weighed.truth, payload.origin)[k]:.9g}"
-        rows.append([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
+    columns = zip(values - half, values + half, nearest, weighed.true_body(), strict=True)
+    rows = [
+        [name, cell(value), unit, cell(deviation, 4), *map(cell, others)]
+        for name, unit, value, deviation, others in zip(
+            BODY_NAMES, BODY_UNITS, values, std, columns, strict=True
+        )
+    ]
     (folder / PAYLOAD_FILE).write_text(csv_text(PAYLOAD_COLUMNS, rows), encoding="utf-8")
 
 

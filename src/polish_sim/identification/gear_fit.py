@@ -130,20 +130,16 @@ class GearFit(NamedTuple):
         off = np.abs(K - true)
         found = np.isfinite(K)
         return {
-            "friction_by_load": _listed(self.values[:, _LOADS]),
-            "friction_by_load_std": _listed(self.std[:, _LOADS]),
-            "gear_stiffness_nm_rad": _listed(K),
-            "gear_stiffness_std_nm_rad": _listed(std),
+            "friction_by_load": self.values[:, _LOADS].tolist(),
+            "friction_by_load_std": self.std[:, _LOADS].tolist(),
+            "gear_stiffness_nm_rad": K.tolist(),
+            "gear_stiffness_std_nm_rad": std.tolist(),
             "gear_slopes_found": int(found.sum()),
             "gear_stiffness_error_max": float(np.nanmax(off / true)) if found.any() else math.nan,
             "gear_interval_coverage": float(np.mean((off <= INTERVAL_95 * std)[found]))
             if found.any()
             else math.nan,
         }
-
-
-def _listed(values: Array) -> list[list[float | None]]:
-    return [[None if math.isnan(x) else x for x in row] for row in values.tolist()]
 
 
 def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFit:
@@ -199,9 +195,11 @@ class _Gear:
         self._slope = waves * slope_of(waves * angle)
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
-        self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][
-            self._counts
-        ]
+        self._phase = self._sampled((log.time % period) if period else log.time - log.time[0])
+
+    def _sampled(self, values: Array) -> Array:
+        """The samples that are fitted and count."""
+        return values[:: self._every][self._counts]
 
     def _low(self, signal: Array) -> Array:
         return sosfiltfilt(self._sos, signal)
@@ -209,9 +207,8 @@ class _Gear:
     def _moving(self) -> Bools:
         """Which of the samples that are fitted count: the motor does not reverse within the low-pass's
         reach."""
-        reach = round(0.5 / LOW_PASS_HZ / self._dt)
         ends = round(_ENDS_S / self._dt)
-        near = np.convolve(np.abs(self._speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
+        near = off_turns(self._speed, self._dt)
         near[:ends] = near[-ends:] = False
         near &= np.cumsum(np.abs(np.diff(self._turned, prepend=self._turned[0]))) > FORGOTTEN * self._rise
         return near[:: self._every]
@@ -222,7 +219,7 @@ class _Gear:
         start = self._start()
         least = np.where(np.arange(len(start)) < _FIRST, -np.inf, 1.0)
         found = least_squares(
-            lambda x: self._left(x)[self._counts],
+            self._left,
             start,
             bounds=(least, np.inf),
             x_scale=_TYPICAL[: len(start)],
@@ -247,10 +244,9 @@ class _Gear:
     def _start(self) -> Array:
         """Numbers of a linear fit, with as many equal slopes as its torques reach."""
         parts = (self._acceleration, self._speed, self._low(np.sign(self._speed)), self._low(self._turned))
-        columns = np.column_stack([*parts, np.ones_like(self._torque)])[:: self._every][self._counts]
-        inertia, viscous, dry, K, rest = np.linalg.lstsq(
-            columns, self._torque[:: self._every][self._counts], rcond=None
-        )[0]
+        columns = self._sampled(np.column_stack([*parts, np.ones_like(self._torque)]))
+        torque = self._sampled(self._torque)
+        inertia, viscous, dry, K, rest = np.linalg.lstsq(columns, torque, rcond=None)[0]
         K = max(K, 1e3)
         largest = np.abs(K * columns[:, 3] + rest).max()
         slopes = 1 + sum(largest > SEEN * knee for knee in self._knees)
@@ -264,7 +260,13 @@ class _Gear:
         passed = (1.0 + self._slope @ x[8:_FIRST]) * (torque + x[5] * np.gradient(twist, self._dt))
         smooth = x[0] * self._acceleration + x[1] * self._speed
         given = smooth + self._low(np.sign(self._speed) * (x[2] + load) + passed)
-        return (self._torque - given)[:: self._every]
+        return self._sampled(self._torque - given)
+
+
+def off_turns(speed: Array, dt: float) -> Bools:
+    """Where a motor of a speed (m,) [rad/s] does not turn back within the reach of the low-pass."""
+    reach = round(0.5 / LOW_PASS_HZ / dt)
+    return np.convolve(np.abs(speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
 
 
 def _error_of(phase: Array) -> Array:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.cell import SILENT, Observer
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.arm import (
@@ -33,6 +32,7 @@ from polish_sim.identification.elastic import (
 from polish_sim.identification.estimate import (
     BaseParameters,
     Estimate,
+    against_truth,
     base_of,
     condition_number,
     estimate_widened,
@@ -88,7 +88,7 @@ class Identification:
     drawing: Drawing
     held_out: HeldOut
     figures: dict[str, Any]  #: The keys of metrics.json
-    truth: Array | None = None  #: True base parameters, shape (r,); None for a real robot
+    truth: Array | None = None  #: True parameters, shape (p,); None for a real robot
     motion: FourierMotion | None = None
     weighed: Weighed | None = None  #: The payload, if one was searched
     gears: GearFit | None = None  #: Of elastic joints
@@ -105,9 +105,7 @@ def run_identification(
     # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
-    arm = build_simulated_arm(
-        settings.terms, settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD
-    )
+    arm = build_simulated_arm(settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD)
     base = base_of(arm.truth)
     sigma = np.array(settings.sigma)
     drawing = believe(arm, streams[0])
@@ -128,23 +126,20 @@ def run_identification(
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
+    held = periodic_states(other_log, other.period)
     gears: GearFit | None = None
     truth = arm.truth.truth()
-    if log.gears is not None and settings.terms == FULL:
+    if log.gears is not None:
         fitted = _fit_elastic(arm, log, other_log, drawing, settings)
         base, found, full, gears, against, predicted = fitted
     else:
         found = estimate_widened(arm.truth, base, sums, states, log.torque)
         full = fit_consistent(arm.truth, base, found, drawing)
-        off = found.theta - base.combination @ truth
-        over = np.sqrt(np.mean(off**2 / np.diag(inverse_of(information(sums, sigma)))))
-        against = {
-            "error_over_crb": over,
-            "interval_coverage": float(np.mean(found.covers(base.combination @ truth))),
-        }
-        predicted = _rigid_predictions(arm.truth, base, found, full, drawing)
+        bound = np.diag(inverse_of(information(sums, sigma)))
+        against = against_truth(found.theta - base.combination @ truth, found.std, bound)
+        predicted = Fitted(arm.truth, base, found).predicted(held, full, drawing)
     fit_s = time.process_time() - started
-    held_out = _hold_out(other_log, other.period, predicted, sigma, streams[3])
+    held_out = _hold_out(other_log, held, predicted, sigma, streams[3])
     figures = measure_fit(arm.truth, base, found, full, held_out) | against
     figures["nrms_rigid"] = _rigid_error(arm.truth, full, held_out.states).tolist()
     if gears is not None:
@@ -164,7 +159,7 @@ def run_identification(
         drawing,
         held_out,
         figures,
-        base.combination @ truth,
+        truth,
         excitation.motion,
         weighed,
         gears,
@@ -194,8 +189,8 @@ def _design(
     return task, other, design(task, rng, settings.starts, settings.iterations)
 
 
-Predictions = Callable[[States], tuple[Array, Array, Array]]
-"""Torques (m, n) [N m] of states by the estimate, by bodies that can exist, and by the drawing."""
+Predictions = tuple[Array, Array, Array]
+"""Torques (m, n) [N m] by the estimate, by bodies that can exist, and by the drawing."""
 
 
 class _FittedArm(NamedTuple):
@@ -224,32 +219,20 @@ def _fit_elastic(
     full = fit_consistent(arm.truth, base, fit.estimate, drawing)
     held = ElasticMotion(known, gears, other, PREDICTED_HZ, sprung=True)
     nothing = Found(drawing.parameters, np.zeros_like(fit.numbers.loads), np.zeros_like(fit.numbers.bends))
-    torques = [held.torques(numbers) for numbers in (fit.numbers, fit.numbers._replace(full=full), nothing)]
+    bodies = fit.numbers._replace(full=full)
+    predicted = held.torques(fit.numbers), held.torques(bodies), held.torques(nothing)
     gears = gears.with_loads(fit.numbers.loads, fit.loads_std)
     against = fit.against(base, arm.truth.truth(), gears.true_loads())
-    return _FittedArm(
-        base, fit.estimate, full, gears, against, lambda _states: (torques[0], torques[1], torques[2])
-    )
-
-
-def _rigid_predictions(
-    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing
-) -> Predictions:
-    def predicted(states: States) -> tuple[Array, Array, Array]:
-        Y = model.regressor(states)
-        return Y[:, :, base.columns] @ found.theta, Y @ full, Y @ drawing.parameters
-
-    return predicted
+    return _FittedArm(base, fit.estimate, full, gears, against, predicted)
 
 
 def _hold_out(
-    log: RobotLog, period: float, predicted: Predictions, sigma: Array, rng: np.random.Generator
+    log: RobotLog, states: States, predicted: Predictions, sigma: Array, rng: np.random.Generator
 ) -> HeldOut:
-    states = periodic_states(log, period)
     measured = with_noise(log, 0.0, sigma, rng).torque
     # Where any joint reverses, the engine's friction has no sign; torques of moving joints are compared.
     moving = np.all(informative(states), axis=1)
-    given = (torque[moving] for torque in predicted(states))
+    given = (torque[moving] for torque in predicted)
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving], *given)
 
 
@@ -298,7 +281,7 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
         "predicted_error_sigma": float(np.sqrt(spread / 1e4)),
         "predicted_error_sigma_here": float(np.sqrt(spread / samples)),
         "condition_motion": condition_number(plain),
-        "clearance_min_m": float(task.clearance(poses).distance.min()) if task.clearance else None,
+        "clearance_min_m": float(task.clearance(poses).distance.min()),
         "design_evaluations": excitation.evaluations,
     }
 
@@ -311,13 +294,17 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
     started = time.process_time()
     cut = round(len(log.time) * (1.0 - HELD_OUT))
     fitted = slice(0, cut)
-    kept = slice(cut, None)
-    model, base, found = fit_samples(robot.model, states.rows(fitted), log.torque[fitted])
-    _require_moving(model, states.rows(kept))
+    model, base, found = fit = fit_samples(robot.model, states.rows(fitted), log.torque[fitted])
     drawing = Drawing(model.truth(), robot.carried)
     fit_s = time.process_time() - started
+    counts = informative(states)
+    counts[fitted] = False
+    _require_moving(model, counts)
     full = fit_consistent(model, base, found, drawing)
-    held_out = _hold_out_log(log, states, kept, _rigid_predictions(model, base, found, full, drawing))
+    rows = np.any(counts, axis=1)
+    held = states.rows(rows)
+    measured = np.where(counts, log.torque, np.nan)[rows]
+    held_out = HeldOut(log.time[rows], held, measured, measured, *fit.predicted(held, full, drawing))
     figures: dict[str, Any] = measure_fit(model, base, found, full, held_out)
     if model.load is not None:
         rigid = fit_samples(without_gears(model), states.rows(fitted), log.torque[fitted])
@@ -339,6 +326,11 @@ class Fitted(NamedTuple):
         """Torques of states [N m], shape (m, n)."""
         return self.model.torque_of_base(states, self.base.columns, self.found.theta)
 
+    def predicted(self, states: States, full: Array, drawing: Drawing) -> Predictions:
+        """Torques of states by the estimate, by bodies that can exist ``full`` (p,), and by the drawing."""
+        Y = self.model.regressor(states)
+        return Y[:, :, self.base.columns] @ self.found.theta, Y @ full, Y @ drawing.parameters
+
 
 def fit_samples(model: TorqueModel, states: States, torque: Array) -> Fitted:
     """Fit a model to states (m, n) and torques (m, n) [N m].
@@ -356,20 +348,11 @@ def without_gears(model: TorqueModel) -> TorqueModel:
     return replace(model, terms=FULL, load=None)
 
 
-def _require_moving(model: TorqueModel, states: States) -> None:
-    """Refuse a part held out that has no usable torque of a joint."""
-    counts = informative(states)
+def _require_moving(model: TorqueModel, counts: Bools) -> None:
+    """Refuse a part held out that has no usable torque of a joint, by which torques count (m, n)."""
     silent = [joint for j, joint in enumerate(model.chain.joints) if not counts[:, j].any()]
     if silent:
         raise IdentificationError(
             f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the "
             "joint stands still or reverses there. Let every joint move until the end of the log."
         )
-
-
-def _hold_out_log(log: RobotLog, states: States, rows: slice, predicted: Predictions) -> HeldOut:
-    counts = informative(states.rows(rows))
-    measured = np.where(counts, log.torque[rows], np.nan)
-    some = np.flatnonzero(counts.any(axis=1))
-    kept = states.rows(rows).rows(some)
-    return HeldOut(log.time[rows][some], kept, measured[some], measured[some], *predicted(kept))

@@ -20,7 +20,7 @@ from polish_sim.exchange.robot_log import HOW_TO_MAP, RobotRecording
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
-from polish_sim.tables import Columns
+from polish_sim.tables import Columns, Place, refuse_first
 
 KNOTS_S = 0.05  #: Between two knots of a spline [s]
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
@@ -63,22 +63,18 @@ def read_by(angle: Array, step: float) -> Array:
     return np.asarray(np.round(angle / step) * step) if step > 0.0 else angle
 
 
-def spline_states(log: RobotLog, knots: float = KNOTS_S) -> States:
+def spline_states(log: RobotLog, knots: float | None = None) -> States:
     """States of any motion: derivatives of splines of degree five fitted to its positions.
 
-    ``knots``: time between knots [s]; motion faster than about three of them is smoothed away.
+    ``knots``: time between knots [s], by default ten samples and at least `KNOTS_S`; motion faster than about
+    three of them is smoothed away.
     """
+    knots = knots or max(KNOTS_S, 10.0 * float(np.median(np.diff(log.time))))
     span = log.time[-1] - log.time[0]
     inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]
     t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
     spline = make_lsq_spline(log.time, log.q, t, k=5)
     return States(*(np.asarray(spline(log.time, nu=order)) for order in range(3)))
-
-
-def smooth_states(log: RobotLog) -> States:
-    """States of a log by splines whose knots stand ten samples apart, and no closer than `spline_states`
-    has them."""
-    return spline_states(log, max(KNOTS_S, 10.0 * float(np.median(np.diff(log.time)))))
 
 
 TURN = 2.0 * np.pi
@@ -117,16 +113,19 @@ def read_robot_log(
     """
     q_names, torque_names = log_columns(kinds)
     columns = Columns.read(file, "sample", "joint positions and torques over time")
-    lines = columns.lines
     names = ["time_s", *q_names, *torque_names]
     _check_joints(file, columns.texts, kinds, joints)
     columns.need(names)
     values = columns.numbers(names)
     log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
     _check_count(file, log.time)
-    _check_order(file, log.time, lines)
+    refuse_first(
+        np.diff(log.time, prepend=-np.inf) <= 0.0, file, columns.place,
+        lambda row: f"time_s does not increase ({log.time[row]:g} after {log.time[row - 1]:g}). Sort the "
+        "samples and leave double ones out.",
+    )  # fmt: skip
     if period is None:
-        _check_steps(file, log.time, lines)
+        _check_steps(file, log.time, columns.place)
     else:
         _check_period(file, log.time, period)
     _check_units(file, log, q_names)
@@ -169,17 +168,7 @@ def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], jo
         )
 
 
-def _check_order(file: Path, time: Array, lines: Sequence[int]) -> None:
-    step = np.diff(time)
-    if np.any(step <= 0.0):
-        row = int(np.argmax(step <= 0.0)) + 1
-        raise InputError(
-            f"'{file}', line {lines[row]}: time_s does not increase ({time[row]:g} after {time[row - 1]:g}). "
-            "Sort the samples and leave double ones out."
-        )
-
-
-def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
+def _check_steps(file: Path, time: Array, place: Place) -> None:
     """Samples close enough, and none missing, for splines."""
     step = np.diff(time)
     usual = np.median(step)
@@ -188,14 +177,12 @@ def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
             f"'{file}': samples are {usual:.3g} s apart. Are these milliseconds? Give seconds, "
             f"{1.0 / _SLOWEST_S:.0f} samples a second or more."
         )
-    gaps = step > _GAP * usual
-    if np.any(gaps):
-        row = int(np.argmax(gaps)) + 1
-        raise InputError(
-            f"'{file}', line {lines[row]}: a gap of {step[row - 1]:.3g} s, {int(gaps.sum())} in all; samples "
-            f"are {usual:.3g} s apart. Accelerations are unknown across a gap: log without, or give --period "
-            "if the motion repeats."
-        )
+    gaps = np.append(False, step > _GAP * usual)
+    refuse_first(
+        gaps, file, place,
+        lambda row: f"a gap of {step[row - 1]:.3g} s, {gaps.sum()} in all; samples are {usual:.3g} s apart. "
+        "Accelerations are unknown across a gap: log without, or give --period if the motion repeats.",
+    )  # fmt: skip
 
 
 def _check_period(file: Path, time: Array, period: float) -> None:

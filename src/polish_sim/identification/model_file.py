@@ -30,7 +30,8 @@ def write_portable(file: Path, xml: str) -> Path:
     it."""
     root = ElementTree.fromstring(xml)
     compiler = root.find("compiler")
-    folders = {} if compiler is None else compiler.attrib
+    assert compiler is not None  # MuJoCo saves one always
+    folders = compiler.attrib
     taken: dict[str, Path] = {}
     for element in root.iterfind("asset/*"):
         beside = Path(folders.get("texturedir" if element.tag == "texture" else "meshdir", ""))
@@ -40,11 +41,10 @@ def write_portable(file: Path, xml: str) -> Path:
                 # Without a name of its own an asset has its file's.
                 element.attrib.setdefault("name", source.stem)
                 element.attrib[attribute] = _copied(source, file.parent / ASSETS, taken)
-    if compiler is not None and taken:
-        compiler.attrib.update(meshdir=ASSETS, texturedir=ASSETS)
-    elif compiler is not None:
-        for name in ("meshdir", "texturedir"):
-            compiler.attrib.pop(name, None)
+    for name in ("meshdir", "texturedir"):
+        folders.pop(name, None)
+        if taken:
+            folders[name] = ASSETS
     ElementTree.indent(root)
     file.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
     return file

@@ -96,7 +96,10 @@ def fit_link_payload(
     n), with it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
-    sums = sum_samples(model, both, states, torque).plus(_widened(empty))
+    # The run without it has the payload's columns, of zeros.
+    squares = np.pad(empty.squares, ((0, 0), (0, 10), (0, 10)))
+    widened = empty._replace(squares=squares, products=np.pad(empty.products, ((0, 0), (0, 10))))
+    sums = sum_samples(model, both, states, torque).plus(widened)
     return _payload_of(model, [model.names[column] for column in base.columns], sums)
 
 
@@ -124,12 +127,6 @@ def _last_link(model: TorqueModel) -> Indices:
     return np.arange(10 * (model.joints - 1), 10 * model.joints)
 
 
-def _widened(sums: JointSums) -> JointSums:
-    """The same samples with the payload's columns, of zeros."""
-    squares = np.pad(sums.squares, ((0, 0), (0, 10), (0, 10)))
-    return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, 10))))
-
-
 _DENSITY = 2700.0  #: Of the blocks that are carried [kg/m^3]
 _AHEAD = 0.05  #: Of the last link's origin, where a block begins [m]
 
@@ -140,6 +137,10 @@ class Weighed(NamedTuple):
     payload: FoundPayload
     truth: Array | None
     figures: dict[str, Any]
+
+    def true_body(self) -> Array:
+        """Its true numbers as `BODY_NAMES`, shape (10,); NaN of a real one."""
+        return np.full(10, np.nan) if self.truth is None else body_of(self.truth, self.payload.origin)
 
 
 def random_block(mass: float, rng: np.random.Generator) -> CarriedLoad:
@@ -169,7 +170,7 @@ def weigh_block(
     """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run
     without it."""
     load = random_block(settings.payload, rng)
-    arm = build_simulated_arm(settings.terms, settings.robot, settings.seed, load)
+    arm = build_simulated_arm(settings.robot, settings.seed, load)
     sigma = np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
     log = with_noise(log, settings.encoder_step, sigma, rng)

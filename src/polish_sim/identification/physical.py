@@ -25,7 +25,6 @@ from polish_sim.tables import csv_text
 
 _FLOOR = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
 _THIN = 1e-6  #: And share of its size by which it stays above zero
-_PRIOR = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
 _UPPER = np.tril_indices(4)[::-1]  #: Column by column
 _NOT_NEGATIVE = ("coulomb", "viscous", "armature", "load")
 
@@ -132,7 +131,7 @@ def _sizes(believed: Array, n: int) -> Array:
     # No drawing states a gear's friction: it may be as large as Coulomb's.
     friction = sizes[10 * n :].reshape(-1, n)
     friction[len(FULL) :] = friction[:1]
-    return _PRIOR * np.maximum(sizes, 0.1)
+    return np.maximum(sizes, 0.1)
 
 
 COLUMNS = ("name", "value", "unit", "std", "identifiable", "low_95", "high_95", "true_value")
@@ -178,8 +177,12 @@ def parameters_csv(rows: list[ParameterRow]) -> str:
     table = []
     for row in rows:
         half = INTERVAL_95 * row.std
-        ends = (row.value - half, row.value + half, row.true_value)
-        low, high, true = ("" if np.isnan(value) else f"{value:.9g}" for value in ends)
-        std = "" if np.isnan(row.std) else f"{row.std:.4g}"
+        low, high, true = map(cell, (row.value - half, row.value + half, row.true_value))
+        std = cell(row.std, 4)
         table.append([row.name, f"{row.value:.9g}", row.unit, std, row.identifiable, low, high, true])
     return csv_text(COLUMNS, table)
+
+
+def cell(value: float, digits: int = 9) -> str:
+    """A number in a table; empty where it is not known."""
+    return "" if np.isnan(value) else f"{value:.{digits}g}"

@@ -9,7 +9,7 @@ complex numbers too, for derivatives by a complex step (`regressor_derivatives`)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -154,7 +154,7 @@ class States(NamedTuple):
 
     def rows(self, rows: slice | NDArray[np.integer[Any]] | Bools) -> States:
         """Some of the samples."""
-        return States(self.q[rows], self.qd[rows], self.qdd[rows])
+        return States(*(part[rows] for part in self))
 
 
 class JointTerm(NamedTuple):
@@ -163,15 +163,18 @@ class JointTerm(NamedTuple):
     symbol: str
     unit: str
     value: Callable[[States, Array], Array]  #: Of states and torques without friction (m, n), shape (m, n)
-    #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
-    #: None where motions are not designed for it
-    slope: Callable[[States], States] | None
+    #: Its derivatives (m, n) by the joint's position (0), speed (1) or acceleration (2), those not given
+    #: being 0; None where motions are not designed for it
+    slopes: Mapping[int, Callable[[States], Array]] | None
     truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
 
 
-def _slope_of_sign(states: States) -> States:
-    none = np.zeros_like(states.q)
-    return States(none, (1.0 - np.tanh(states.qd / SIGN_WIDTH) ** 2) / SIGN_WIDTH, none)
+def _slope_of_sign(states: States) -> Array:
+    return (1.0 - np.tanh(states.qd / SIGN_WIDTH) ** 2) / SIGN_WIDTH
+
+
+def _ones(states: States) -> Array:
+    return np.ones_like(states.q)
 
 
 def _sign(states: States) -> Array:
@@ -184,20 +187,15 @@ def _none(chain: SerialChain) -> Array:
 
 TERMS: dict[str, JointTerm] = {
     "coulomb": JointTerm(
-        "fc", "N m", lambda x, _load: _sign(x), _slope_of_sign, lambda chain: chain.frictionloss
+        "fc", "N m", lambda x, _load: _sign(x), {1: _slope_of_sign}, lambda chain: chain.frictionloss
     ),
     "viscous": JointTerm(
-        "fv", "N m s/rad", lambda x, _load: x.qd, lambda x: States(0.0 * x.q, np.ones_like(x.q), 0.0 * x.q),
-        lambda chain: chain.damping,
+        "fv", "N m s/rad", lambda x, _load: x.qd, {1: _ones}, lambda chain: chain.damping
     ),
     "armature": JointTerm(
-        "Ia", "kg m^2", lambda x, _load: x.qdd, lambda x: States(0.0 * x.q, 0.0 * x.q, np.ones_like(x.q)),
-        lambda chain: chain.armature,
+        "Ia", "kg m^2", lambda x, _load: x.qdd, {2: _ones}, lambda chain: chain.armature
     ),
-    "offset": JointTerm(
-        "f0", "N m", lambda x, _load: np.ones_like(x.q),
-        lambda x: States(0.0 * x.q, 0.0 * x.q, 0.0 * x.q), _none,
-    ),
+    "offset": JointTerm("f0", "N m", lambda x, _load: _ones(x), {}, _none),
     "root": JointTerm(
         "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), None, _none
     ),
@@ -290,10 +288,10 @@ class TorqueModel:
         slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)
         joints = np.arange(n)
         for number, term in enumerate(self.terms):
-            slope = term_of(term).slope
-            assert slope is not None, f"no motion is designed for the term '{term}'"
-            for part, values in enumerate(slope(states)):
-                slopes[:, part * n + joints, joints, n * (10 + number) + joints] = values
+            known = term_of(term).slopes
+            assert known is not None, f"no motion is designed for the term '{term}'"
+            for part, slope in known.items():
+                slopes[:, part * n + joints, joints, n * (10 + number) + joints] = slope(states)
         return slopes
 
     def torque(self, states: States, parameters: Array) -> Array:

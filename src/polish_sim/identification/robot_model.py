@@ -20,6 +20,7 @@ from polish_sim.motion.serial_chain import (
     link_parameters,
     point_inertia,
 )
+from polish_sim.spatial import matrices, wxyz
 
 ARM_JOINTS = tuple(f"{joint}_joint" for joint in JOINT_NAMES)
 """Joints of the shipped robot, from base to flange."""
@@ -252,19 +253,15 @@ def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
     number = model.body(body).id
     mass = float(model.body_mass[number])
     center = model.body_ipos[number].copy()
-    turn = np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.body_iquat[number])
-    R = turn.reshape(3, 3)
+    R = matrices(model.body_iquat[number])
     together = mass + load.mass
     middle = (mass * center + load.mass * load.center) / together
     inertia = R @ np.diag(model.body_inertia[number]) @ R.T + point_inertia(mass, center - middle)
     inertia += load.inertia + point_inertia(load.mass, load.center - middle)
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
     model.body_mass[number] = together
     model.body_ipos[number] = middle
     model.body_inertia[number] = moments
-    model.body_iquat[number] = quaternion
+    model.body_iquat[number] = wxyz(axes)
     mujoco.mj_setConst(model, mujoco.MjData(model))

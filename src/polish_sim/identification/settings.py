@@ -10,7 +10,6 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
-from polish_sim.identification.regressor import FULL
 
 STEP_S = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 SCENARIO = Scenario(
@@ -31,7 +30,6 @@ class IdentifySettings:
     #: White noise of the torques [N m], joint by joint
     sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
     encoder: float = 4.8e-5  #: Step of an ideal arm's encoders [rad]: 17 bits a turn
-    terms: tuple[str, ...] = FULL
     iterations: int = 300  #: Of the search for an exciting motion
     starts: int = 1  #: Random motions that search begins from
     robot: RobotConfig = field(default_factory=RobotConfig)  #: The simulated one

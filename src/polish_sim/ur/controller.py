@@ -295,8 +295,8 @@ class RobotController:
         frames = link_frames(self.robot.actual_q)
         qd = self.robot.actual_qd
         p = frames[2, :3, 3]
-        speed = sum((np.cross(frames[j, :3, 2], p - frames[j, :3, 3]) * qd[j] for j in range(2)), np.zeros(3))
-        return [*p, *speed]
+        turns = np.cross(frames[:2, :3, 2], p - frames[:2, :3, 3])
+        return [*p, *(turns * qd[:2, None]).sum(axis=0)]
 
     # What programmes say.
 

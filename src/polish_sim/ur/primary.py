@@ -11,7 +11,7 @@ import numpy as np
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import used_arm
-from polish_sim.ur.rtde import numbers_of
+from polish_sim.ur.rtde import output_numbers
 
 if TYPE_CHECKING:
     from polish_sim.ur.controller import RobotController
@@ -29,14 +29,7 @@ def message(kind: int, stamp_us: int, body: bytes) -> bytes:
 
 def version_message(controller: RobotController) -> bytes:
     """The first message a client receives."""
-    major, minor, bugfix, build = controller.version
-    name = b"URControl"
-    body = (
-        struct.pack(">B", len(name))
-        + name
-        + struct.pack(">BBii", major, minor, bugfix, build)
-        + b"01-01-2026"
-    )
+    body = struct.pack(">B9sBBii10s", 9, b"URControl", *controller.version, b"01-01-2026")
     return message(VERSION, int(1e6 * controller.robot.time_s), body)
 
 
@@ -44,7 +37,7 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
     """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not
     change."""
     r = controller.robot
-    playing = controller.robot.runtime
+    playing = r.runtime
     stopped = r.safety != 1
     parts = [
         _part(
@@ -126,11 +119,8 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
 
 def _joints(controller: RobotController) -> bytes:
     r = controller.robot
-    joints = []
-    for q, target, qd, torque in zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques, strict=True):
-        joints.append(
-            struct.pack(">3d4fB", q, target, qd, torque / 10.0, 48.0, 30.0, 30.0, controller.joint_mode)
-        )
+    columns = zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques / 10.0, strict=True)
+    joints = (struct.pack(">3d4fB", *column, 48.0, 30.0, 30.0, controller.joint_mode) for column in columns)
     return _framed(1, b"".join(joints))
 
 
@@ -151,7 +141,7 @@ def realtime_state(controller: RobotController) -> bytes:
     """The 1220 bytes of port 30003."""
     values = list[float]()
     for part in REALTIME:
-        values += numbers_of(controller, part) if isinstance(part, str) else [0.0] * part
+        values += output_numbers(controller, part) if isinstance(part, str) else [0.0] * part
     return struct.pack(f">i{len(values)}d", 4 + 8 * len(values), *values)
 
 

@@ -33,7 +33,6 @@ from polish_sim.ur.motion import (
 )
 from polish_sim.ur.physics import TICK_S, Rig
 
-Side = Literal["in", "out"]
 SignalType = Literal["int", "double", "bool"]
 
 CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
@@ -484,7 +483,7 @@ class SimulatedRobot:
 
     # Registers and IO.
 
-    def register(self, side: Side, kind: SignalType, index: int) -> float | int | bool:
+    def register(self, side: Literal["in", "out"], kind: SignalType, index: int) -> float | int | bool:
         """Read a general-purpose register of RTDE: 48 integers, 48 doubles, 128 bits each way."""
         if side == "in":
             self.inputs_read.add(f"input_{'bit' if kind == 'bool' else kind}_register_{index}")

@@ -161,7 +161,7 @@ FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
 """Output fields: type and value."""
 
 
-def numbers_of(controller: RobotController, name: str) -> list[Any]:
+def output_numbers(controller: RobotController, name: str) -> list[Any]:
     """An output's numbers, of a vector several."""
     value = FIELDS[name][1](controller)
     if isinstance(value, np.ndarray):
@@ -332,13 +332,15 @@ class RtdeSession:
         self.answered = True
 
     def packages(self) -> Iterator[bytes]:
-        """The data due at this tick."""
+        """The data due at this tick, once it is started."""
+        if not self.started:
+            return
         now = self.controller.robot.ticks
         for number, (recipe, rate) in self.outputs.items():
             if now + 1e-6 < self._due.get(number, -1.0):
                 continue
             self._due[number] = max(self._due.get(number, -1.0), now - 1.0) + MOST_HZ / rate
-            numbers = chain.from_iterable(numbers_of(self.controller, name) for name in recipe.names)
+            numbers = chain.from_iterable(output_numbers(self.controller, name) for name in recipe.names)
             prefix = bytes([number]) if self.version == 2 else b""
             yield _package(DATA, prefix + recipe.packing.pack(*numbers))
             self.answered = False

@@ -203,10 +203,6 @@ class Server:
         controller = self._controller
         controller.tick()
         for client in list(self._clients):
-            if client.session is None or (
-                isinstance(client.session, RtdeSession) and not client.session.started
-            ):
-                continue
             # A slow reader misses states; what it misses of messages or data would be a gap: it is dropped.
             if client.unsent and client.port == REALTIME:
                 continue
@@ -227,7 +223,7 @@ class Server:
                 continue
             if events & selectors.EVENT_WRITE:
                 self._flush(what)
-            if events & selectors.EVENT_READ and what in self._clients:
+            if events & selectors.EVENT_READ:
                 self._read(what)
 
     def _accept(self, listening: socket.socket, port: int) -> None:
@@ -289,9 +285,8 @@ class Server:
         self._clients.remove(client)
         self._selector.unregister(client.socket)
         client.socket.close()
-        if client.session is not None:
-            client.session.close()
-            client.session = None  # each holds the other
+        client.session.close()
+        client.session = None  # each holds the other
 
     def close(self) -> None:
         """Close every port and client."""

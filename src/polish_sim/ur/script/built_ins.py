@@ -18,7 +18,7 @@ from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
-    from polish_sim.ur.robot import Side, SignalType, SimulatedRobot
+    from polish_sim.ur.robot import SignalType, SimulatedRobot
     from polish_sim.ur.script.machine import Machine
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
@@ -181,27 +181,20 @@ class BuiltIns(Sockets):
         return self._machine.robot
 
     def _pins(self, group: str, kind: Callable[[Any], float | bool]) -> dict[str, Callable[..., Any]]:
-        def reader(side: str) -> Callable[[Any], Any]:
-            return lambda n: self._robot.input_output(f"{group}_{side}", int(n))
-
-        def write(n: Any, b: Any) -> None:
-            self._robot.input_output(f"{group}_out", int(n), kind(b))
-
-        return {f"get_{group}_in": reader("in"), f"get_{group}_out": reader("out"), f"set_{group}_out": write}
+        return {
+            f"get_{group}_in": lambda n: self._robot.input_output(f"{group}_in", int(n)),
+            f"get_{group}_out": lambda n: self._robot.input_output(f"{group}_out", int(n)),
+            f"set_{group}_out": lambda n, b: self._robot.input_output(f"{group}_out", int(n), kind(b)),
+        }
 
     def _registers(self, word: str, kind: SignalType) -> dict[str, Callable[..., Any]]:
         """Registers of RTDE, 0 to 47; bits to 127."""
-
-        def reader(side: Side) -> Callable[[Any], Any]:
-            return lambda address: self._robot.register(side, kind, int(address))
-
-        def write(address: Any, value: Any) -> None:
-            self._robot.set_register(kind, int(address), number(value))
-
         return {
-            f"read_input_{word}_register": reader("in"),
-            f"read_output_{word}_register": reader("out"),
-            f"write_output_{word}_register": write,
+            f"read_input_{word}_register": lambda address: self._robot.register("in", kind, int(address)),
+            f"read_output_{word}_register": lambda address: self._robot.register("out", kind, int(address)),
+            f"write_output_{word}_register": lambda address, value: self._robot.set_register(
+                kind, int(address), number(value)
+            ),
         }
 
     def set_tool_voltage(self, voltage: Any) -> None:

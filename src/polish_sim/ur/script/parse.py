@@ -128,16 +128,13 @@ def parse(text: str) -> Any:
     if len(text) > LONGEST_PROGRAM:
         raise ScriptError(1, 1, f"the programme is longer than {LONGEST_PROGRAM} characters")
     grammar = _grammar()
-    from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
+    from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
     try:
         return grammar.parse(text)
     except UnexpectedToken as error:
-        at_end = error.token.type == "$END"
-        found = "the end of the text, 'end' is missing" if at_end else f"'{error.token[:40]}'"
-        found = "the end of the line" if error.token.type == "_NL" else found
+        ends = {"$END": "the end of the text, 'end' is missing", "_NL": "the end of the line"}
+        found = ends.get(error.token.type, f"'{error.token[:40]}'")
         raise ScriptError(max(error.line, 1), max(error.column, 1), f"unexpected {found}") from None
     except UnexpectedCharacters as error:
         raise ScriptError(error.line, error.column, f"unexpected {error.char!r}") from None
-    except UnexpectedInput as error:
-        raise ScriptError(max(error.line, 1), max(error.column, 1), "no URScript") from None
