@@ -25,8 +25,8 @@ from polish_sim.geometry import PartMesh, load_part
 from polish_sim.planning import PlanResult, plan_mesh
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.quality.coverage import STRICT, strictly_covered
-from polish_sim.planning.quality.located import locate
-from polish_sim.planning.quality.tool_room import ground_under, pressed_places
+from polish_sim.planning.quality.located import ground_under, locate
+from polish_sim.planning.quality.tool_room import pressed_places
 from polish_sim.workers import open_workers
 
 Array = NDArray[np.float64]

@@ -25,7 +25,8 @@ from polish_sim.config import PadConfig, PlanConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.planning import PlanResult, plan_mesh
-from polish_sim.planning.quality.tool_room import ground_under, pressed_places
+from polish_sim.planning.quality.located import ground_under
+from polish_sim.planning.quality.tool_room import pressed_places
 from tests.planning.test_tool_room import CASES
 from tests.planning.tools import volumes_in_part
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -141,9 +142,8 @@ def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
     """Rotations (n, 3, 3) with given unit z axes (n, 3) and x as near as can be to a hint (3,), parallel to
     none of them."""
     x_axis = x_hint - (z_axis @ x_hint)[:, None] * z_axis
-    x_axis /= np.linalg.norm(x_axis, axis=1, keepdims=True)
-    y_axis = np.cross(z_axis, x_axis)
-    return np.stack([x_axis, y_axis, z_axis], axis=2)
+    x_axis /= norms(x_axis)[:, None]
+    return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=2)
 
 
 STEEPEST = 0.99  #: The steady x axis stays this far off every z axis (cosine): 8 deg
@@ -167,12 +167,12 @@ def skew(v: Array) -> Array:
 
 def unit(vectors: Array) -> Array:
     """Scale vectors (..., 3) to length one; zero stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return vectors / np.maximum(norms(vectors)[..., None], 1e-300)
 
 
 def into_plane(directions: Array, normals: Array) -> Array:
     """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
-    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
+    return directions - dots(directions, normals)[..., None] * normals
 
 
 def directions_at(angles: Array) -> Array:
@@ -183,6 +183,15 @@ def directions_at(angles: Array) -> Array:
 def angles_between(first: Array, second: Array) -> Array:
     """Angles between vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
     return np.arctan2(norms(np.cross(first, second)), dots(first, second))
+
+
+def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
+    """Where along chords (..., d) the nearest point to points ``away`` (..., d) from their beginnings lies.
+
+    Returns shares of the chords, 0 to 1, and distances, shape (...).
+    """
+    share = np.clip(dots(away, chord) / np.maximum(dots(chord, chord), 1e-300), 0.0, 1.0)
+    return share, norms(away - share[..., None] * chord)
 
 
 def turns_along(directions: Array) -> Array:
@@ -197,3 +206,15 @@ def perpendicular(vectors: Array) -> Array:
     choice.
     """
     return unit(np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))
+
+
+def plane_axes(normals: Array) -> tuple[Array, Array]:
+    """Two unit vectors square to each unit normal and to each other, as of `perpendicular`, (..., 3) each."""
+    first = perpendicular(normals)
+    return first, np.cross(normals, first)
+
+
+def turned(first: Array, second: Array, angles: Any) -> Array:
+    """Vectors (..., 3) at angles (...) [rad] from ``first`` towards ``second``, unit vectors square to each
+    other; arrays broadcast."""
+    return np.cos(angles)[..., None] * first + np.sin(angles)[..., None] * second

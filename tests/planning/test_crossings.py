@@ -111,7 +111,7 @@ FLOOR = Floor()
 def run_along(points, number=0):
     """A run of points half a millimetre apart on the plane z = 0."""
     curve = level(points)
-    line = curve.at(np.linspace(0.0, curve.length, int(curve.length / 5e-4) + 2))[0]
+    line = curve.points(np.linspace(0.0, curve.length, int(curve.length / 5e-4) + 2))
     return SurfaceRun(FLOOR, FLOOR.closest(line), np.full(len(line), number))
 
 

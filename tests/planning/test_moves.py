@@ -32,6 +32,7 @@ from polish_sim.planning.toolpath import PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
 CLEARANCE = 0.03
+LANDING = Landing(normal_lead, CLEARANCE)
 STEPOVER = 0.008
 
 
@@ -61,7 +62,7 @@ def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(tmp_path, height, ahead):
     part = slab_with_wall(tmp_path, height)
-    first, second = (with_leads(stroke(a, a + 0.02), Landing(normal_lead, CLEARANCE)) for a in (-0.06, ahead))
+    first, second = (with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
     way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
@@ -73,7 +74,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
-    first, second = (with_leads(move, Landing(normal_lead, CLEARANCE)) for move in (top, below))
+    first, second = (with_leads(move, LANDING, LANDING) for move in (top, below))
     way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE

@@ -59,7 +59,7 @@ def test_the_tool_comes_and_goes_along_the_normal_at_the_clearance():
 
 @pytest.mark.parametrize("name", LEADS)
 def test_every_lead_in_ends_at_the_first_point_from_above_and_behind(name):
-    move = with_leads(straight(), Landing(LEADS[name], CLEARANCE))
+    move = with_leads(straight(), *2 * [Landing(LEADS[name], CLEARANCE)])
     lead_in = move.positions[move.segment == LEAD_IN]
     assert len(lead_in) > 1
     assert np.diff(lead_in[:, 2]).max() < 0.0

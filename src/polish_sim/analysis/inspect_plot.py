@@ -29,7 +29,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 
 if TYPE_CHECKING:
     from polish_sim.planning import Inspection
@@ -176,7 +176,7 @@ def _look(found: Inspection) -> _View:
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
     pixel = (high - low).max() / PIXELS
-    edge = np.linalg.norm(np.diff(seen[mesh.edges], axis=1), axis=2).max()
+    edge = norms(np.diff(seen[mesh.edges], axis=1)).max()
     # Half the longest edge reaches every place inside a triangle that is not flat.
     reach = 0.6 * edge + pixel
     xs, ys = (np.arange(low[k] - reach, high[k] + reach + pixel, pixel) for k in (0, 1))

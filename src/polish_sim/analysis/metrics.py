@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import FOLLOW_BAND_N
-from polish_sim.arrays import Array, Bools, Figures, Indices, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, norms, rms, running_sums
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import stretches
 
@@ -48,7 +48,7 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
     bent = magnitude >= FLAT_1_M
-    tops = [first + int(np.argmax(magnitude[first : last + 1])) for first, last in stretches(bent)]
+    tops = [first + np.argmax(magnitude[first : last + 1]) for first, last in stretches(bent)]
     return process[[top for top in tops if magnitude[top] > SHARP_1_M and not bent.all()]]
 
 
@@ -78,7 +78,7 @@ def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakEr
 
 def _largest(path_s: Array, magnitude: Array, low: float, high: float) -> float:
     start, stop = np.searchsorted(path_s, [low, high])
-    return float(magnitude[start:stop].max()) if stop > start else math.nan
+    return magnitude[start:stop].max() if stop > start else math.nan
 
 
 def _mean(values: list[float]) -> float:
@@ -107,7 +107,7 @@ def settling_time(time: Array, error: Array, band: float) -> float:
     outside = np.flatnonzero(~(np.abs(error) <= band))
     if len(time) == 0 or (len(outside) and outside[-1] == len(time) - 1):
         return math.nan
-    return float(time[outside[-1] + 1] - time[0]) if len(outside) else 0.0
+    return time[outside[-1] + 1] - time[0] if len(outside) else 0.0
 
 
 def rise_time(time: Array, value: Array, target: float) -> float:
@@ -116,7 +116,7 @@ def rise_time(time: Array, value: Array, target: float) -> float:
     reached = value >= 0.9 * target
     if not reached.any():
         return math.nan
-    return float(time[np.argmax(reached)] - time[np.argmax(value >= 0.1 * target)])
+    return time[np.argmax(reached)] - time[np.argmax(value >= 0.1 * target)]
 
 
 def moving_average(time: Array, value: Array, window: float) -> Array:
@@ -124,10 +124,10 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
     window."""
     if len(time) < 2:
         return np.empty(0)
-    samples = max(1, round(window / float(np.median(np.diff(time)))))
+    samples = max(1, round(window / np.median(np.diff(time))))
     if samples > len(value):
         return np.empty(0)
-    sums = np.concatenate([[0.0], np.cumsum(value, dtype=np.float64)])
+    sums = running_sums(value)
     return (sums[samples:] - sums[:-samples]) / samples
 
 
@@ -230,7 +230,7 @@ def measure_arc(trace: Trace) -> Figures:
     deviation = moving_average(time, speed, SPEED_WINDOW_S) - feed
     return {
         "tracking_error_max_m": _reduce(np.max, distance),
-        "tracking_error_rms_m": _rms(distance),
+        "tracking_error_rms_m": _reduce(rms, distance),
         "speed_mean_m_s": _reduce(np.mean, speed),
         "speed_max_deviation_m_s": _reduce(np.max, np.abs(deviation)),
         "orientation_error_max_rad": _reduce(np.max, trace.orientation_error_rad[part]),
@@ -255,7 +255,7 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
     error = force[start:] - contact_force
     steady = error[time >= time[0] + STEADY_AFTER_S] if len(time) else error
     return {
-        "contact_time_s": float(time[0]) if len(time) else math.nan,
+        "contact_time_s": time[0] if len(time) else math.nan,
         "rise_time_s": rise_time(time, error + contact_force, contact_force),
         "settling_time_3n_s": settling_time(time, error, 3.0) if len(steady) else math.nan,
         "settling_time_1n_s": settling_time(time, error, 1.0) if len(steady) else math.nan,
@@ -287,17 +287,17 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     peak_errors = errors_at_peaks(path_s, error, passed)
     return {
         "force_mean_n": _reduce(np.mean, force),
-        "force_rms_error_n": _rms(error),
+        "force_rms_error_n": _reduce(rms, error),
         "force_max_deviation_n": _reduce(np.max, off),
         "force_within_4n": _share(error, FOLLOW_BAND_N),
         "force_within_1n": _share(error, 1.0),
         "force_error_median_n": _reduce(np.median, off),
-        "force_error_p95_n": float(np.percentile(off, 95)) if len(off) else math.nan,
-        "contact_lost_s": float(np.sum(force <= CONTACT_N) * time_step(time)),
+        "force_error_p95_n": np.percentile(off, 95) if len(off) else math.nan,
+        "contact_lost_s": np.sum(force <= CONTACT_N) * time_step(time),
         "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
         "speed_std_m_s": _reduce(np.std, trace.tcp_speed_m_s[part]),
-        "feed_time_s": float(time[-1] - time[0]) if len(time) else math.nan,
+        "feed_time_s": time[-1] - time[0] if len(time) else math.nan,
         "curvature_peaks": len(passed),
         "force_error_at_peaks_n": peak_errors.at_peaks_n,
         "force_error_between_peaks_n": peak_errors.between_peaks_n,
@@ -331,15 +331,11 @@ def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
 
 def time_step(time: Array) -> float:
     """Time between evenly spaced samples [s]; NaN if there are none."""
-    return float(np.median(np.diff(time))) if len(time) > 1 else math.nan
+    return np.median(np.diff(time)) if len(time) > 1 else math.nan
 
 
-def _reduce(function: Callable[[Array], np.floating], values: Array) -> float:
+def _reduce(function: Callable[[Array], np.floating | float], values: Array) -> float:
     return float(function(values)) if len(values) else math.nan
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(np.mean(np.square(values))) if len(values) else math.nan
 
 
 def _share(error: Array, band: float) -> float:
@@ -371,17 +367,17 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
     pressure_field_ratio: force of the pressure field as it was computed over the exact one.
     """
     shares = removal.areas / removal.areas.sum()
-    total = float(removal.areas @ removal.exposure)
+    total = removal.areas @ removal.exposure
     depth = removal.preston_1_pa if removal.absolute else math.nan
     out = {
         "exposure_nm": total,
         "exposure_mean_n_m": removal.mean,
         "removal_volume_m3": depth * total,
         "removal_mean_m": depth * removal.mean,
-        "removal_max_m": depth * float(removal.exposure.max()),
-        "removal_area_m2": float(removal.areas.sum()),
+        "removal_max_m": depth * removal.exposure.max(),
+        "removal_area_m2": removal.areas.sum(),
         **dict.fromkeys(REMOVAL_SPREAD, math.nan),
-        "unpolished_share": float(shares[removal.exposure <= 0.0].sum()),
+        "unpolished_share": shares[removal.exposure <= 0.0].sum(),
         "removal_elsewhere": removal.elsewhere_nm / total if total > 0.0 else math.nan,
         "removal_unplaced": removal.unplaced_share,
         "pressure_field_ratio": removal.field_ratio,
@@ -401,12 +397,12 @@ def spreads(
     away, _ = cKDTree(places[border[:, 0]]).query(places)
     found = []
     for some in (areas, np.where(away >= inside, areas, 0.0)):
-        mean = float(some @ relative) / float(some.sum()) if some.any() else 0.0
+        mean = (some @ relative) / some.sum() if some.any() else 0.0
         if mean <= 0.0:
             found.append(math.nan)
             continue
         shares = some / some.sum()
-        found.append(math.sqrt(float(shares @ (relative / mean - 1.0) ** 2)))
+        found.append(math.sqrt(shares @ (relative / mean - 1.0) ** 2))
     return found[0], found[1]
 
 

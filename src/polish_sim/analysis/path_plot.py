@@ -36,7 +36,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Bools, Ints, longest_side, next_corners
+from polish_sim.arrays import Array, Bools, Ints, longest_side, next_corners, norms
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
@@ -125,7 +125,7 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     seen = _look(solid, corners, path, shown, views)
     tints = np.repeat([tint for _, tint in drawn], [len(body) for body in bodies], axis=0)
     _draw_part(solid, flat, corners, seen.flat(corners), tints)
-    scale = Normalize(0.0, float(path.s[-1]))
+    scale = Normalize(0.0, path.s[-1])
     _draw_reach(solid, flat, result, frame, seen)
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
@@ -149,7 +149,7 @@ def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     corners = vertices[faces]
     longest = LONGEST_EDGE * longest_side(vertices)
     while True:
-        edges = np.linalg.norm(corners - next_corners(corners), axis=2)
+        edges = norms(corners - next_corners(corners))
         long = edges.max(axis=1) > longest
         if not long.any():
             return corners

@@ -57,7 +57,7 @@ def plot_residuals(
         bars.set_ylabel(label)
         bars.set_xlim(0.3, len(number) + 0.7)
         # An outlier would flatten everything else.
-        reach = max(4.0 * deviation, 1.1 * float(np.abs(values[used]).max(initial=0.0)), 1e-9)
+        reach = max(4.0 * deviation, 1.1 * np.abs(values[used]).max(initial=0.0), 1e-9)
         bars.set_ylim(-reach, reach)
     grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if returned else ""))
     grid[1, 1].set_xlabel("time [s]; a slope would be drift")
@@ -82,7 +82,7 @@ def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float
     """
     figure = new_figure(9.0, 4.6)
     once, again = figure.subplots(1, 2, sharey=True)
-    total = float(time[-1] + time[0])
+    total = time[-1] + time[0]
     moments = np.linspace(0.0, total, 1201)
     for axes, values, age, title in (
         (once, tared_once, moments, "tared once, at the start"),

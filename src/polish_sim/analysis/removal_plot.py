@@ -157,7 +157,7 @@ def _draw_shares(axes: Axes, removal: RemovalMap) -> None:
     edges, shares = _histogram(removal)
     axes.stairs(shares, edges, fill=True, color=GREY, alpha=0.75)
     _mark_bands(axes)
-    top = 1.25 * float(shares.max(initial=1e-9))
+    top = 1.25 * shares.max(initial=1e-9)
     for x, share, color, text in (
         (0.5 * UNDER, m["under_polished_share"], BLUE, f"under {UNDER:g}"),
         (OVER + 0.5 * (TOP - OVER), m["over_polished_share"], ORANGE, f"over {OVER:g}"),

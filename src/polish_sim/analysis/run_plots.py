@@ -144,7 +144,7 @@ def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> Non
     axes.plot(time[counted], distance[counted] * 1e6, color=BLUE, label="distance" if counted.any() else None)
     axes.axhline(PAPER_LIMIT_M * 1e6, color=GREEN, ls="--", lw=1.0, label="paper: < 0.3 mm")
     axes.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [µm]")
-    axes.set_ylim(0.0, 1.1e6 * max(float(distance.max(initial=0.0)), PAPER_LIMIT_M))
+    axes.set_ylim(0.0, 1.1e6 * max(distance.max(initial=0.0), PAPER_LIMIT_M))
 
 
 def _draw_plane(axes: Axes, positions: Array) -> None:
@@ -160,7 +160,7 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
     )
     angle = np.arctan2(v, u)
     radius = np.hypot(u, v)
-    exaggeration = _exaggeration(float(np.abs(radius - wanted).max(initial=0.0)), wanted)
+    exaggeration = _exaggeration(np.abs(radius - wanted).max(initial=0.0), wanted)
     shown = wanted + exaggeration * (radius - wanted)
     ideal = np.linspace(0.0, 2.0 * np.pi, 361)
     for radii, angles, look in (
@@ -239,7 +239,7 @@ def plot_force_runs(records: Records) -> Figure:
         label = f"seed {records[worst].scenario.seed}, overshoots most"
         axes.plot(*responses[worst], color=ORANGE, lw=1.6, label=label)
     axes.axvline(0.0, color=GREY, lw=1.0, ls="-.", label="first contact")
-    longest = max((time for time, _ in responses), key=lambda time: float(time[-1]))
+    longest = max((time for time, _ in responses), key=lambda time: time[-1])
     _frame(axes, longest, [force for _, force in responses], targets[-1], touched=True)
     figures = ("settling_time_3n_s", "overshoot_n")
     largest = {name: _or_zero(records, name).max() for name in figures}
@@ -265,7 +265,7 @@ def _origin(log: RunLog) -> float:
     """When first contact is, without one the start [s]."""
     held = _shown(log)
     contact = first_contact(column_of(log, "normal_force_n")[held])
-    return float(column_of(log, "time_s")[held][contact or 0])
+    return column_of(log, "time_s")[held][contact or 0]
 
 
 def _shown(log: RunLog) -> Bools:
@@ -275,12 +275,12 @@ def _shown(log: RunLog) -> Bools:
 
 
 def _frame(axes: Axes, time: Array, forces: Sequence[Array], target: float, touched: bool) -> None:
-    highest = max(float(force.max(initial=0.0)) for force in forces)
-    lowest = min(float(force.min(initial=0.0)) for force in forces)
+    highest = max(force.max(initial=0.0) for force in forces)
+    lowest = min(force.min(initial=0.0) for force in forces)
     axes.set(
         xlabel=f"time since {'first contact' if touched else 'the start'} [s]",
         ylabel="force along the tool axis [N]",
-        xlim=(max(float(time[0]), -_BEFORE_S), min(float(time[-1]), _LONGEST_S)),
+        xlim=(max(time[0], -_BEFORE_S), min(time[-1], _LONGEST_S)),
         ylim=(max(lowest, -target) - 1.0, max(target + 2.5 * HOLD_BAND_N, highest + 1.0)),
     )
 

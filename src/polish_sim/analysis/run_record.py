@@ -17,7 +17,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
 from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
-from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.toolpath import ToolPath, interpolate
 from polish_sim.row_file import METRICS, Metrics, check_forms, fits, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
@@ -71,7 +71,7 @@ class StopMark(NamedTuple):
 
     def on_path(self, path: ToolPath) -> Array:
         """Its place on a path, and so on the part as it was planned [m], shape (3,)."""
-        return np.array([np.interp(self.s, path.s, column) for column in path.positions_work.T])
+        return interpolate(np.array([self.s]), path.s, path.positions_work)[0]
 
 
 def stop_mark(metrics: Metrics) -> StopMark | None:

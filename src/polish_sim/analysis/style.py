@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.row_file import Metrics
 from polish_sim.spatial import unit
 
@@ -97,7 +97,7 @@ def styled(plot: Callable[P, FigureT]) -> Callable[P, FigureT]:
     return draw
 
 
-def new_figure(width: float = 8.0, height: float = 4.5) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """An empty figure whose parts arrange themselves without overlap; sizes in inch."""
     return Figure(figsize=(width, height), dpi=150, layout="constrained")
 
@@ -163,7 +163,7 @@ def mark_stop(panels: Sequence[Axes], where: float) -> None:
     """Draw a line at a protective stop's place on the first axis of finished panels, which end there."""
     for axes in panels:
         data = [np.asarray(line.get_xdata(), dtype=float) for line in axes.lines]
-        low = min([float(np.nanmin(x)) for x in data if len(x) > 2], default=where)
+        low = min([np.nanmin(x) for x in data if len(x) > 2], default=where)
         low = max(low, axes.get_xlim()[0])
         # Where a run stops as it starts, what came after is all there is.
         high = where if where > low else axes.get_xlim()[1]
@@ -241,7 +241,7 @@ def views_of(normals: Array, up: Array) -> Views:
 def axis_name(direction: Array) -> str:
     """Which of the part's axes a direction of the picture is, to distinguish views: ``+x``, ``-y``, or as
     numbers."""
-    largest = int(np.abs(direction).argmax())
+    largest = np.abs(direction).argmax()
     if abs(direction[largest]) > ALONG:
         return ("-" if direction[largest] < 0.0 else "+") + "xyz"[largest]
     # Adding zero turns -0.0 into 0.0.
@@ -277,7 +277,7 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
     points = corners.reshape(-1, 3)
     seen = project(points).reshape(-1, 3, 3)
     low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
-    pixel = float((high - low).max()) / PIXELS
+    pixel = (high - low).max() / PIXELS
     depth = np.full(tuple(np.ceil((high - low) / pixel).astype(int) + 1), -np.inf)
     for samples in _samples(seen, SAMPLE_PIXELS * pixel):
         columns, rows = ((samples[:, :2] - low) / pixel).astype(int).T
@@ -300,7 +300,7 @@ def seen_in(picture: DepthPicture, points: Array, off: Array) -> Bools:
 
 def _samples(seen: Array, apart: float) -> Iterator[Array]:
     """Points on triangles (m, 3, 3), at most so far apart, some at a time, (k, 3)."""
-    edges = np.linalg.norm(seen[:, :, :2] - np.roll(seen[:, :, :2], 1, axis=1), axis=2).max(axis=1)
+    edges = norms(seen[:, :, :2] - np.roll(seen[:, :, :2], 1, axis=1)).max(axis=1)
     # Powers of two, so that few sets of weights are needed.
     steps = 2 ** np.ceil(np.log2(np.maximum(edges / apart, 1.0))).astype(int)
     for count in np.unique(steps):

@@ -199,8 +199,8 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
 def _error_limits(records: Records) -> tuple[float, float]:
     """How far below and above its set force any of the runs is to be shown [N]."""
     offsets = np.concatenate([process_force(record)[1] - _set_force(record) for record in records])
-    below = min(-1.6 * FOLLOW_BAND_N, float(offsets.min(initial=0.0)) - 1.0)
-    return below, max(1.6 * FOLLOW_BAND_N, float(offsets.max(initial=0.0)) + 1.0)
+    below = min(-1.6 * FOLLOW_BAND_N, offsets.min(initial=0.0) - 1.0)
+    return below, max(1.6 * FOLLOW_BAND_N, offsets.max(initial=0.0) + 1.0)
 
 
 def _title(record: RunRecord) -> str:
@@ -237,7 +237,7 @@ def plot_peaks(record: RunRecord) -> Figure | None:
         return None
     figure = new_figure(9.0, 5.4)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-    worst = int(np.abs(errors[:, np.abs(offset) <= WINDOW_M]).max(axis=1).argmax())
+    worst = np.abs(errors[:, np.abs(offset) <= WINDOW_M]).max(axis=1).argmax()
     for rows, axes in ((errors, force), (bends, bend)):
         axes.plot(offset * 1e3, rows.T, color=GREY, lw=0.4, alpha=0.4)
         axes.lines[0].set_label("every peak")

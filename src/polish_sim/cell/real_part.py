@@ -6,6 +6,7 @@ Plans are made on the drawing; force control earns its keep on the difference.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +91,8 @@ def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.ra
     return transform(R, center - R @ center + shift)
 
 
-class PartFields(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PartFields:
     """Signed distances of a part before its errors, work frame; they are the costly part of it."""
 
     near: DistanceField  #: Where the pad can touch
@@ -122,7 +124,7 @@ def build_real_part(
     normal = region.normal_sum
     size = np.linalg.norm(normal) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
-    bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng).on_grid))
+    bent = replace(fields, near=bend_field(fields.near, bend_of(config, points, rng).on_grid))
     return place_part(bent, displacement_of(config, normal, points.mean(axis=0), rng), T_base_work, normal)
 
 

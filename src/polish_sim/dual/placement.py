@@ -20,13 +20,12 @@ from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import (
     any_turn_about,
     failure_of,
-    given_placement,
     rotations_towards,
     spin_direction,
     starts_at,
 )
 from polish_sim.motion import JointPath, track
-from polish_sim.spatial import apply_each, inverse, transform
+from polish_sim.spatial import apply_each, from_pose, inverse, transform
 
 UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see
@@ -96,7 +95,7 @@ def held_poses(pose: tuple[float, ...], work: PairWork, motion: MasterMotion, up
     """Where the part may be held at the start, base of the master, each (4, 4): at ``part.pose``, else
     candidates."""
     if pose:
-        return (work.chain.T_master_follower @ T for T in given_placement(pose))
+        return iter([work.chain.T_master_follower @ from_pose(pose)])
     return default_poses(work.chain, up, work.middle) if motion.file is None else iter(motion.T_start)
 
 

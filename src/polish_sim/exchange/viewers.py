@@ -28,7 +28,7 @@ from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.planning.triangulation import triangulate
-from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
+from polish_sim.spatial import perpendicular, rotation_to_axis, transform, turned, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
 
@@ -90,9 +90,8 @@ def _rings(middle: Array, axes: Array) -> Array:
     # Where the tool moves along its own axis the reference is any way across it.
     along = np.abs(np.sum(tangent * axes, axis=1, keepdims=True)) > 0.95
     side = unit(np.cross(tangent, np.where(along, perpendicular(axes), axes)))
-    other = np.cross(side, tangent)
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    return np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * other[:, None]
+    return turned(side[:, None], np.cross(side, tangent)[:, None], angle)
 
 
 def _tube_faces(rings: int) -> Ints:

@@ -19,6 +19,7 @@ from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.spatial import turned
 
 TOOL_AXIS = np.array([0.0, 0.0, 1.0])  # the tool points straight down [-]
 
@@ -27,10 +28,8 @@ def arc_path() -> ToolPath:
     """The circle of paper 1, once round, in the base frame, starting at its horizontal extreme."""
     points, normal, center = 1257, np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
     across = np.array([-normal[1], normal[0], 0.0])
-    angle = np.linspace(0.0, 2.0 * math.pi, points)[:, None]
-    positions = center + PAPER_ARC.radius * (
-        np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
-    )
+    angle = np.linspace(0.0, 2.0 * math.pi, points)
+    positions = center + PAPER_ARC.radius * turned(across, np.cross(normal, across), angle)
     return ToolPath(
         positions,
         np.tile(TOOL_AXIS, (points, 1)),
@@ -52,9 +51,7 @@ def prepare_arc(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
 
 def _circle() -> CheckedPath:
     path, T_flange_tool = arc_path(), tool_on_flange()
-    reach = find_reach(
-        path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False
-    )
+    reach = find_reach(path.positions_work, path.axes_work, [np.eye(4)], T_flange_tool, above_table=False)
     check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
     return CheckedPath(path, reach)
 
@@ -74,7 +71,7 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     cell = free_cell(free, start, table, scenario.process.feed_m_s, reach.q_start, rng)
     believe_tool(cell, random_streams(scenario.seed).payload)
     run = cell.run(observer)
-    done = float(run.trace.path_s_m[-1] / table.length)
+    done = run.trace.path_s_m[-1] / table.length
     figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,

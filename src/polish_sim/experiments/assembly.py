@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from polish_sim.planning import ToolPath
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Workplace:
     """A part as drawn and as it is, the path on it, where it stands and how the arm does it; nothing is
     random."""
@@ -101,7 +101,7 @@ def build_part(scenario: Checked, place: Workplace) -> RealPart:
     fields = place.fields(place.shape, scenario)
     drawn = part.displacement_m, part.rotation_rad, part.form_error_m, scenario.seed
     return PARTS.get(
-        (drawn, Same(place), Same(fields)),
+        (drawn, place, fields),
         lambda: build_real_part(
             fields, part, place.reach.T_base_work, place.region.surface, place.mesh.up,
             random_streams(scenario.seed).part,
@@ -131,23 +131,10 @@ class Memory:
         return made
 
 
-class Same:
-    """An object as part of a key: equal to itself alone, and alive as long as the key is kept."""
-
-    def __init__(self, thing: object) -> None:
-        self.thing = thing
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and self.thing is other.thing
-
-    def __hash__(self) -> int:
-        return id(self.thing)
-
-
 PLACES, PARTS = Memory(), Memory()
 
 
-def kept_place(scenario: Scenario, make: Callable[[], T], *made_for: Same) -> T:
+def kept_place(scenario: Scenario, make: Callable[[], T], *made_for: Hashable) -> T:
     """What `make` finds for the plan and the reach of a scenario, or found before; the process computes with
     the scenario's arm from here on."""
     use_arm(scenario.robot.arm)

@@ -35,7 +35,7 @@ from polish_sim.control import Controller
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import Experiment
-from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.toml_text import read_toml, toml_text
 
 NONE, TRACKER = "none", "tracker"
@@ -241,14 +241,13 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
     rate = 1.0 / np.median(np.diff(time))
     highest = math.sqrt(beliefs.stiffness_n_m / beliefs.tool_mass_kg) / (2.0 * math.pi)
     low = butter(2, min(highest, 0.2 * rate), fs=rate, output="sos")
-    places = np.arange(0.0, float(path.s[-1]), SPACING)
+    places = np.arange(0.0, path.s[-1], SPACING)
     slope = np.zeros(len(places))
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], record.log.fed, [False]])))
-    for first, last in ends.reshape(-1, 2):
-        if last - first < SHORTEST_S * rate:
+    for first, last in stretches(record.log.fed):
+        if last + 1 - first < SHORTEST_S * rate:
             continue
-        at, rows = np.unique(s[first:last], return_index=True)
-        learned = sosfiltfilt(low, height[first:last])[rows]
+        at, rows = np.unique(s[first : last + 1], return_index=True)
+        learned = sosfiltfilt(low, height[first : last + 1])[rows]
         inside = (places >= at[0]) & (places <= at[-1])
         if inside.sum() > 1:
             slope[inside] = np.gradient(np.interp(places[inside], at, learned), SPACING)

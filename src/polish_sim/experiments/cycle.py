@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, midpoints, norms, running_sums
+from polish_sim.arrays import Array, joined, midpoints, norms, running_sums
 from polish_sim.cell.stroke import (
     RETRACT_SPEED,
     TARE_START,
@@ -27,8 +26,8 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import ScanNoise
 from polish_sim.motion.trajectory import TimedPath
-from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import unit
+from polish_sim.planning.toolpath import ToolPath, interpolate
+from polish_sim.spatial import angles_between, matrices
 
 OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 
@@ -70,27 +69,20 @@ def time_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
     if not strokes:
         return dict.fromkeys((*feed_figures(()), *OWN), math.nan)
     off = np.max([(0.0, 0.0), *(_deviations(stroke) for stroke in strokes)], axis=0)
-    own = (cycle_time(tuple(strokes)), float(off[0]), float(off[1]))
-    return feed_figures(strokes) | dict(zip(OWN, own, strict=True))
+    return feed_figures(strokes) | dict(zip(OWN, (cycle_time(tuple(strokes)), *off), strict=True))
 
 
 def _deviations(stroke: Stroke) -> tuple[float, float]:
     """Largest distance of a motion from its path at the same place of it [m], and angle between the axes
     [rad]."""
     motion, table = stroke.motion, stroke.process
-    at = np.minimum(motion.places / table.spacing, len(table.positions) - 1.0)
-    axes = _axes(table.quaternions)
-    wanted = [
-        np.interp(at, np.arange(len(axes)), column) for column in np.concatenate([table.positions, axes], 1).T
-    ]
-    tips, along = np.stack(wanted[:3], axis=1), unit(np.stack(wanted[3:], axis=1))
-    chords = norms(_axes(motion.quaternions) - along)
-    turned = 2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0))
-    return float(norms(motion.positions - tips).max()), float(turned.max())
-
-
-def _axes(quaternions: np.ndarray) -> np.ndarray:
-    return Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
+    rows = np.arange(len(table.positions))
+    at = np.minimum(motion.places / table.spacing, rows[-1])
+    tips, along = (
+        interpolate(at, rows, column) for column in (table.positions, matrices(table.quaternions)[:, :, 2])
+    )
+    turned = angles_between(matrices(motion.quaternions)[:, :, 2], along)
+    return norms(motion.positions - tips).max(), turned.max()
 
 
 # The whole cycle, row by row: what a picture of the plan in motion plays.
@@ -138,10 +130,10 @@ def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
         force, bend = (np.interp(motion.places, rows, values) for values in (stroke.force, table.curvature))
         add(*_thinned(_played(motion), motion.positions, motion.quaternions, force, bend))
         lifted = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
-        above = motion.positions[-1] - lifted * _axes(motion.quaternions[-1:])[0]
+        above = motion.positions[-1] - lifted * matrices(motion.quaternions[-1])[:, 2]
         add(np.array([lifted / RETRACT_SPEED]), above[None], motion.quaternions[-1:])
-    whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
-    kept = np.append(np.diff(whole[0]) > 1e-9, True)
+    whole = Cycle(*joined(pieces))
+    kept = np.append(np.diff(whole.time) > 1e-9, True)
     return Cycle(*(column[kept] for column in whole))
 
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
@@ -162,7 +163,7 @@ class _Problem:
         self.quick = QUICK * process.feed_m_s / self.steps.sum() * (self.steps @ self.knots)
         at_feed = self.rates @ self.steps / process.feed_m_s
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
-        self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
+        self.goal = shape * (self.weights @ at_feed) / (self.weights @ shape)
 
     def _spacing(self) -> float:
         """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""
@@ -225,7 +226,7 @@ class _Problem:
         """Values at the knots within their limits for which the exposure comes nearest to the goal, each at a
         ``cost``."""
         by = np.sqrt(self.weights * self.importance) / np.maximum(
-            self.goal, LEAST_GOAL * float(self.weights @ self.goal)
+            self.goal, LEAST_GOAL * (self.weights @ self.goal)
         )
         wanted = (self.goal - self.landing) * by
         scaled = (columns * by[:, None]).tocsr()
@@ -236,7 +237,7 @@ class _Problem:
 
         def distance(x: Array) -> tuple[float, Array]:
             slope = square @ (x * usual) - linear
-            return 0.5 * usual * float(x @ (slope - linear)), usual * slope
+            return 0.5 * usual * (x @ (slope - linear)), usual * slope
 
         bounds = np.stack([low, high], axis=1) / usual
         options = {"maxiter": 1000, "ftol": 1e-10, "maxcor": 30}
@@ -282,11 +283,7 @@ def _least_near(knots: Array, apart: float, s: Array, values: Array) -> Array:
 def _hats(path: ToolPath, s: Array, apart: float) -> tuple[Array, csr_array]:
     """Knots along each stroke [m], (m,), and the hat function of each at places s (k,), shape (k, m)."""
     knots = np.concatenate([_divided(path, pair, apart) for pair in stretches(path.process)])
-    left = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2)
-    share = (s - knots[left]) / (knots[left + 1] - knots[left])
-    rows = np.arange(len(s))
-    entries = np.concatenate([1.0 - share, share]), (np.tile(rows, 2), np.concatenate([left, left + 1]))
-    return knots, csr_array(entries, shape=(len(s), len(knots)))
+    return knots, BSpline.design_matrix(s, np.pad(knots, 1, "edge"), 1)
 
 
 def _poses(path: ToolPath, s: Array, feed: float, spin: float) -> PadPoses:

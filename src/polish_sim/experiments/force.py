@@ -96,4 +96,4 @@ def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult
 
 def hold_done(hold_s: float, run: CellRun) -> float:
     """Share of the time on the point that was held, 0 to 1."""
-    return min(1.0, float(np.sum(run.trace.fed)) / round(hold_s / run.dt))
+    return min(1.0, np.sum(run.trace.fed) / round(hold_s / run.dt))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Figures, norms
+from polish_sim.arrays import Array, norms
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.poses import move, move_time
 from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
@@ -89,22 +89,6 @@ def free_log(
     return log
 
 
-def free_figures(seed: int, T_base_work: Array | None, steps: int, simulated: float, wall: float) -> Figures:
-    """The figures every experiment reports, of a run that went to its end; times in s."""
-    return {
-        "path_done": 1.0,
-        "protective_stop": None,
-        "interrupted": False,
-        "faults_missed": [],
-        "T_base_work": None if T_base_work is None else T_base_work.tolist(),
-        "simulated_s": simulated,
-        "wall_s": wall,
-        "real_time_factor": simulated / wall if wall else 0.0,
-        "steps": steps,
-        "seed": seed,
-    }
-
-
 CLOCK_FEED = 0.1  #: Length of the path that stands for a second [m], standing still included
 ROW_S = 0.01  # between rows of the path [s]
 START_S = 0.5  # until the path's clock has come up to speed [s]
@@ -158,7 +142,7 @@ def patience(robot: RobotConfig) -> float:
     return math.sqrt(max(1.0, *shares))
 
 
-def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -> Visit:
+def plan_visit(q: Array, settle: float, average: float, patience: float) -> Visit:
     """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average``
     [s].
 
@@ -177,7 +161,7 @@ def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -
         rows.append(np.tile(pose, (len(still), 1)))
         times.append(np.asarray(now + still))
         windows.append([now + settle, now + settle + average])
-        now = float(times[-1][-1])
+        now = times[-1][-1]
     T_base_tool = forward(np.concatenate(rows)) @ tool_on_flange()
     place = CLOCK_FEED * np.concatenate(times)
     table = build_path_table(
@@ -232,13 +216,13 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
                 f"no row of the log is in the {(last - first) / CLOCK_FEED:.3g} s of readings in pose "
                 f"{number}. Raise payload.average_s or simulation.log_rate_hz."
             )
-        speed = float(np.abs(log["qd_rad_s"][rows]).max())
+        speed = np.abs(log["qd_rad_s"][rows]).max()
         if speed > AT_REST_RAD_S:
             raise CalibrationError(
                 f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. "
                 "Raise payload.settle_s."
             )
-        times.append(float(log["time_s"][rows].mean()))
+        times.append(log["time_s"][rows].mean())
         frames.append(log[frame][rows][-1].astype(np.float64))
         means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
     R_base_sensor = matrices(np.array(frames))

@@ -3,10 +3,10 @@ what is around it (path -> pose, joints)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -36,18 +36,13 @@ from polish_sim.experiments.placement import (
     check_whole_path,
     default_placements,
     find_reach,
-    given_placement,
 )
 from polish_sim.experiments.reach_map import ReachMap, map_reach
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath
 from polish_sim.planning.toolpath import ToolPath, pressed
-from polish_sim.spatial import apply, inverse
-
-if TYPE_CHECKING:
-    from polish_sim.geometry import PartMesh, Surface
-
+from polish_sim.spatial import apply, from_pose, inverse
 
 CLEARANCE_M = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
 BASE_RADIUS_M = 0.11  #: Of the robot's base and pedestal [m]
@@ -183,7 +178,7 @@ class PartPlacing:
         followed = pressed(path, sunk_under(scenario.head, scenario.pad, force)) if pressed_in else path
         self.positions = followed.positions_work
         self.axes = path.axes_work
-        self.lowest = float((mesh.vertices @ mesh.up).min())
+        self.lowest = (mesh.vertices @ mesh.up).min()
         self._surface = surface
         spec = robot_with_tool(scenario)
         self._arm = ArmCheck(spec, mesh, surface, path.axes_work, bool(scenario.part.fixture_file))
@@ -225,7 +220,7 @@ class PartPlacing:
         first."""
         for T_base_work, spin in islice(self.map().best_first(), tried):
             with suppress(ReachError):
-                return self._reach(iter([T_base_work]), (spin,))
+                return self._reach([T_base_work], (spin,))
         return None
 
     def given(self) -> Reach:
@@ -234,16 +229,16 @@ class PartPlacing:
         Raises:
             ReachError: The part cannot stand there, or the arm does not do the path; names one that fits.
         """
-        pose = self.scenario.part.pose
-        fault = standing_fault(self.mesh, self._surface, next(given_placement(pose)))
+        T_base_work = from_pose(self.scenario.part.pose)
+        fault = standing_fault(self.mesh, self._surface, T_base_work)
         try:
             if fault:
                 raise ReachError(f"the part cannot stand at the pose asked for: {fault}.")
-            return self._reach(given_placement(pose))
+            return self._reach([T_base_work])
         except ReachError as error:
             raise ReachError(f"{error} {self._advice()}") from None
 
-    def _reach(self, placements: Iterator[Array], spins: Sequence[float] = SPINS) -> Reach:
+    def _reach(self, placements: Iterable[Array], spins: Sequence[float] = SPINS) -> Reach:
         tool = tool_on_flange()
         reach = find_reach(
             self.positions,

@@ -141,7 +141,7 @@ def placed_strokes(
                 lead_in=_air_table(nominal[before], rotations[before], process.approach_speed_m_s),
                 process=table,
                 motion=motion,
-                depth=float(depths[first]),
+                depth=depths[first],
                 force=force,
                 contact=True,
                 approach_speed=process.approach_speed_m_s,
@@ -150,13 +150,13 @@ def placed_strokes(
                 search_depth=process.search_depth_m,
                 hold=hold,
                 feed_time=left,
-                lift=_lift_off(lift, float(depths[first]), float(depths[last])),
-                start_s=float(path.s[first]),
+                lift=_lift_off(lift, depths[first], depths[last]),
+                start_s=path.s[first],
                 retare=bool(strokes) and process.tare == "strokes",
             )
         )
         left -= motion.playing_time
-        progress(float(path.s[last]), path.length_m)
+        progress(path.s[last], path.length_m)
         if left <= 0.0:
             break
     return strokes
@@ -171,9 +171,9 @@ def path_done(path: ToolPath, fed_s: Array) -> float:
         return 0.0
     in_contact = [(path.s[a], path.s[b]) for a, b in stretches(path.process)]
     total = sum(end - start for start, end in in_contact)
-    reached = float(fed_s[-1]) + 1e-9  # the law of the feed may end some roundings short of the last point
+    reached = fed_s[-1] + 1e-9  # the law of the feed may end some roundings short of the last point
     left = sum(max(end - max(start, reached), 0.0) for start, end in in_contact)
-    return float(1.0 - left / total) if total > 0.0 else 1.0
+    return 1.0 - left / total if total > 0.0 else 1.0
 
 
 def _lift_off(lift: float, depth_first: float, depth_last: float) -> float:
@@ -274,7 +274,7 @@ def shape_figures(shape: RealShape, path: ToolPath) -> Figures:
         return {}
     positions, axes = path.positions_work[path.process], path.axes_work[path.process]
     above = dots(shape.surface.closest(positions).positions - positions, axes)
-    facts = {"lowest_m": float(above.min()), "highest_m": float(above.max()), "notes": list(shape.mesh.notes)}
+    facts = {"lowest_m": above.min(), "highest_m": above.max(), "notes": list(shape.mesh.notes)}
     return {"real_part": facts}
 
 
@@ -287,7 +287,7 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
     away = norms(shape.surface.closest(positions).positions - positions)
     if np.median(away) <= FAR_M:
         return
-    nearest = int(np.argmin(away))
+    nearest = np.argmin(away)
     raise MeshError(
         f"the real part '{config.real_file}' does not lie where '{config.file}' does: half of the path is "
         f"more than {1e3 * np.median(away):.4g} mm away from it (allowed: {1e3 * FAR_M:g} mm), the nearest "

@@ -91,8 +91,8 @@ def run_payload_calibration(
     figures |= {
         "drift_600s_rms_n": rms_length(long_run.tared_once),
         "drift_600s_retared_rms_n": rms_length(long_run.tared_again),
-        "drift_600s_max_n": float(norms(long_run.tared_once).max()),
-        "drift_600s_retared_max_n": float(norms(long_run.tared_again).max()),
+        "drift_600s_max_n": norms(long_run.tared_once).max(),
+        "drift_600s_retared_max_n": norms(long_run.tared_again).max(),
         "simulated_s": run.steps * run.dt,
         "wall_s": run.wall_s,
         "steps": run.steps,
@@ -123,7 +123,7 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
     return {
         "mass_error_kg": estimate.mass - carried.mass,
         "mass_error_relative": abs(estimate.mass / carried.mass - 1.0),
-        "center_error_m": float(np.linalg.norm(estimate.center - carried.center)),
+        "center_error_m": np.linalg.norm(estimate.center - carried.center),
         "bias_error_n": off[:3].tolist(),
         "bias_error_nm": off[3:].tolist(),
         "compensation_error_max_n": worst,
@@ -133,7 +133,7 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
 def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
     """Estimated force bias minus what bias, drift and warm-up have become [N], shape (3,)."""
     now = cell.sensor.bias + cell.state.sensor.drift + cell.sensor.warm_up * cell.state.sensor.warmth
-    return (estimate.bias_at(float(cell.data.time)) - now)[:3]
+    return (estimate.bias_at(cell.data.time) - now)[:3]
 
 
 def _return_figures(readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate) -> Figures:
@@ -141,10 +141,10 @@ def _return_figures(readings: calibration.PayloadReadings, estimate: calibration
     drift, std = readings.wrenches[-1] - readings.wrenches[0], np.sqrt(2.0) * estimate.noise
     return {
         "drift_return_n": drift[:3].tolist(),
-        "drift_return_n_std": float(std[0]),
+        "drift_return_n_std": std[0],
         "drift_return_nm": drift[3:].tolist(),
-        "drift_return_nm_std": float(std[3]),
-        "drift_return_s": float(readings.time[-1] - readings.time[0]),
+        "drift_return_nm_std": std[3],
+        "drift_return_s": readings.time[-1] - readings.time[0],
     }
 
 
@@ -159,9 +159,9 @@ def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
         "residual_poses": CHECK_POSES,
-        "residual_force_max_n": float(norms(left).max()),
+        "residual_force_max_n": norms(left).max(),
         "residual_force_rms_n": rms_length(left),
-        "residual_force_tared_max_n": float(norms(left - left[0])[1:].max()),
+        "residual_force_tared_max_n": norms(left - left[0])[1:].max(),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath, inverse_all, link_frames, track
-from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
+from polish_sim.planning.toolpath import rows_apart
+from polish_sim.spatial import apply, rotation_to_axis, transform
 
 if TYPE_CHECKING:
     from polish_sim.geometry import Surface
@@ -90,13 +91,13 @@ def rotations_towards(axes_base: Array, direction: Array) -> Array:
 
 def any_turn_about(z: Array) -> Array:
     """A rotation with this z axis, a unit vector (3,), whatever its turn about it, shape (3, 3)."""
-    return rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0]
+    return rotation_to_axis(z[None], np.eye(3)[np.abs(z).argmin()])[0]
 
 
 def find_reach(
     positions: Array,
     axes: Array,
-    placements: Iterator[Array],
+    placements: Iterable[Array],
     T_flange_tool: Array,
     above_table: bool,
     otherwise: str = "or polish a smaller --region",
@@ -155,10 +156,9 @@ def find_reach(
     if best is None and furthest.point < 0 and unturnable is not None:
         raise unturnable
     if best is None:
-        point = positions[samples[max(furthest.point, 0)]] * 1e3
         raise ReachError(
-            f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the "
-            f"part {furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose "
+            f"the robot cannot do this path: at {place_in_mm(positions[samples[max(furthest.point, 0)]])} of "
+            f"the part {furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose "
             f"X,Y,Z,RX,RY,RZ (mm, deg) {otherwise}."
         )
     return best
@@ -174,10 +174,9 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
     joints = reach.follow(positions, axes, T_flange_tool)
     failure = failure_of(joints, False)
     if failure is not None:
-        point = positions[failure.point] * 1e3
         raise ReachError(
-            f"point {failure.point} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the "
-            f"part: {failure.reason}. Move the part with --part-pose."
+            f"point {failure.point} of the path, {place_in_mm(positions[failure.point])} of the part: "
+            f"{failure.reason}. Move the part with --part-pose."
         )
     return joints
 
@@ -196,18 +195,13 @@ def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[A
             yield transform(R, np.array([-middle[0], -distance - middle[1], height - lowest]))
 
 
-def given_placement(pose: tuple[float, ...]) -> Iterator[Array]:
-    """The one pose a user asked for."""
-    yield from_pose(pose)
-
-
 def upright(up: Array) -> Array:
     """Least rotation that turns ``up`` to base z."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     size = np.linalg.norm(axis)
     if size < 1e-9:
         return np.eye(3) if up[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-    return Rotation.from_rotvec(axis / size * math.atan2(size, float(up[2]))).as_matrix()
+    return Rotation.from_rotvec(axis / size * math.atan2(size, up[2])).as_matrix()
 
 
 def starts_at(T_base_flange: Array) -> Array:
@@ -247,14 +241,14 @@ def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:
     Raises:
         PlanError: Says where.
     """
-    _, rows = np.unique(np.round(path.s / EVERY).astype(int), return_index=True)
+    rows = rows_apart(path.s, EVERY)
     points = path.positions_work[rows]
     tools = -path.axes_work[rows]
     R_work_tool = np.stack([any_turn_about(z) for z in tools])  # the shaft is round
     shaft = np.einsum("nij,kj->nki", R_work_tool, shaft_points()) + points[:, None]
     gaps = signed_distances(surface, shaft.reshape(-1, 3)).reshape(len(rows), -1).min(axis=1)
     if gaps.min() < clearance:
-        worst = int(gaps.argmin())
+        worst = gaps.argmin()
         raise PlanError(
             f"the pad's shaft comes within {1e3 * gaps[worst]:.1f} mm of the part where the pad is at "
             f"{place_in_mm(points[worst])} of it, less than {1e3 * clearance:g} mm (dual.pad_clearance_m). "

@@ -36,7 +36,6 @@ from polish_sim.config import Checked, FaultsConfig, PadConfig, PlanConfig, Scen
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
-    Same,
     Workplace,
     config_hash,
     kept_place,
@@ -564,7 +563,7 @@ class _Prover:
         }
         notes = (*plan.notes, *proof_notes(proof), *drift_notes(scenario, plan))
         plan = replace(plan, path=place.path, mends=mends, proof=proof, figures=figures, notes=notes)
-        kept_place(scenario, lambda: place, Same(plan))
+        kept_place(scenario, lambda: place, plan)
         return Proven(plan, scenario)
 
 

@@ -25,15 +25,15 @@ def plot_reach_map(found: ReachMap, mesh: PartMesh, T_base_work: Array | None) -
     any."""
     by_turn = found.values.max(axis=3)
     if T_base_work is None:
-        height = int(by_turn.max(axis=(1, 2)).argmax())
+        height = by_turn.max(axis=(1, 2)).argmax()
     else:
-        stands = float(apply(T_base_work, mesh.vertices)[:, 2].min())
-        height = int(np.abs(HEIGHTS - stands).argmin())
+        stands = apply(T_base_work, mesh.vertices)[:, 2].min()
+        height = np.abs(HEIGHTS - stands).argmin()
     figure = new_figure(12.0, 5.2)
     above, turns = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     shown: dict[str, Any] = {
         "vmin": 0.0,
-        "vmax": float(by_turn.max()) or 1.0,
+        "vmax": by_turn.max() or 1.0,
         "cmap": "viridis",
         "shading": "nearest",
     }

@@ -32,6 +32,7 @@ from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plo
 from polish_sim.page import PAGE, Table
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 from polish_sim.planning.part_plan import load_mesh
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.row_file import METRICS, check_forms
 
 
@@ -208,8 +209,7 @@ def _resampled(motion: Motion, time: Array) -> Motion:
     """A motion at other moments (n,) [s]; past its end it stands still."""
     columns = {}
     for name, values in motion._asdict().items():
-        table = np.asarray(values)[:, None] if np.ndim(values) == 1 else values
-        rows = np.stack([np.interp(time, motion.time, column) for column in table.T], axis=1)
+        rows = interpolate(time, motion.time, values.reshape(len(values), -1))
         columns[name] = rows[:, 0] if np.ndim(values) == 1 else rows
     return Motion(
         **{**columns, "time": time, "force": np.where(time > motion.time[-1], 0.0, columns["force"])}

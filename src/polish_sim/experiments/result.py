@@ -44,6 +44,22 @@ class RunResult:
         return RunRecord(self.scenario.experiment, self.scenario, figures, self.log, self.path, self.removal)
 
 
+def free_figures(seed: int, T_base_work: Array | None, steps: int, simulated: float, wall: float) -> Figures:
+    """The figures every experiment reports, of a run that went to its end; times in s."""
+    return {
+        "path_done": 1.0,
+        "protective_stop": None,
+        "interrupted": False,
+        "faults_missed": [],
+        "T_base_work": None if T_base_work is None else T_base_work.tolist(),
+        "simulated_s": simulated,
+        "wall_s": wall,
+        "real_time_factor": simulated / wall if wall else 0.0,
+        "steps": steps,
+        "seed": seed,
+    }
+
+
 def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> Figures:
     """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to
     1.
@@ -56,22 +72,17 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     """
     simulated = run.steps * run.dt
     travel = run.trace.pad_travel_m[run.trace.fed]
-    stroke = {"flange_stroke_used": float(np.ptp(travel)) / scenario.head.travel_m} if len(travel) else {}
+    stroke = {"flange_stroke_used": np.ptp(travel) / scenario.head.travel_m} if len(travel) else {}
     return {
+        **free_figures(scenario.seed, T_base_work, run.steps, simulated, run.wall_s),
         **(stroke if scenario.head.flange.bandwidth_hz else {}),
         "path_done": path_done,
         **_stop(run, _with_values(run.stop_reason, scenario), T_base_work),
         **run.safety._asdict(),
         **run.payload._asdict(),
-        "peak_force_n": float(run.trace.normal_force_n.max()),
+        "peak_force_n": run.trace.normal_force_n.max(),
         "interrupted": run.interrupted,
-        "T_base_work": None if T_base_work is None else T_base_work.tolist(),
         "cycle_time_s": simulated,
-        "simulated_s": simulated,
-        "wall_s": run.wall_s,
-        "real_time_factor": simulated / run.wall_s if run.wall_s else 0.0,
-        "steps": run.steps,
-        "seed": scenario.seed,
     }
 
 
@@ -92,11 +103,7 @@ def _stop(run: CellRun, limits: str | None, T_base_work: Array | None) -> Figure
         on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "
     force = f"exact force {trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
-    along = (
-        f"{1e3 * float(trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, "
-        if run.stroke
-        else ""
-    )
+    along = f"{1e3 * trace.path_s_m[row]:.0f} mm along the path, stroke {run.stroke}, " if run.stroke else ""
     measured = (
         f"measured {run.safety.protective_stop_measured}" if run.safety.protective_stop_measured else ""
     )
@@ -108,7 +115,7 @@ def _stop(run: CellRun, limits: str | None, T_base_work: Array | None) -> Figure
         "protective_stop_at": {
             "name": ", ".join(filter(None, [name, measured])),
             "time_s": at,
-            "path_s_m": float(trace.path_s_m[row]),
+            "path_s_m": trace.path_s_m[row],
             "tool_m": tip.tolist(),
             "tool_on_part_m": on_part.tolist() if where else None,
         },

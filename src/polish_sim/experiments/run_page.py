@@ -26,6 +26,7 @@ from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page import Table
 from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, into_plane, matrices, transform
 
 if TYPE_CHECKING:
@@ -91,8 +92,7 @@ def shown_rows(time: Array, q: Array) -> Indices:
     every = max(1, round((n - 1) / max(ROWS_PER_S * (time[-1] - time[0]), 1.0)))
     while True:
         kept = np.unique(np.append(np.arange(0, n, every), n - 1))
-        between = np.stack([np.interp(time, time[kept], column[kept]) for column in q.T], axis=1)
-        if every == 1 or np.abs(between - q).max() <= JOINT_ERROR:
+        if every == 1 or np.abs(interpolate(time, time[kept], q[kept]) - q).max() <= JOINT_ERROR:
             break
         every = -(-every // 2) if every > 2 else 1
     return kept if len(kept) <= MOST_ROWS else np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(np.int64))
@@ -230,7 +230,7 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     twist = column("command_twist")
     axis = _tool_axis(record, "tcp_quaternion_wxyz")[kept]
     along = dots(twist[:, :3], axis)
-    across = norms(twist[:, :3] - along[:, None] * axis)
+    across = norms(into_plane(twist[:, :3], axis))
     asked = Line("asked", motion.asked, "asked")
     read = [Line("read by the sensor", column(MEASURED)[:, 2], "1")] if MEASURED in log.names else []
     plots = [

@@ -193,8 +193,8 @@ def _patch(number: int, surface: Surface) -> Patch:
         np.concatenate([(1.0 - share) * field[a] + share * field[b] for a, b in pairwise(order)])
         for field in (points, axes)
     )
-    middle = middle_points(surface).positions[int(surface.facet_areas.argmax())]
-    return Patch(number, float(surface.facet_areas.sum()), unit(facing(surface)), middle, way, unit(normals))
+    middle = middle_points(surface).positions[surface.facet_areas.argmax()]
+    return Patch(number, surface.facet_areas.sum(), unit(facing(surface)), middle, way, unit(normals))
 
 
 def _way_over(mesh: PartMesh, patches: Sequence[Patch], clearance: float) -> ToolPath:

@@ -78,8 +78,7 @@ def stroke_path(
     """The stroke of some rows of a path whose tool points and frames are these, (n, 3), (n, 3, 3); ``usual``
     is its feed where the path has none [m/s]."""
     s = path.s[rows]
-    feed = np.full(len(s), usual) if path.feed is None else path.feed[rows]
-    return StrokePath(points[rows], rotations[rows], s - s[0], feed, limits)
+    return StrokePath(points[rows], rotations[rows], s - s[0], path.feeds(usual)[rows], limits)
 
 
 def check_stroke_rule(asked: SmoothingConfig) -> None:
@@ -149,7 +148,7 @@ def by_rule(
     The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
     """
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
-    top = float(stroke.feed.max())
+    top = stroke.feed.max()
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
     stretch = np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)
     limits = cell_limits(asked, stroke.limits, top * stretch)
@@ -170,7 +169,7 @@ def by_rule(
 def at_the_feed(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare
     with."""
-    top = float(stroke.feed.max())
+    top = stroke.feed.max()
     table = build_path_table(stroke.tips, stroke.rotations, stroke.s)
     return time_path(with_feed_share(table, stroke.s, stroke.feed / top), feed_pace(top))
 
@@ -219,13 +218,13 @@ def feed_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
         fed = motion.speeds * motion.rates
         steps = np.diff(motion.places)
         times += motion.playing_time
-        lengths += float(steps.sum())
-        kept += float(steps[np.minimum(fed[1:], fed[:-1]) >= KEPT * feed].sum())
+        lengths += steps.sum()
+        kept += steps[np.minimum(fed[1:], fed[:-1]) >= KEPT * feed].sum()
         inner = np.flatnonzero((motion.places > END_M) & (motion.places < motion.places[-1] - END_M))
         if len(inner):
             row = inner[np.argmax(fed[inner] <= SAME * fed[inner].min())]
             if not fed[row] >= slowest[0] / SAME:
-                slowest = (float(fed[row]), stroke.start_s + float(motion.places[row]))
+                slowest = (fed[row], stroke.start_s + motion.places[row])
     return {
         "motion_time_s": times,
         "feed_kept": kept / lengths if lengths > 0.0 else math.nan,

@@ -13,13 +13,7 @@ from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
-from polish_sim.experiments.assembly import (
-    Same,
-    Workplace,
-    build_cell,
-    build_part,
-    kept_place,
-)
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, kept_place
 from polish_sim.experiments.beliefs import FIGURE
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.force import place_force
@@ -64,7 +58,7 @@ def remove_material(
         nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s
     )
     own = len(nodes.mesh.vertices)
-    pressed = float(motion.impulses.sum())
+    pressed = motion.impulses.sum()
     removal = RemovalMap(
         vertices=nodes.mesh.vertices,
         normals=nodes.mesh.normals,
@@ -74,10 +68,8 @@ def remove_material(
         up=place.region.up,
         preston_1_pa=scenario.process.preston_1_pa,
         elsewhere_nm=float(nodes.pressed.areas[own:] @ removed.exposure[own:]),
-        unplaced_share=float(motion.impulses[removed.carried <= 0.0].sum()) / pressed
-        if pressed > 0.0
-        else math.nan,
-        field_ratio=float(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
+        unplaced_share=motion.impulses[removed.carried <= 0.0].sum() / pressed if pressed > 0.0 else math.nan,
+        field_ratio=(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
     )
     return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
 
@@ -118,7 +110,7 @@ def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SI
         shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, *standing)
         return Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture)
 
-    return kept_place(scenario, make, Same(plan))
+    return kept_place(scenario, make, plan)
 
 
 def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> RunResult:
@@ -139,7 +131,7 @@ def measure_run(
     path = plan.path
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
-    reached = float(fed[-1]) if len(fed) else -1.0
+    reached = fed[-1] if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     removal = remove_material(scenario, place, part, run)
     figures |= measure_removal(removal.map, scenario.pad.radius_m)

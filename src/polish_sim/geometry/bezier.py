@@ -26,7 +26,7 @@ def edge_middle(start: Array, end: Array, start_way: Array, end_way: Array) -> A
     On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection
     by three times that. Points are (..., 3) [m], ``start_way`` and ``end_way`` unit tangents there.
     """
-    length = np.linalg.norm(end - start, axis=-1, keepdims=True)
+    length = norms(end - start)[..., None]
     return 0.5 * (start + end) + 0.125 * (length * start_way - length * end_way)
 
 

@@ -194,6 +194,7 @@ class Edges(NamedTuple):
 
     ends: Indices  #: Vertex numbers, the lower first, shape (e, 2)
     of_facet: Indices  #: Number of the edge from corner k to corner k + 1, shape (m, 3)
+    first: Indices  #: The first of these, 3 m + k, that is each edge, shape (e,)
 
 
 def find_edges(faces: Ints | Indices) -> Edges:
@@ -201,8 +202,8 @@ def find_edges(faces: Ints | Indices) -> Edges:
     start, end = faces.astype(np.int64), next_corners(faces).astype(np.int64)
     low, high = np.minimum(start, end), np.maximum(start, end)
     size = int(high.max(initial=0)) + 1
-    keys, which = np.unique(low * size + high, return_inverse=True)
-    return Edges(np.stack([keys // size, keys % size], axis=1), which.reshape(-1, 3))
+    keys, first, which = np.unique(low * size + high, return_index=True, return_inverse=True)
+    return Edges(np.stack(np.divmod(keys, size), axis=1), which.reshape(-1, 3), first)
 
 
 def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:

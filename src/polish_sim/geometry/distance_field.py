@@ -199,7 +199,7 @@ def _sign_empty_bricks(skin: SkinArrays, table: Ints, origin: Array, side: float
 
     groups, count = label(table < 0)
     for group in range(1, count + 1):
-        place = np.unravel_index(int(np.argmax(groups == group)), table.shape)
+        place = np.unravel_index(np.argmax(groups == group), table.shape)
         x, y, z = origin + side * (np.array(place) + 0.5)
         if signed_distance(skin, (x, y, z), -1, np.inf)[0] < 0.0:
             table[groups == group] = INSIDE

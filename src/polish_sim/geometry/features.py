@@ -16,6 +16,7 @@ from polish_sim.arrays import (
     longest_side,
     next_corners,
     norms,
+    running_sums,
     summed,
 )
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
@@ -58,7 +59,7 @@ def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FE
 
 
 def smooth_corners(
-    vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools, feature_angle: float = FEATURE_ANGLE
+    vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools, feature_angle: float
 ) -> SmoothCorners:
     """Gather facet corners across smooth edges (m, 3) and give each gathering one normal.
 
@@ -217,7 +218,7 @@ def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
     others = np.concatenate([sharp[:, 1], sharp[:, 0]])
     order = np.argsort(ends, kind="stable")
     degree = np.bincount(ends, minlength=count)
-    first = np.concatenate([[0], np.cumsum(degree)[:-1]])
+    first = running_sums(degree)
     two = np.flatnonzero(degree == 2)
     before = vertices[two] - vertices[others[order[first[two]]]]
     after = vertices[others[order[first[two] + 1]]] - vertices[two]
@@ -235,9 +236,9 @@ def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
 
 
 def _oriented(tangents: Array, chords: Array) -> Array:
-    return np.where((tangents * chords).sum(axis=-1, keepdims=True) < 0.0, -tangents, tangents)
+    return np.where(dots(tangents, chords)[..., None] < 0.0, -tangents, tangents)
 
 
 def _mirror(directions: Array, chords: Array) -> Array:
     """Direction at the other end of a circular arc over the chord."""
-    return 2.0 * (directions * chords).sum(axis=-1, keepdims=True) * chords - directions
+    return 2.0 * dots(directions, chords)[..., None] * chords - directions

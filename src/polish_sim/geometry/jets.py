@@ -17,7 +17,7 @@ from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms, 
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.spatial import plane_axes, unit
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
@@ -159,8 +159,7 @@ def _widest_tilt_around(vertices: Array, faces: Ints, corners: SmoothCorners, li
 
 def tangent_frames(normals: Array) -> Array:
     """Two unit tangents for each normal, shape (k, 2, 3)."""
-    first = perpendicular(normals)
-    return np.stack([first, np.cross(normals, first)], axis=1)
+    return np.stack(plane_axes(normals), axis=1)
 
 
 def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -> tuple[Array, Indices]:

@@ -258,7 +258,7 @@ def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
 
 def _joined_on_grid(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
     """Join the vertices in each cube of half the edge that triangles of the wanted number have."""
-    area = float(facet_normals(vertices, faces)[1].sum())
+    area = facet_normals(vertices, faces)[1].sum()
     cubes = np.floor(vertices / (0.5 * math.sqrt(2.0 * area / most_facets))).astype(np.int64)
     cube = np.unique(cubes, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cube)

@@ -122,7 +122,7 @@ def _seen_from(graph: FacetGraph, direction: Array) -> Face:
     rim = np.zeros(len(looks), dtype=bool)
     rim[graph.links[ends[:, 0] != ends[:, 1]]] = True
     doubt = float(graph.areas[facets] @ rim[facets])
-    return Face(direction, float(sizes.max()), doubt, facets)
+    return Face(direction, sizes.max(), doubt, facets)
 
 
 def _candidates(graph: FacetGraph) -> tuple[Array, Array]:
@@ -134,7 +134,7 @@ def _candidates(graph: FacetGraph) -> tuple[Array, Array]:
     leaders: list[Array] = []
     left = areas > 0.0
     while left.any():
-        direction = normals[int(left.argmax())]
+        direction = normals[left.argmax()]
         left &= normals @ direction < np.cos(_LEADER_ANGLE)
         for _ in range(_SHIFTS):
             direction = _mean(normals, areas * (normals @ direction > np.cos(UP_CONE)), direction)
@@ -163,13 +163,13 @@ def _whole_direction(graph: FacetGraph, face: Face) -> Array | None:
     weights = np.where(labels == labels[face.facets[0]], graph.areas, 0.0)
     total = weights @ graph.normals
     length = np.linalg.norm(total)
-    return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
+    return np.asarray(total / length) if length > _SAME * weights.sum() else None
 
 
 def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
     total = weights @ normals
     length = np.linalg.norm(total)
-    return np.asarray(total / length) if length > 1e-9 * float(weights.sum()) else otherwise
+    return np.asarray(total / length) if length > 1e-9 * weights.sum() else otherwise
 
 
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:

@@ -167,7 +167,7 @@ def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: obje
     """
     bad = np.flatnonzero((indices < 0) | (indices >= len(points)))
     if len(bad):
-        facet = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
+        facet = np.searchsorted(np.cumsum(sizes), bad[0], side="right")
         raise MeshError(
             f"{path}: facet {facet} refers to vertex {indices[bad[0]]}, but vertices run from 0 to "
             f"{len(points) - 1}. Export the part again."

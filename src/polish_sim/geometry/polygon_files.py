@@ -293,7 +293,7 @@ def _read_vertices(lines: list[bytes], path: Path) -> Array:
     lines = [line.partition(b"#")[0] for line in lines]
     counts = np.array([len(line.split()) for line in lines])
     if counts.min() < 3:
-        broken(path, f"vertex {int(counts.argmin()) + 1} of the OBJ file has no three numbers")
+        broken(path, f"vertex {counts.argmin() + 1} of the OBJ file has no three numbers")
     numbers = _numbers(b"\n".join(lines), int(counts.sum()), path, "a vertex")
     return numbers[(np.cumsum(counts) - counts)[:, None] + np.arange(3)]
 

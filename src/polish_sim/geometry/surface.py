@@ -15,7 +15,7 @@ from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
-from polish_sim.spatial import into_plane, perpendicular, unit
+from polish_sim.spatial import into_plane, plane_axes, turned, unit
 
 
 class SurfacePoints(NamedTuple):
@@ -98,7 +98,7 @@ class Surface:
     @cached_property
     def radius(self) -> float:
         """Radius of the ball around the middle that holds all vertices [m]."""
-        return float(norms(self.vertices - self.middle).max())
+        return norms(self.vertices - self.middle).max()
 
     @cached_property
     def facet_areas(self) -> Array:
@@ -160,15 +160,13 @@ class Surface:
         """Principal curvatures at facets (n,) and barycentric coordinates (n, 3)."""
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
-        first = perpendicular(normals)
-        second = np.cross(normals, first)
+        first, second = plane_axes(normals)
         a = np.einsum("ni,nij,nj->n", first, operators, first)
         b = np.einsum("ni,nij,nj->n", first, operators, second)
         c = np.einsum("ni,nij,nj->n", second, operators, second)
         angle = 0.5 * np.arctan2(2.0 * b, a - c)
         spread = np.hypot(0.5 * (a - c), b)
-        directions = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-        return Curvature(0.5 * (a + c) + spread, 0.5 * (a + c) - spread, directions)
+        return Curvature(0.5 * (a + c) + spread, 0.5 * (a + c) - spread, turned(first, second, angle))
 
     def normal_curvature(self, facets: Ints, barycentric: Array, directions: Array) -> Array:
         """Normal curvature along directions (n, 3) [1/m], shape (n,); positive = convex, sphere +1/R."""
@@ -279,8 +277,10 @@ def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:
 
 
 def enclosed(loop: Array) -> float:
-    """Largest area a closed loop (p, 3) encloses from any side it is seen from [m^2]."""
-    return 0.5 * float(np.linalg.norm(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0)))
+    """Largest area a closed loop (p, 3) encloses from any side it is seen from [m^2]; it may repeat its first
+    point."""
+    spokes = loop - loop[0]
+    return 0.5 * float(np.linalg.norm(np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)))
 
 
 def trace_border(surface: Surface) -> list[Indices]:

@@ -14,8 +14,8 @@ from polish_sim.arrays import Array, Figures
 from polish_sim.cell import SILENT, Observer
 from polish_sim.config import Checked, GuideConfig, HandConfig
 from polish_sim.errors import InputError, unknown_name
-from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
-from polish_sim.experiments.result import PartOf, RunResult
+from polish_sim.experiments.free_space import ToolMotion, free_log
+from polish_sim.experiments.result import PartOf, RunResult, free_figures
 from polish_sim.hand_guiding.arm import (
     DIRECTIONS,
     HOME,

@@ -103,7 +103,6 @@ def _along_path(source: Path) -> tuple[Array, Array]:
     positions = points.path.positions_work[rows]
     placements = default_placements(positions, np.array([0.0, 0.0, 1.0]), float(positions[:, 2].min()))
     _reach, way, q = follow_path(points, rows, placements, "or give a log", "Give a log instead.")
-    default = ProcessConfig().feed_m_s
-    feed = np.full(len(rows), default) if points.path.feed is None else points.path.feed[rows]
+    feed = points.path.feeds(ProcessConfig().feed_m_s)[rows]
     steps = norms(np.diff(way.positions, axis=0)) / feed[way.ends[1:]]
     return running_sums(np.maximum(steps, _TURN_S)), q

@@ -126,11 +126,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         pieces = folder / "pieces" / str(len(parts))
         before = _read_pieces(pieces)
         reached = max(
-            (
-                float(piece.trace["path_s_m"][-1])
-                for piece in before
-                if piece.trace["phase"][-1] >= PROCESS_PHASE
-            ),
+            (piece.trace["path_s_m"][-1] for piece in before if piece.trace["phase"][-1] >= PROCESS_PHASE),
             default=None,
         )
         played = before if reached is not None else _play(cell, pieces, observer)
@@ -178,7 +174,7 @@ def zoned(one: Pass, process: ProcessConfig, plan: PlanResult) -> PlanResult:
     path = plan.path
     asked = plan.plan
     force = path.force_at(path.s, process.contact_force_n)
-    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
+    feed = path.feeds(process.feed_m_s)
     if one.head.edge_force < 1.0:
         border = np.concatenate(list(plan.region.boundary_loops))
         away, _ = cKDTree(border).query(path.positions_work)
@@ -232,7 +228,7 @@ def _write(
     scenario = last.scenario
     removal = summed_maps(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
-    fed = sum(float(result.trace.fed.sum()) for result in parts) * scenario.simulation.timestep_s
+    fed = sum(result.trace.fed.sum() for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
     figures = {
         **last.figures,
@@ -245,7 +241,7 @@ def _write(
         "abrasive_path_m": work / scenario.process.contact_force_n,
         "sliding_work_after_nm": worn + work,
         "abrasive_left": left,
-        "area_m2": float(removal.areas.sum()),
+        "area_m2": removal.areas.sum(),
         "grit": one.head.grit,
         "tool": one.head.tool,
         "wall_s": 0.0,
@@ -278,16 +274,7 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
     for name, those in regions.items():
         found = summed_maps([read_removal(folder / row.folder / "run" / "removal.npz") for row in those])
         sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
-    total = {
-        name: sum(row.figures[name] for row in rows)
-        for name in (
-            "cycle_time_s",
-            "planned_cycle_time_s",
-            "contact_time_s",
-            "air_time_s",
-            "abrasive_path_m",
-        )
-    }
+    total = {name: sum(row.figures[name] for row in rows) for name in SUMMED}
     area = sum(row.figures["area_m2"] for row in rows)
     return {
         "job_sha256": job.sha256,
@@ -301,16 +288,14 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
     }
 
 
+SUMMED = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "abrasive_path_m")
+"""Figures of a pass that are summed over a job."""
 PASS_KEYS = (
     "tool",
     "grit",
-    "cycle_time_s",
-    "planned_cycle_time_s",
-    "contact_time_s",
-    "air_time_s",
+    *SUMMED,
     "pieces",
     "path_done",
-    "abrasive_path_m",
     "abrasive_left",
     "removal_cv",
     "removal_cv_inside",

@@ -143,27 +143,29 @@ class Page(NamedTuple):
 SIDES = 40  #: Of a cylinder
 
 
+def prism(outline: Array, low: float, high: float) -> tuple[Array, Ints]:
+    """Vertices and faces of a prism along z from ``low`` to ``high`` [m]; its outline (k, 2) runs
+    counter-clockwise round the axis."""
+    count = len(outline)
+    k, middle, up = np.arange(count), np.full(count, count), count + 1
+    ahead = (k + 1) % count
+    ring = np.append(outline, [[0.0, 0.0]], axis=0)
+    vertices = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (low, high)])
+    sides = [(k, ahead, k + up), (ahead, ahead + up, k + up)]
+    ends = [(ahead, k, middle), (k + up, ahead + up, middle + up)]
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in (*sides, *ends)])
+    return vertices, faces.astype(np.int32)
+
+
 def box(half: Array) -> tuple[Array, Ints]:
     """Vertices and faces of a box about the origin, by half its sides (3,) [m]."""
-    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
-    return corners * half, np.array(faces, dtype=np.int32)
+    return prism(half[:2] * [[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]], -half[2], half[2])
 
 
 def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
     """Vertices and faces of a cylinder along z from ``start`` on [m]."""
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    k = np.arange(SIDES)
-    rings = [np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(SIDES, z)], axis=1)
-             for z in (start, start + length)]  # fmt: skip
-    vertices = np.concatenate([*rings, [[0.0, 0.0, start], [0.0, 0.0, start + length]]])
-    beside = (k + 1) % SIDES
-    top = k + SIDES
-    low = np.full(SIDES, 2 * SIDES)
-    high = np.full(SIDES, 2 * SIDES + 1)
-    faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
-    return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
+    return prism(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), start, start + length)
 
 
 def free_tool(positions: Array, axes: Array) -> tuple[list[PageBody], Array]:

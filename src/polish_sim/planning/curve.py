@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, norms
+from polish_sim.arrays import Array, Indices, Ints, dots
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
@@ -63,15 +63,6 @@ def step_on_surface(
         height = np.clip(height - update, -0.95 * step, 0.95 * step)
     assert foot is not None
     return foot
-
-
-def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
-    """Where along chords (..., d) the nearest point to points ``away`` (..., d) from their beginnings lies.
-
-    Returns shares of the chords, 0 to 1, and distances, shape (...).
-    """
-    share = np.clip(dots(away, chord) / np.maximum(dots(chord, chord), TINY), 0.0, 1.0)
-    return share, norms(away - share[..., None] * chord)
 
 
 # Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
@@ -128,6 +119,7 @@ class Nearest(NamedTuple):
     positions: Array  #: Foot on the chord [m], shape (n, 3)
     normals: Array  #: Unit surface normal interpolated at the foot, shape (n, 3)
     distances: Array  #: Euclidean distance, inf beyond the limit asked for [m], shape (n,)
+    curve: Indices = np.empty(0, np.int64)  #: Which of several curves, shape (n,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +145,7 @@ class Curve:
     @property
     def length(self) -> float:
         """Length of all chords [m]."""
-        return float(self._knots[2][-1])
+        return self._knots[2][-1]
 
     @property
     def knots(self) -> Array:
@@ -177,12 +169,16 @@ class Curve:
         """Positions [m] and unit normals at arc lengths, each (n, 3)."""
         return interpolated(*self._knots, self.wrap(np.asarray(s, dtype=float)))
 
+    def points(self, s: Array) -> Array:
+        """Positions at arc lengths [m], shape (n, 3)."""
+        return self.at(s)[0]
+
     def tangents(self, s: Array, reach: float) -> Array:
         """Unit tangents from a central difference over +-reach [m], shape (n, 3)."""
-        return unit(self.at(s + reach)[0] - self.at(s - reach)[0])
+        return unit(self.points(s + reach) - self.points(s - reach))
 
-    def between(self, first: float, last: float) -> tuple[Array, Array]:
-        """Positions and normals from one arc length to a later one, the curve's own points between them."""
+    def between(self, first: float, last: float) -> Array:
+        """Positions from one arc length to a later one, the curve's own points between them [m], (n, 3)."""
         knots = self.knots[:-1] if self.closed else self.knots
         turns = (
             np.arange(np.floor(first / self.length), np.floor(last / self.length) + 1)
@@ -192,12 +188,12 @@ class Curve:
         inner = np.concatenate([knots + turn * self.length for turn in turns])
         margin = 1e-6 * self.length
         inner = inner[(inner > first + margin) & (inner < last - margin)]
-        return self.at(np.concatenate([[first], inner, [last]]))
+        return self.points(np.concatenate([[first], inner, [last]]))
 
     def along(self, s: float, way: float) -> Array:
         """Positions from an arc length on, over a way [m]; against the curve's direction if that is
         negative."""
-        return self.between(s, s + way)[0] if way >= 0.0 else self.between(s + way, s)[0][::-1]
+        return self.between(s, s + way) if way >= 0.0 else self.between(s + way, s)[::-1]
 
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances
@@ -209,7 +205,8 @@ class Curve:
         index = np.where(tie, order.min(axis=1), order[:, 0])
         found = np.isfinite(distances)
         s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        s[found], foot[found], normal[found], distances[found] = self.near_point(points[found], index[found])
+        near = self.near_point(points[found], index[found])
+        s[found], foot[found], normal[found], distances[found] = near[:4]
         return Nearest(s, foot, normal, distances)
 
     def near_point(self, points: Array, index: Indices) -> Nearest:

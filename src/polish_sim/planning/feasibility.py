@@ -79,7 +79,7 @@ def check_stepover(plan: PlanConfig, pad: PadConfig) -> None:
 
 def widest_piece(region: Region) -> float:
     """Least width of the region, seen from above, of its widest component [m]."""
-    return max(float(footprint(component).widths.min()) for component in region.components())
+    return max(footprint(component).widths.min() for component in region.components())
 
 
 def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
@@ -89,7 +89,7 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
         PlanError: All of the region is narrower than half the pad; names the units in which it would not be.
     """
     components = region.components()
-    widths = [float(footprint(component).widths.min()) for component in components]
+    widths = [footprint(component).widths.min() for component in components]
     diameter = 2.0 * pad.radius_m
     if max(widths) < NARROWEST * diameter:
         width = max(widths)
@@ -121,7 +121,7 @@ def edge_distance(pad: PadConfig, force: float) -> float:
     away = np.linspace(0.0, 1.0 + sunk, 201)
     shares = 1.0 - np.searchsorted(beyond, depths - away[:, None]) / len(beyond)
     carried = (depths * shares).max(axis=1)
-    return pad.radius_m * float(away[np.argmax(carried >= sunk)] if carried[-1] >= sunk else away[-1])
+    return pad.radius_m * (away[np.argmax(carried >= sunk)] if carried[-1] >= sunk else away[-1])
 
 
 def too_small(mesh: PartMesh, width: float, pad: PadConfig, force: float) -> PlanError:
@@ -186,8 +186,8 @@ def width_between_borders(ground: Ground) -> float:
     [m]."""
     mesh = ground.mesh
     some = slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
-    distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).nearest.distances
-    return 4.0 * float(np.average(distances, weights=mesh.vertex_areas[some]))
+    distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).distances
+    return 4.0 * np.average(distances, weights=mesh.vertex_areas[some])
 
 
 def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Bools, Indices, joined, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, dots, joined, next_corners, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -19,7 +19,7 @@ from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normal
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces, trace_border
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.planning.triangulation import Triangulation, triangulate
-from polish_sim.spatial import into_plane, perpendicular, unit
+from polish_sim.spatial import into_plane, plane_axes, unit
 
 
 class Bridged(NamedTuple):
@@ -46,7 +46,7 @@ def bridge_holes(region: Region, widest: float) -> Bridged:
 
 
 def _diameter(points: Array) -> float:
-    return 2.0 * float(norms(points - points.mean(axis=0)).max())
+    return 2.0 * norms(points - points.mean(axis=0)).max()
 
 
 def _close(surface: Surface, facet: Indices, edge: Indices) -> Surface:
@@ -196,8 +196,7 @@ class Footprint(NamedTuple):
 
 def footprint(region: Region) -> Footprint:
     """Look at a region along its up; one that is a line in this picture has one width, zero."""
-    first = perpendicular(region.up)
-    frame = np.stack([first, np.cross(region.up, first)], axis=1)
+    frame = np.stack(plane_axes(region.up), axis=1)
     flat = region.surface.vertices @ frame
     try:
         corners = flat[ConvexHull(flat).vertices]
@@ -268,4 +267,4 @@ def _outwards(points: Array, normals: Array) -> Array:
     sides = unit(np.cross(along, normals))
     before = np.roll(sides, 1, axis=0)
     middle = unit(sides + before)
-    return middle / np.maximum((middle * sides).sum(axis=1, keepdims=True), SHARPEST)
+    return middle / np.maximum(dots(middle, sides)[:, None], SHARPEST)

@@ -33,6 +33,7 @@ from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.spatial import into_plane
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 BESIDE_M = 1e-4  #: So near the foot of a point, along each axis, a face meets it [m]
@@ -56,7 +57,7 @@ class Offset(NamedTuple):
     turned: Array  #: Points of the path whose tool axis points into the part [m], shape (k, 3)
 
 
-def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
+def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface]) -> Offset:
     """Measure how far the path in contact lies off a part.
 
     ``bridges`` are surfaces over holes the pad runs over, which count as the part.
@@ -72,8 +73,7 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     for way in product((-BESIDE_M, 0.0, BESIDE_M), repeat=3):
         around = _closest(surfaces, feet[turned] + way).normals
         turned = turned[dots(axes[turned], around) < SQUARE]
-    sideways = norms(gap - heights[:, None] * axes)
-    return Offset(feet, heights, sideways, points[turned])
+    return Offset(feet, heights, norms(into_plane(gap, axes)), points[turned])
 
 
 def _closest(surfaces: Sequence[Surface], points: Array) -> SurfacePoints:

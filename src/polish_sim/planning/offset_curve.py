@@ -35,6 +35,11 @@ class LevelLine(NamedTuple):
     vertices: Indices  #: A vertex with a higher value beside each point, shape (n,)
     closed: bool
 
+    @property
+    def curve(self) -> Curve:
+        """The line as a curve."""
+        return Curve(self.positions, unit(self.normals), self.closed)
+
 
 def level_lines(
     mesh: Triangulation, values: Array, level: float, among: Indices | None = None
@@ -109,13 +114,6 @@ ROUGHLY = 0.1  #: Lower bounds of distances may be too low by this share
 OFF = 0.02  #: Feet further than this share of the step-over from the surface are not on it
 
 
-class Feet(NamedTuple):
-    """Nearest points on the closest of several curves."""
-
-    curve: Indices  #: Which curve, shape (n,)
-    nearest: Nearest
-
-
 @dataclass(frozen=True, eq=False)
 class CurveSet:
     """Several curves, asked which of them is nearest."""
@@ -134,14 +132,14 @@ class CurveSet:
 
     @cached_property
     def _longest_chord(self) -> float:
-        return max(float(np.diff(curve.knots).max()) for curve in self.curves)
+        return max(np.diff(curve.knots).max() for curve in self.curves)
 
     def at_least(self, points: Array) -> Array:
         """A cheap lower bound of the distances of points (n, 3) to the curves [m], shape (n,)."""
         to_points, _ = self._tree.query(points, eps=ROUGHLY)
         return to_points / (1.0 + ROUGHLY) - 0.5 * self._longest_chord
 
-    def nearest(self, points: Array, limit: float = np.inf) -> Feet:
+    def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the closest curve; distances beyond the limit [m] are inf."""
         distances, found = self._tree.query(points, distance_upper_bound=limit)
         which = np.searchsorted(self._starts, found, side="right") - 1
@@ -149,11 +147,11 @@ class CurveSet:
         for number, curve in enumerate(self.curves):
             rows = np.flatnonzero(which == number)
             near = curve.near_point(points[rows], found[rows] - self._starts[number])
-            s[rows], foot[rows], normal[rows], distances[rows] = near
-        return Feet(which, Nearest(s, foot, normal, distances))
+            s[rows], foot[rows], normal[rows], distances[rows] = near[:4]
+        return Nearest(s, foot, normal, distances, which)
 
 
-def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Feet:
+def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Nearest:
     """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
     return CurveSet(tuple(curves)).nearest(points, limit)
 
@@ -165,7 +163,7 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
     First with even control points; then with a spacing of equal chord error for the curvature found.
     """
     around = CurveSet(tuple(curves))
-    even = Curve(trial.positions, unit(trial.normals), trial.closed)
+    even = trial.curve
     count = max(int(np.ceil(even.length / _coarsest(distance) - WHOLE)), 8)
     even = _on_offset(surface, around, _resample(even, np.full(count, even.length / count)), distance)
     return _on_offset(surface, around, _resample(even, adapted_spacing(even, distance)), distance)
@@ -215,19 +213,19 @@ def _resample(curve: Curve, chords: Array) -> Curve:
 def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: float) -> Curve:
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
     feet = around.nearest(trial.positions)
-    foot = surface.closest(feet.nearest.positions)
+    foot = surface.closest(feet.positions)
     # A foot off the surface lies on a line extended beyond the border.
-    on = (norms(foot.positions - feet.nearest.positions) < OFF * distance)[:, None]
-    start = np.where(on, foot.positions, feet.nearest.positions)
-    normals = np.where(on, foot.normals, feet.nearest.normals)
+    on = (norms(foot.positions - feet.positions) < OFF * distance)[:, None]
+    start = np.where(on, foot.positions, feet.positions)
+    normals = np.where(on, foot.normals, feet.normals)
     moved = step_on_surface(surface, start, normals, trial.positions - start, distance)
     kept = _forward_only(feet, distance)
     return Curve(moved.positions[kept], moved.normals[kept], trial.closed)
 
 
-def _forward_only(feet: Feet, distance: float) -> Bools:
+def _forward_only(feet: Nearest, distance: float) -> Bools:
     """Drop points whose foot falls back behind the foot of the point before (sub-points already passed)."""
-    ahead = np.diff(feet.nearest.s)
+    ahead = np.diff(feet.s)
     back = (ahead < -BACK * distance) & (ahead > -0.5 * distance) & (np.diff(feet.curve) == 0)
     kept = np.concatenate([[True], ~back])
     return kept if kept.sum() >= 4 else np.ones(len(kept), dtype=bool)

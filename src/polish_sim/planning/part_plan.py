@@ -414,12 +414,7 @@ def accessible(
     if access is not None and plan.overrun_m > 0.0:
         # Something stands beside the region: there the tool must not go further out.
         return accessible(region, wide, part, replace(plan, overrun_m=0.0), tool, reason)
-    if access is None:
-        asked = AskedRegion(whole)
-        within = wide
-    else:
-        asked = AskedRegion(whole, access.reasons, access.why, access.touched, access.left_out_m2)
-        within = access.region
+    asked, within = (access.asked, access.region) if access else (AskedRegion(whole), wide)
     if wide is not region:
         places = whole.mesh.vertices
         off = norms(wide.surface.closest(places).positions - places) > ON_SURFACE_M

@@ -27,7 +27,7 @@ from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import ToolPath, interpolate
 from polish_sim.planning.turns import Report
-from polish_sim.spatial import unit
+from polish_sim.spatial import turned, unit
 
 TOO_NARROW = "too narrow for a turn half a step-over inside its border"
 CUT_HERE = "cut where the path would cross itself"
@@ -183,7 +183,7 @@ def _cost(cut: Cut, others: Sequence[Cut], lengths: Array) -> float:
     """How far the cut is from the run's nearer end [m]; nothing where the run is cut already."""
     if any(cut.run == other.run and cut.first < other.last and cut.last > other.first for other in others):
         return -1.0
-    return min(cut.first, float(lengths[cut.run]) - cut.last)
+    return min(cut.first, lengths[cut.run] - cut.last)
 
 
 def _without(runs: Sequence[SurfaceRun], cuts: Sequence[Cut], stepover: float) -> list[SurfaceRun]:
@@ -212,8 +212,8 @@ def _split(run: SurfaceRun, cuts: Sequence[tuple[float, float]]) -> list[Surface
     for first, last in cuts:
         kept.append((begin, first))
         begin = max(begin, last)
-    kept.append((begin, float(s[-1])))
-    shortest = 1e-3 * float(s[-1])
+    kept.append((begin, s[-1]))
+    shortest = 1e-3 * s[-1]
     return [_stretch(run, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
 
 
@@ -234,9 +234,7 @@ def _covered(piece: SurfaceRun, others: Sequence[Curve], stepover: float) -> boo
     """Whether others cover everything a piece does."""
     samples = Strands([piece.curve]).sample(0.25 * stepover)
     first = unit(np.gradient(samples.points, axis=0))
-    second = np.cross(samples.normals, first)
-    angle = np.arange(8) * (0.25 * np.pi)
-    around = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
+    around = turned(first, np.cross(samples.normals, first), 0.25 * np.pi * np.arange(8)[:, None])
     beside = (samples.points + BESIDE * stepover * around).reshape(-1, 3)
     found = piece.surface.closest(np.concatenate([samples.points, beside]))
     return bool(strictly_covered(found.positions, found.normals, others, stepover).all())

@@ -33,7 +33,7 @@ def build_point_grid(points: Array, cell: float) -> PointGrid:
     for it."""
     low = points.min(axis=0)
     spread = points.max(axis=0) - low
-    cell = max(cell, float(spread.max()) / MOST_ACROSS, 1e-9)
+    cell = max(cell, spread.max() / MOST_ACROSS, 1e-9)
     where = ((points - low) / cell).astype(np.int64)
     size = where.max(axis=0) + 1
     flat = (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]

@@ -43,8 +43,8 @@ class ToolPath:
                 raise PlanError(f"tool path: {field.name} has shape {array.shape}, expected {wanted}.")
             array.flags.writeable = False
 
-    def rows(self, kept: Bools) -> ToolPath:
-        """The path of some of its points only, mask (n,); arc lengths stay."""
+    def rows(self, kept: Bools | Indices) -> ToolPath:
+        """The path of some of its points only, mask (n,) or numbers; arc lengths stay."""
         columns: dict[str, Any] = {
             name: column[kept] for name, column in vars(self).items() if column is not None
         }
@@ -54,9 +54,13 @@ class ToolPath:
         """Force to hold at arc lengths [m], (k,) -> (k,) [N]; the usual one where the path names none."""
         return np.full(len(s), usual) if self.force is None else np.interp(s, self.s, self.force)
 
+    def feeds(self, usual: float) -> Array:
+        """Feed at the points [m/s], (n,); the usual one where the path names none."""
+        return np.full(len(self.s), usual) if self.feed is None else self.feed
+
     def largest_force(self, usual: float) -> float:
         """The largest force to hold [N], which limits and part must bear; ``usual`` as of `force_at`."""
-        return float(self.force_at(self.s[self.process], usual).max())
+        return self.force_at(self.s[self.process], usual).max()
 
     @property
     def process(self) -> Bools:
@@ -66,7 +70,7 @@ class ToolPath:
     @property
     def length_m(self) -> float:
         """Length from the first point to the last [m]."""
-        return float(self.s[-1])
+        return self.s[-1]
 
 
 def arc_length(positions: Array) -> Array:
@@ -75,7 +79,14 @@ def arc_length(positions: Array) -> Array:
     return running_sums(chords)
 
 
-def interpolate(where: Array, s: Array, columns: Array) -> Array:
+def rows_apart(s: Array, spacing: float) -> Indices:
+    """Rows of growing arc lengths (n,) [m] no further apart than the points or a spacing, both ends among
+    them."""
+    marks = np.linspace(s[0], s[-1], max(int(np.ceil((s[-1] - s[0]) / spacing)), 1) + 1)
+    return np.unique([0, *np.searchsorted(s, marks[1:-1]), len(s) - 1])
+
+
+def interpolate(where: Array, s: Array | Indices, columns: Array) -> Array:
     """Columns (n, k) given at growing ``s`` (n,), linearly in between, at places ``where`` (m,): shape (m,
     k)."""
     return np.stack([np.interp(where, s, column) for column in columns.T], axis=1)

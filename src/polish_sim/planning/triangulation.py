@@ -74,7 +74,7 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
     Raises:
         PlanError: It would need too many triangles.
     """
-    wanted = 2.0 * float(surface.facet_areas.sum()) / (0.5 * longest_edge) ** 2
+    wanted = 2.0 * surface.facet_areas.sum() / (0.5 * longest_edge) ** 2
     if wanted > 4 * MAX_TRIANGLES:
         raise PlanError(
             f"the region ({surface.facet_areas.sum() * 1e4:.4g} cm^2) is too large for so fine a step-over: "

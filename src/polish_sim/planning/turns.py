@@ -60,12 +60,12 @@ class Front:
         points = self.mesh.vertices[rows]
         distances = self._at_least(rows, curves)
         near = np.flatnonzero(distances < reach)
-        which, feet = curves.nearest(points[near], cap)
+        feet = curves.nearest(points[near], cap)
         same_side = dots(feet.normals, self.mesh.normals[rows[near]]) > 0.0
         exact = np.isfinite(feet.distances)
         distances[near] = np.where(exact & same_side, feet.distances, cap)
         self.which[rows] = -1
-        self.which[rows[near]] = np.where(exact & same_side, which, -1)
+        self.which[rows[near]] = np.where(exact & same_side, feet.curve, -1)
         self.values[rows] = np.minimum(distances, cap)
         self._bounds[rows] = distances + self._level(number)
         return distances
@@ -152,11 +152,11 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
 
 
 def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
-    """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part; inf past the
+    """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part, at most the
     limit."""
-    feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
+    feet = nearest_of(curves, mesh.vertices[rows], limit)
     same_side = dots(feet.normals, mesh.normals[rows]) > 0.0
-    return np.where(same_side, feet.distances, np.inf)
+    return np.where(same_side, np.minimum(feet.distances, limit), limit)
 
 
 def grow_turns(
@@ -278,5 +278,5 @@ def _new_turn(
 ) -> Turn:
     turn = Turn(offset_curve(surface, curves.curves, line, step))
     nearest = front.which[line.vertices]
-    piece.turns[int(np.bincount(nearest[nearest >= 0], minlength=1).argmax())].children.append(turn)
+    piece.turns[np.bincount(nearest[nearest >= 0], minlength=1).argmax()].children.append(turn)
     return turn

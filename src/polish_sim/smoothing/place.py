@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +16,13 @@ from polish_sim.experiments.placement import (
     default_placements,
     failure_of,
     find_reach,
-    given_placement,
 )
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
-from polish_sim.spatial import turns_along
+from polish_sim.spatial import from_pose, turns_along
 
 FEW = 3  #: Segments that suffice to have a rule compiled
 SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out
@@ -56,9 +55,7 @@ def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> 
     axes = points.path.axes_work[rows]
     side = _main_side(axes) if up is None else up
     placements = (
-        given_placement(pose)
-        if pose
-        else default_placements(positions, side, float((positions @ side).min()))
+        [from_pose(pose)] if pose else default_placements(positions, side, float((positions @ side).min()))
     )
     cures = (
         "or smooth the tool's motion alone with --no-joints",
@@ -127,7 +124,7 @@ def way_between(positions: Array, axes: Array) -> PlacedWay:
 
 
 def follow_path(
-    points: WayPoints, rows: Indices, placements: Iterator[Array], otherwise: str, cure: str
+    points: WayPoints, rows: Indices, placements: Iterable[Array], otherwise: str, cure: str
 ) -> tuple[Reach, PlacedWay, Array]:
     """Lay a path before the robot at the first placement that reaches it, and follow all of it with the
     joints.

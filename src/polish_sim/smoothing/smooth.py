@@ -22,10 +22,10 @@ from polish_sim.cell.scene import build_scene
 from polish_sim.config import Checked
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
-from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
+from polish_sim.experiments.free_space import ToolMotion, free_log
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
-from polish_sim.experiments.result import RunResult
+from polish_sim.experiments.result import RunResult, free_figures
 from polish_sim.log import PROCESS_PHASE, Trace
 from polish_sim.motion import forward, track, use_arm
 from polish_sim.motion.kinematics import NOMINAL, inverse_near

@@ -319,7 +319,7 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
         length = np.linalg.norm(side)
         if length > _ON_OUTLINE:
             across = np.array([-side[1], side[0]]) / length
-            values = kept.surface.control @ (across @ frame) - float(across @ start)
+            values = kept.surface.control @ (across @ frame) - (across @ start)
             kept = then(kept, split(kept.surface, values, on=_ON_OUTLINE))
     inside = _inside(middle_points(kept.surface).positions @ frame.T, flat)
     if not inside.any():
@@ -350,7 +350,7 @@ def _plane_across(up: Array, corners: Array) -> Array:
     sides = np.roll(corners, -1, axis=0) - corners
     level = sides - (sides @ up)[:, None] * up
     length = norms(level)
-    longest = int(length.argmax())
+    longest = length.argmax()
     if length[longest] <= _ON_OUTLINE:
         raise InputError(
             "the region's polygon is a point seen from above. Give corners around an area, or set --up."

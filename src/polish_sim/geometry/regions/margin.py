@@ -25,6 +25,7 @@ from polish_sim.geometry.cut import (
 )
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, along_edges, enclosed, trace_border
+from polish_sim.spatial import foot_on_chord
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
@@ -84,10 +85,9 @@ class BorderDistance(NamedTuple):
         _, pieces = self.tree.query(points, k=count)
         pieces = np.asarray(pieces).reshape(len(points), count)
         start, along = self.starts[pieces], self.ends[pieces] - self.starts[pieces]
-        share = dots(points[:, None] - start, along) / np.maximum(dots(along, along), 1e-300)
-        feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
-        best = norms(points[:, None] - feet).argmin(axis=1)
-        return feet[np.arange(len(points)), best]
+        share, away = foot_on_chord(points[:, None] - start, along)
+        feet = start + share[..., None] * along
+        return feet[np.arange(len(points)), away.argmin(axis=1)]
 
 
 def _border_distance(surface: Surface, reach: float, border: Indices) -> BorderDistance:
@@ -95,9 +95,9 @@ def _border_distance(surface: Surface, reach: float, border: Indices) -> BorderD
     [m]."""
     facet, edge = border.T
     chords = norms(surface.control[facet, (edge + 1) % 3] - surface.control[facet, edge])
-    spacing = max(reach / _SAMPLES_PER_REACH, float(chords.sum()) / _MOST_SAMPLES)
+    spacing = max(reach / _SAMPLES_PER_REACH, chords.sum() / _MOST_SAMPLES)
     starts, ends = along_edges(surface, border, _CHORD_ERROR, spacing)
-    tree, length = cKDTree(0.5 * (starts + ends)), float(norms(ends - starts).sum())
+    tree, length = cKDTree(0.5 * (starts + ends)), norms(ends - starts).sum()
     return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
 
@@ -170,7 +170,7 @@ def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped]
     fine = then(patch, _refined(patch.surface, room, margin))
     values = _beyond_margin(fine.surface, room, margin)
     inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
-    return connected(inner) if len(inner.parents) else [], margin + float(values[:, :3].max())
+    return connected(inner) if len(inner.parents) else [], margin + values[:, :3].max()
 
 
 def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:
@@ -179,9 +179,8 @@ def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:
     loops, none = trace_border(surface), np.empty((0, 2), dtype=np.int64)
     if not loops:
         return none, none
-    corners = (surface.control[tuple(loop.T)] for loop in loops)
-    sizes = [enclosed(np.concatenate([line, line[:1]])) for line in corners]
-    outer = loops.pop(int(np.argmax(sizes)))
+    sizes = [enclosed(surface.control[tuple(loop.T)]) for loop in loops]
+    outer = loops.pop(np.argmax(sizes))
     return outer, np.concatenate([none, *loops])
 
 
@@ -209,8 +208,8 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
         number = np.full(len(marked), -1)
         number[marked] = len(places) + np.arange(marked.sum())
-        found = np.unique(edges.of_facet.ravel(), return_index=True)[1][marked]
-        cut, places = halve_edges(surface, cut, places, number[edges.of_facet], *np.divmod(found, 3))
+        halved = np.divmod(edges.first[marked], 3)
+        cut, places = halve_edges(surface, cut, places, number[edges.of_facet], *halved)
         values = np.concatenate([values, distance.straight(places[len(values) :])])
     if len(cut.parents) == count:
         return Clipped(surface, cut.parents)
@@ -238,9 +237,8 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
     edges = find_edges(surface.faces[crossed])
     ends = corner[edges.ends]
     cut = np.flatnonzero(ends.min(axis=1) * ends.max(axis=1) < 0.0)
-    _, first = np.unique(edges.of_facet.ravel(), return_index=True)
-    facets = crossed[first[cut] // 3]
-    edge = first[cut] % 3
+    row, edge = np.divmod(edges.first[cut], 3)
+    facets = crossed[row]
     # From the facet's corner e on, which may be the edge's other end.
     forward = surface.faces[facets, edge] == edges.ends[cut, 0]
     start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))

@@ -22,7 +22,7 @@ def facing(surface: Surface) -> Array:
     """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a
     ball."""
     areas = surface.facet_areas
-    return areas @ middle_points(surface).normals / max(float(areas.sum()), 1e-300)
+    return areas @ middle_points(surface).normals / max(areas.sum(), 1e-300)
 
 
 def middle_points(surface: Surface) -> SurfacePoints:
@@ -39,7 +39,7 @@ def lies_open(surface: Surface) -> bool:
         return False
     seen = middle_points(surface).normals @ (mean / length) > np.cos(OPEN_ANGLE)
     areas = surface.facet_areas
-    return float(areas[seen].sum()) >= _OPEN_SHARE * float(areas.sum())
+    return areas[seen].sum() >= _OPEN_SHARE * areas.sum()
 
 
 def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
@@ -117,7 +117,7 @@ def _charts(kept: Clipped, up: Array) -> list[Clipped]:
     for axis in axes:
         chart = kept
         for other in axes:
-            if abs(float(axis @ other)) < 0.5 and len(chart.parents):
+            if abs(axis @ other) < 0.5 and len(chart.parents):
                 chart = then(
                     chart, clip(chart.surface, chart.surface.normal_control @ (axis - other), on=1e-9)
                 )
@@ -133,8 +133,8 @@ def _six_directions(surface: Surface, up: Array) -> Array:
     normals, areas = middle_points(surface).normals, surface.facet_areas
     level = normals - (normals @ up)[:, None] * up
     length = norms(level)
-    first = int((length > 0.5).argmax())
-    right = level[first] / max(float(length[first]), 1e-300)
+    first = (length > 0.5).argmax()
+    right = level[first] / max(length[first], 1e-300)
     back = np.cross(up, right)
     # Four sides look alike under a quarter turn: the mean of the fourfold angle says where they are.
     weights = areas * length

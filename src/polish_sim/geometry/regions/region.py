@@ -150,7 +150,7 @@ def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, .
         surface=surface,
         facets=facets,
         boundary_loops=boundary_loops(surface),
-        area_m2=float(surface.facet_areas.sum()),
+        area_m2=surface.facet_areas.sum(),
         up=_seen_from(surface, up),
         notes=notes,
     )
@@ -185,8 +185,8 @@ def _cut_off(whole: Whole, patches: Sequence[Clipped]) -> tuple[str, ...]:
     """Say how much of the smooth face that was picked looks too far away from up and is left out."""
     labels = connected_facets(whole.surface, whole.surface.smooth)
     face = np.isin(labels, labels[np.concatenate([patch.parents for patch in patches])])
-    area = float(whole.surface.facet_areas[face].sum())
-    kept = sum(float(patch.surface.facet_areas.sum()) for patch in patches)
+    area = whole.surface.facet_areas[face].sum()
+    kept = sum(patch.surface.facet_areas.sum() for patch in patches)
     if kept >= (1.0 - SLIVER_SHARE) * area:
         return ()
     return (
@@ -201,7 +201,7 @@ def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, 
     large = areas >= SLIVER_SHARE * areas.max()
     if large.all():
         return patches, ()
-    count, lost = int(np.count_nonzero(~large)), float(areas[~large].sum())
+    count, lost = int(np.count_nonzero(~large)), areas[~large].sum()
     what = "1 patch" if count == 1 else f"{count} patches"
     note = (
         f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 "

@@ -15,6 +15,7 @@ from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
 from polish_sim.geometry.repair.skin import Skin, middle_in_mm, number_rows
+from polish_sim.spatial import angles_between
 
 SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meaningful normal
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle
@@ -89,7 +90,7 @@ def flip_slivers(skin: Skin) -> Skin:
         done: set[int] = set()
         for facet in slivers:
             assert adjacency is not None
-            edge = int(_edge_lengths(vertices, faces[facet]).argmax())
+            edge = _edge_lengths(vertices, faces[facet]).argmax()
             other = int(adjacency.facets[facet, edge])
             if other < 0 or done & {int(facet), other}:
                 continue
@@ -158,7 +159,7 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     wanted &= (s != r) & _pass_closely(*(vertices[corner] for corner in (p, q, r, s)))
     sides = (facet, edge + 2), (other, back + 1), (facet, edge + 1), (other, back + 2)
     beyond = np.stack([adjacency.facets[which, side % 3] for which, side in sides], axis=1)
-    before, after = _bend(normals[facet], normals[other]), _bend(normal_1, normal_2)
+    before, after = angles_between(normals[facet], normals[other]), angles_between(normal_1, normal_2)
     pairs: list[tuple[Any, Any]] = [
         (facet, normal_1),
         (other, normal_1),
@@ -167,8 +168,8 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     ]
     for k, (old, new) in enumerate(pairs):
         inner = beyond[:, k] >= 0
-        before = np.maximum(before, np.where(inner, _bend(normals[old], normals[beyond[:, k]]), 0.0))
-        after = np.maximum(after, np.where(inner, _bend(new, normals[beyond[:, k]]), 0.0))
+        before = np.maximum(before, np.where(inner, angles_between(normals[old], normals[beyond[:, k]]), 0.0))
+        after = np.maximum(after, np.where(inner, angles_between(new, normals[beyond[:, k]]), 0.0))
     wanted &= after <= _CALMER * before
     if not wanted.any():
         return []
@@ -203,11 +204,6 @@ def _pass_closely(p: Array, q: Array, r: Array, s: Array) -> Bools:
     cross = np.cross(along, s - r)
     apart2 = dots(cross, r - p) ** 2
     return apart2 <= _DEEPEST**2 * dots(along, along) * dots(cross, cross)
-
-
-def _bend(a: Array, b: Array) -> Array:
-    """Angle between unit normals [rad]."""
-    return np.arccos(np.clip(dots(a, b), -1.0, 1.0))
 
 
 def split_t_junctions(skin: Skin) -> Skin:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Ints, joined, next_corners, norms
+from polish_sim.arrays import Array, Ints, joined, next_corners, norms, summed
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.jets import solve_symmetric, tangent_frames
 from polish_sim.geometry.repair.skin import ScanNoise, Skin
@@ -89,7 +89,7 @@ def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int, quiet: flo
     sample = used[:: max(len(used) // _SAMPLE, 1)]
     scatter = _fitted(skin.vertices, used, normals, neighbours, np.inf, sample)[1]
     loud = scatter > quiet
-    return float(np.median(scatter[loud] if loud.mean() > SCANNED_SHARE else scatter))
+    return np.median(scatter[loud] if loud.mean() > SCANNED_SHARE else scatter)
 
 
 def _vertex_normals(vertices: Array, faces: Ints) -> Array:
@@ -99,13 +99,8 @@ def _vertex_normals(vertices: Array, faces: Ints) -> Array:
     for _ in range(2):
         beside = np.where((adjacency.facets >= 0)[..., None], normals[adjacency.facets], 0.0)
         normals = unit(normals + beside.sum(axis=1))
-    weighted = areas[:, None] * normals
-    total = np.zeros((len(vertices), 3))
-    for k in range(3):
-        total[:, k] = sum(
-            np.bincount(faces[:, c], weights=weighted[:, k], minlength=len(vertices)) for c in range(3)
-        )
-    return unit(total)
+    weighted = np.repeat((areas[:, None] * normals)[:, None], 3, axis=1)
+    return unit(summed(faces, weighted, len(vertices)))
 
 
 def _fitted(

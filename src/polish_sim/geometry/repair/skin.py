@@ -3,7 +3,6 @@ that cross (triangles -> Skin, notes)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, Ints, dots, longest_side, norms
 from polish_sim.errors import MeshError, count_text, place_in_mm
+from polish_sim.geometry.closest import build_boxes
 from polish_sim.geometry.topology import (
     extremes,
     facet_links,
@@ -22,6 +22,8 @@ from polish_sim.geometry.topology import (
     paired_half_edges,
     sorted_half_edges,
 )
+from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross, dot, minus
 
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
@@ -119,7 +121,6 @@ MOST_FACETS = 400_000  #: Larger parts are not searched for crossing facets, for
 _MOST_PAIRS = 100_000
 _SHOWN = 6
 _MOST_NESTED = 2000  # with more closed pieces than this none is taken for a hollow
-_CHUNK = 200_000
 
 
 class Shells(NamedTuple):
@@ -239,7 +240,7 @@ def _winding_number(corners: Array) -> float:
     la, lb, lc = norms(corners).T
     triple = dots(a, np.cross(b, c))
     below = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
-    return float(np.arctan2(triple, below).sum() / (2.0 * np.pi))
+    return np.arctan2(triple, below).sum() / (2.0 * np.pi)
 
 
 def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
@@ -252,7 +253,7 @@ def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
     pairs = find_crossing_facets(skin.vertices, skin.faces)
     if len(pairs) == 0:
         return ()
-    where = middle_in_mm(skin.vertices[skin.faces[pairs[:, 0].min()]])
+    where = middle_in_mm(skin.vertices[skin.faces[pairs[0, 0]]])
     count = f"{len(pairs)}" if len(pairs) < _MOST_PAIRS else f"at least {len(pairs)}"
     return (
         f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as "
@@ -264,73 +265,80 @@ def find_crossing_facets(vertices: Array, faces: Ints) -> Indices:
     """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k,
     2)."""
     corners = vertices[faces]
-    pairs = [np.empty((0, 2), dtype=np.int64)]
-    found = 0
-    for a, b in _overlapping_boxes(corners.min(axis=1), corners.max(axis=1)):
-        apart = (faces[a][:, :, None] != faces[b][:, None, :]).all(axis=(1, 2))
-        a, b = a[apart], b[apart]
-        crossing = _pierced(corners[a], corners[b]) | _pierced(corners[b], corners[a])
-        pairs.append(np.sort(np.column_stack([a[crossing], b[crossing]]), axis=1))
-        found += len(pairs[-1])
-        if found >= _MOST_PAIRS:
-            break
-    return np.concatenate(pairs)[:_MOST_PAIRS]
+    return _crossing(corners, faces, *build_boxes(corners.min(axis=1), corners.max(axis=1)))
 
 
-def _overlapping_boxes(low: Array, high: Array) -> Iterator[tuple[Indices, Indices]]:
-    """Numbers of different boxes that overlap, corners (m, 3) [m]: a binary tree of boxes met with itself."""
-    order = _by_size_and_place(low, high)
-    lows, highs = [low[order]], [high[order]]
-    while len(lows[-1]) > 1:
-        pairs = np.arange(0, len(lows[-1]), 2)
-        lows.append(np.minimum.reduceat(lows[-1], pairs))
-        highs.append(np.maximum.reduceat(highs[-1], pairs))
-    root = np.zeros(1, dtype=np.int64)
-    pending = [(len(lows) - 1, root, root)]
-    while pending:
-        level, a, b = pending.pop()
-        if level == 0:
-            yield order[a[a != b]], order[b[a != b]]
-            continue
-        level -= 1
-        a = np.concatenate([2 * a, 2 * a, 2 * a + 1, 2 * a + 1])
-        b = np.concatenate([2 * b, 2 * b + 1, 2 * b, 2 * b + 1])
-        there = (a <= b) & (b < len(lows[level]))
-        a, b = a[there], b[there]
-        meet = ((lows[level][a] <= highs[level][b]) & (lows[level][b] <= highs[level][a])).all(axis=1)
-        a, b = a[meet], b[meet]
-        pending += [(level, a[i : i + _CHUNK], b[i : i + _CHUNK]) for i in range(0, len(a), _CHUNK)]
+@njit
+def _crossing(corners, faces, low, high, right, first, size, items):  # type: ignore[no-untyped-def]
+    """The pairs in a tree of boxes, the first facet's number the lower one; `_MOST_PAIRS` at most."""
+    pairs, found = np.empty((_MOST_PAIRS, 2), np.int64), 0
+    nodes = np.empty(64, np.int32)
+    for a in range(len(faces)):
+        nodes[0], top = 0, 1
+        while top > 0:
+            top -= 1
+            node = nodes[top]
+            if _is_beside(corners[a], low[node], high[node]):
+                continue
+            if right[node] >= 0:
+                nodes[top], nodes[top + 1] = right[node], node + 1
+                top += 2
+                continue
+            for k in range(first[node], first[node] + size[node]):
+                b = items[k]
+                if b <= a or _share_a_vertex(faces[a], faces[b]):
+                    continue
+                if _is_pierced(corners[a], corners[b]) or _is_pierced(corners[b], corners[a]):
+                    pairs[found, 0], pairs[found, 1] = a, b
+                    found += 1
+                    if found == _MOST_PAIRS:
+                        return pairs
+    return pairs[:found]
 
 
-def _by_size_and_place(low: Array, high: Array) -> Indices:
-    """Order in which neighbours in the list are of one size and close in space (Morton's order)."""
-    extent = max(float(np.ptp(np.stack([low, high]), axis=(0, 1)).max()), 1e-300)
-    size = np.maximum((high - low).max(axis=1), 1e-9 * extent)
-    code = np.floor(np.log2(extent / size)).astype(np.int64) << 30
-    cells = ((0.5 * (low + high) - low.min(axis=0)) * (1023.0 / extent)).astype(np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+@njit
+def _is_beside(corners, low, high):  # type: ignore[no-untyped-def]
+    """Whether a facet is beside a box."""
+    for k in range(3):
+        if max(corners[0, k], corners[1, k], corners[2, k]) < low[k]:
+            return True
+        if min(corners[0, k], corners[1, k], corners[2, k]) > high[k]:
+            return True
+    return False
 
 
-def _pierced(a: Array, b: Array) -> Bools:
-    """Whether an edge of triangle b passes through the inside of a, (k, 3, 3); touching within rounding does
+@njit
+def _share_a_vertex(one, other):  # type: ignore[no-untyped-def]
+    shared = False
+    for vertex in one:
+        shared |= vertex == other[0] or vertex == other[1] or vertex == other[2]
+    return shared
+
+
+@njit
+def _is_pierced(a, b):  # type: ignore[no-untyped-def]
+    """Whether an edge of triangle b passes through the inside of a, (3, 3); touching within rounding does
     not."""
-    size = np.abs(a[:, 1:] - a[:, :1]).max(axis=(1, 2), initial=0.0)
-    slack = (1e-9 * size * size * size)[:, None]
-    heights = np.stack([_volume(a[:, 0], a[:, 1], a[:, 2], b[:, i]) for i in range(3)], axis=1)
-    below, above = heights < -slack, heights > slack
-    pierced = np.zeros(len(a), dtype=bool)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        k = np.flatnonzero((below[:, i] & above[:, j]) | (above[:, i] & below[:, j]))
-        start, end = b[k, i], b[k, j]
-        sides = np.stack([_volume(a[k, n], a[k, (n + 1) % 3], start, end) for n in range(3)])
-        least = 1e-9 * np.abs(sides).sum(axis=0)
-        pierced[k] |= (sides > least).all(axis=0) | (sides < -least).all(axis=0)
-    return pierced
+    size = 0.0
+    for k in range(3):
+        size = max(size, abs(a[1, k] - a[0, k]), abs(a[2, k] - a[0, k]))
+    slack = 1e-9 * size * size * size
+    for i in range(3):
+        start, end = b[i], b[(i + 1) % 3]
+        here, there = _volume(a[0], a[1], a[2], start), _volume(a[0], a[1], a[2], end)
+        if min(here, there) < -slack and max(here, there) > slack:
+            x, y, z = (
+                _volume(a[0], a[1], start, end),
+                _volume(a[1], a[2], start, end),
+                _volume(a[2], a[0], start, end),
+            )
+            least = 1e-9 * (abs(x) + abs(y) + abs(z))
+            if min(x, y, z) > least or max(x, y, z) < -least:
+                return True
+    return False
 
 
-def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Six times the signed volume of tetrahedra, corners (k, 3)."""
-    return dots(b - a, np.cross(c - a, d - a))
+@njit
+def _volume(a, b, c, d):  # type: ignore[no-untyped-def]
+    """Six times the signed volume of a tetrahedron."""
+    return dot(minus(b, a), cross(minus(c, a), minus(d, a)))

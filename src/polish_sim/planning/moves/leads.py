@@ -20,7 +20,8 @@ from polish_sim.planning.moves.travel import (
     path_of,
     rim_depths,
 )
-from polish_sim.planning.quality.tool_room import Places, ground_under, pressed_places
+from polish_sim.planning.quality.located import ground_under
+from polish_sim.planning.quality.tool_room import Places, pressed_places
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length
 from polish_sim.spatial import unit
 
@@ -63,12 +64,9 @@ class Landing(NamedTuple):
 BACKWARDS = np.s_[::-1]
 
 
-def with_leads(process: Move, start: Landing, end: Landing | None = None) -> Move:
-    """Put approach and lead-in before a process move and lead-out and retract after it.
-
-    ``end`` is how the tool leaves, mirrored, as it lands if not given.
-    """
-    end = end or start
+def with_leads(process: Move, start: Landing, end: Landing) -> Move:
+    """Put approach and lead-in before a process move and lead-out and retract after it; ``end`` is how the
+    tool leaves, mirrored."""
     way_down = landing(process, start.shape, start.clearance)
     way_up = landing(process.rows(BACKWARDS), end.shape, end.clearance, (RETRACT, LEAD_OUT)).rows(BACKWARDS)
     return Move(*joined([way_down, process, way_up]))
@@ -190,7 +188,6 @@ def with_way_down(path: ToolPath, clearance: float) -> ToolPath:
         return path
     whole = move_of(path)
     way = landing(whole, normal_lead, clearance)
-    before = (len(way.positions), 0)
-    columns = path.curvature, path.force, path.feed
-    padded = (None if column is None else np.pad(column, before, mode="edge") for column in columns)
-    return path_of(Move(*joined([way, whole])), *padded)
+    rows = np.maximum(np.arange(-len(way.positions), len(path.s)), 0)
+    own = path.rows(rows)
+    return path_of(Move(*joined([way, whole])), own.curvature, own.force, own.feed)

@@ -12,11 +12,12 @@ from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
-from polish_sim.planning.moves.travel import AirSpace, Move, every, move_in, move_of, path_of, travel
+from polish_sim.planning.moves.travel import AirSpace, Move, move_in, move_of, path_of, travel
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.quality.access import Leaning, too_near
 from polish_sim.planning.quality.areas import CutOut
-from polish_sim.planning.quality.tool_room import ground_under, pressed_places
+from polish_sim.planning.quality.located import ground_under
+from polish_sim.planning.quality.tool_room import pressed_places
 from polish_sim.planning.toolpath import (
     LEAD_OUT,
     PROCESS,
@@ -24,9 +25,10 @@ from polish_sim.planning.toolpath import (
     ToolPath,
     arc_length,
     interpolate,
+    rows_apart,
     stretches,
 )
-from polish_sim.spatial import angles_between, into_plane, unit
+from polish_sim.spatial import angles_between, into_plane, turned, unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 
@@ -84,8 +86,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
     angle = angles_between(axes, wanted)
     # Turn towards the mean by the angle allowed, in the plane of both.
     square = unit(into_plane(wanted, axes))
-    turn = np.minimum(angle, allowed)[:, None]
-    return unit(np.cos(turn) * axes + np.sin(turn) * square)
+    return unit(turned(axes, square, np.minimum(angle, allowed)))
 
 
 def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
@@ -111,9 +112,7 @@ class ContactRun(NamedTuple):
         return self._replace(process=self.process.rows(kept), curvature=self.curvature[kept])
 
 
-def give_axes(
-    run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None
-) -> ContactRun:
+def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None) -> ContactRun:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
     The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning``
@@ -130,7 +129,7 @@ def give_axes(
     return ContactRun(
         move_in(PROCESS, run.positions, axes, passes),
         run.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
-        float(angles_between(leaned, axes).max()) if axes is not leaned else 0.0,
+        angles_between(leaned, axes).max() if axes is not leaned else 0.0,
     )
 
 
@@ -224,7 +223,8 @@ def _clear_of_part(
     if air.tool is None:
         return [whole]
     move, points = whole.process, run.points
-    rows = every(move.positions, CUT_APART * air.pad_radius)
+    s = arc_length(move.positions)
+    rows = rows_apart(s, CUT_APART * air.pad_radius)
     under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
@@ -240,7 +240,6 @@ def _clear_of_part(
         rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
     ):
         clear[first : last + 1] = False
-    s = arc_length(move.positions)
     return [
         whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
     ]
@@ -286,8 +285,8 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
     if not moves:
         return None
     whole, origin = Move(*joined(moves)), np.concatenate(sources)
-    columns = path.curvature, path.force, path.feed
-    left = path_of(whole, *(None if column is None else column[origin] for column in columns))
+    own = path.rows(origin)
+    left = path_of(whole, own.curvature, own.force, own.feed)
     moving = np.diff(left.s, prepend=-1.0) > 0.0
     lost = path.process.copy()
     lost[origin[whole.segment == PROCESS]] = False

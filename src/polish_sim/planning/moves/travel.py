@@ -16,8 +16,8 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Places, Tool
-from polish_sim.planning.toolpath import APPROACH, ToolPath, arc_length
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.planning.toolpath import APPROACH, ToolPath, arc_length, rows_apart
+from polish_sim.spatial import perpendicular, plane_axes, turned, unit
 
 DIRECTIONS = 40  #: Directions tried in the half space the tool looks away to, besides up and the tool axis
 KEPT = 0.7  #: Share of the clearance the travelling tool keeps from the part
@@ -81,14 +81,14 @@ class AirSpace(NamedTuple):
         all."""
         if self.tool is None:
             return True
-        rows = every(line, CHECKED_APART * self.tool.pad.radius_m)
+        rows = rows_apart(arc_length(line), CHECKED_APART * self.tool.pad.radius_m)
         low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
         places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
         return not self.tool.stands_in(self.alone or self.part, places).depths.any()
 
     def height_to_keep(self, tops: Array) -> float:
         """Distance from the part a tool keeps that travels from or to places (n, 3) [m]."""
-        return float(min(KEPT * self.clearance, KEPT_LOW * signed_distances(self.part, tops).min()))
+        return min(KEPT * self.clearance, KEPT_LOW * signed_distances(self.part, tops).min())
 
     def way_out(self, point: Array, axis: Array, kept: float) -> Array | None:
         """Find a straight way from a lifted tool at ``point`` (3,) [m] to outside the ball around the part.
@@ -117,9 +117,7 @@ def _around(axis: Array) -> Array:
     """Unit directions spread over the half space about an axis, the nearest to it first, shape (n, 3)."""
     k = np.arange(DIRECTIONS) + 0.5
     along, angle = 1.0 - k / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
-    first = perpendicular(axis)
-    second = np.cross(axis, first)
-    beside = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    beside = turned(*plane_axes(axis), angle)
     return unit(along[:, None] * axis + np.sqrt(1.0 - along**2)[:, None] * beside)
 
 
@@ -135,9 +133,8 @@ def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
     points = positions[:, None]
     if radius > 0.0:
         first = _beside(surface, axes)
-        second = np.cross(axes, first)
         angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
-        rim = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+        rim = turned(first[:, None], np.cross(axes, first)[:, None], angle)
         points = np.concatenate([points, points + radius * rim], axis=1)
     depth = -signed_distances(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
     return np.maximum(depth, 0.0).max(axis=1)
@@ -152,13 +149,6 @@ def _beside(surface: Surface, axes: Array) -> Array:
     chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
     rows = np.arange(len(axes))
     return square[rows, chosen] / size[rows, chosen][:, None]
-
-
-def every(line: Array, spacing: float) -> Indices:
-    """Rows of a polyline (n, 3) no further apart than its points or a spacing [m], both ends among them."""
-    s = arc_length(line)
-    marks = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / spacing)), 1) + 1)
-    return np.unique(np.append(np.searchsorted(s, marks).clip(0, len(s) - 1), [0, len(s) - 1]))
 
 
 def evenly(first: float, last: float, length: float) -> Array:
@@ -195,8 +185,8 @@ def _ways(lifted: Move, landing: Move, air: AirSpace, kept: float) -> Iterator[S
     unchecked."""
     ends = np.concatenate([lifted.positions, landing.positions])
     axes = lifted.axes[0], landing.axes[0]
-    top = float((air.part.vertices @ air.up).max()) + air.clearance
-    low = max(float(end @ air.up) for end in ends)
+    top = (air.part.vertices @ air.up).max() + air.clearance
+    low = max(end @ air.up for end in ends)
     for level in np.linspace(low, max(top, low), LEVELS):
         yield _over(ends, air.up, level)
     yield _round(ends, axes, air)
@@ -207,7 +197,7 @@ def _ways(lifted: Move, landing: Move, air: AirSpace, kept: float) -> Iterator[S
 
 
 def _over(ends: Array, up: Array, level: float) -> list[Array]:
-    return [ends[0], *(end + up * max(level - float(end @ up), 0.0) for end in ends), ends[1]]
+    return [ends[0], *(end + up * max(level - (end @ up), 0.0) for end in ends), ends[1]]
 
 
 def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[Array]:
@@ -215,7 +205,7 @@ def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[
     middle = air.part.middle
     outside = [_leave(end - middle, way, air.radius) for end, way in zip(ends, directions, strict=True)]
     first, second = (unit(point) for point in outside)
-    reach = max(air.radius, *(float(np.linalg.norm(point)) for point in outside))
+    reach = max(air.radius, *(np.linalg.norm(point) for point in outside))
     # A chord between corners must not cut into the ball.
     arc = (
         reach / np.cos(0.5 * np.pi / (ROUND - 1)) * turn_between(first, second, np.linspace(0.0, 1.0, ROUND))
@@ -244,11 +234,10 @@ def _along(corners: Sequence[Array]) -> Array:
 def turn_between(first: Array, second: Array, share: Array) -> Array:
     """Unit vectors on the shortest turn from one to another, (k,) shares of it -> (k, 3)."""
     side = second - first * (first @ second)
-    size = float(np.linalg.norm(side))
+    size = np.linalg.norm(side)
     if size < 1e-9:
         side = perpendicular(first)
-    angle = share * np.arctan2(size, first @ second)
-    return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * unit(side)
+    return turned(first, unit(side), share * np.arctan2(size, first @ second))
 
 
 WINDOW = 60  #: Neighbours in the order that change places: time stays proportional to their number
@@ -290,7 +279,7 @@ def nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[In
             away[:, 1] = np.inf
         if k == 0 and start is None:
             away[1:] = np.inf
-        block, side = np.unravel_index(int(away.argmin()), away.shape)
+        block, side = np.unravel_index(away.argmin(), away.shape)
         order[k], flips[k] = block, side
         waiting[block] = False
         here = ends[block, 1 - side]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, norms
+from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve
@@ -22,6 +22,7 @@ from polish_sim.planning.patterns.run import (
     SurfaceRun,
     averaged_twice,
 )
+from polish_sim.spatial import angles_between
 
 STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
 SHARE_OF_LOOP = 0.15  #: It is at most this share of the smaller loop
@@ -46,12 +47,12 @@ def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
 
 def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> Curve:
     """A turn with round corners and points of equal chord error, on the surface."""
-    even = turn.at(turn.even(FINE * stepover, 12))[0]
+    even = turn.points(turn.even(FINE * stepover, 12))
     window = min(round(ROUNDING / FINE), len(even) // 6) | 1
     on = surface.closest(_mean(even + SHARPENING * (even - _mean(even, window)), window))
     smooth = Curve(on.positions, on.normals, True)
     chords = adapted_spacing(smooth, min(stepover, 8.0 * FURTHEST_M))
-    found = surface.closest(smooth.at(np.concatenate([[0.0], np.cumsum(chords)[:-1]]))[0])
+    found = surface.closest(smooth.points(running_sums(chords)[:-1]))
     loop = Curve(found.positions, found.normals, True)
     return loop.backwards() if reverse else loop
 
@@ -73,13 +74,13 @@ def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanCo
     lines = lines_across(loops, CANDIDATES, start, stepover, slant)
     cost = sum(_sharpness(loop, s, stepover) for loop, s in zip(loops, lines, strict=True))
     for outer, inner, s in zip(loops[:-1], loops[1:], lines[1:], strict=True):
-        cost = cost + np.maximum(outer.nearest(inner.at(s)[0]).distances / stepover - 1.1, 0.0)
+        cost = cost + np.maximum(outer.nearest(inner.points(s)).distances / stepover - 1.1, 0.0)
     if plan.start:
         begin = -1 if outward else 0
-        places = loops[begin].at(lines[begin])[0]
+        places = loops[begin].points(lines[begin])
         cost = cost + CORNER * norms(places - np.array(plan.start)) / stepover
-    best = int(np.argmin(np.round(cost, 6)))
-    return [float(line[best]) for line in lines]
+    best = np.argmin(np.round(cost, 6))
+    return [line[best] for line in lines]
 
 
 def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:
@@ -89,7 +90,7 @@ def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:
 def _sharpness(loop: Curve, s: Array, stepover: float) -> Array:
     """How much a loop turns within a step-over around places, beyond 30 deg [rad]."""
     ahead, behind = (loop.tangents(s + shift * stepover, 0.25 * stepover) for shift in (1.0, -1.0))
-    return np.maximum(np.arccos(np.clip(dots(ahead, behind), -1.0, 1.0)) - np.radians(30.0), 0.0)
+    return np.maximum(angles_between(ahead, behind) - np.radians(30.0), 0.0)
 
 
 def _joined(
@@ -99,7 +100,7 @@ def _joined(
     rows = list(range(len(loops)))[:: -1 if outward else 1]
     parts: list[list[tuple[Array, int]]] = [[]]
     for number, k in enumerate(rows):
-        lap = loops[k].between(starts[k], starts[k] + loops[k].length)[0]
+        lap = loops[k].between(starts[k], starts[k] + loops[k].length)
         lap[-1] = lap[0]
         parts[-1].append((lap, number))
         if number + 1 == len(rows):
@@ -121,14 +122,14 @@ def _joined(
 
 def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -> Array | None:
     """Slanting way from one loop to a place on the next, without its ends; None if it is too long."""
-    foot = there.nearest(here.at(np.array([s]))[0]).s[0]
+    foot = there.nearest(here.points(np.array([s]))).s[0]
     length = _step_length(here, there, stepover)
     ahead = np.mod(arrive - foot, there.length)
-    gap = np.linalg.norm(there.at(np.array([arrive]))[0] - here.at(np.array([s + length]))[0])
+    gap = np.linalg.norm(there.points(np.array([arrive])) - here.points(np.array([s + length])))
     if gap > FURTHEST_STEP * stepover:
         return None
     if ahead > 3.0 * length:
         ahead = min(length, SHARE_OF_LOOP * there.length)
     share = np.linspace(0.0, 1.0, max(int(2.0 * length / FURTHEST_M), 8) + 1)[1:-1]
-    from_here, from_there = here.at(s + share * length)[0], there.at(arrive - (1.0 - share) * ahead)[0]
+    from_here, from_there = here.points(s + share * length), there.points(arrive - (1.0 - share) * ahead)
     return from_here + share[:, None] * (from_there - from_here)

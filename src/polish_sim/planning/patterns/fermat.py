@@ -71,7 +71,7 @@ class Levels(NamedTuple):
 
     def at(self, level: int, x: Array | float) -> Array:
         """Points of a turn at distances to the right of the seam's middle [m], shape (n, 3)."""
-        return self.curves[level].at(self.s[level] + self.signs[level] * np.atleast_1d(x))[0]
+        return self.curves[level].points(self.s[level] + self.signs[level] * np.atleast_1d(x))
 
     def end(self, level: int, x: float, right: bool) -> End:
         """The end of a turn on one side of its cut."""
@@ -156,7 +156,7 @@ def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> JoinedEnds:
     first, second = ((u - 0.5) * levels.bands[level] for level in (straight, bent))
     depth = bow.depth[:, None]
     line = (1.0 - depth) * levels.at(straight, first) + depth * levels.at(bent, second)
-    ends = levels.end(straight, float(first[0]), right), levels.end(bent, float(second[-1]), right)
+    ends = levels.end(straight, first[0], right), levels.end(bent, second[-1], right)
     return JoinedEnds(*ends, line[1:-1])
 
 
@@ -264,6 +264,6 @@ def _along(curve: Curve, here: End, ends: Sequence[End]) -> tuple[End, Array]:
     """From an end along its turn to the next end that faces it, and the points on the way."""
     sign = 1.0 if here.onwards else -1.0
     facing = [end for end in ends if end.onwards != here.onwards]
-    ways = [float(np.mod(sign * (end.s - here.s), curve.length)) for end in facing]
-    nearest = int(np.argmin(ways))
+    ways = [np.mod(sign * (end.s - here.s), curve.length) for end in facing]
+    nearest = np.argmin(ways)
     return facing[nearest], curve.along(here.s, sign * ways[nearest])

@@ -28,14 +28,6 @@ BESIDE = 1.3  #: Turns nearer than this many step-overs are neighbours
 JOINABLE = 2.3  #: Turns further apart than this many step-overs cannot be joined without a lift
 
 
-class Contact(NamedTuple):
-    """Where two turns run side by side."""
-
-    first: int
-    second: int
-    length: float  #: How far they do so [m]
-
-
 class Tree(NamedTuple):
     """A tree of turns."""
 
@@ -44,40 +36,37 @@ class Tree(NamedTuple):
     lengths: Array  #: Length of each turn with its whole subtree [m], shape (n,)
 
 
-def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
-    """Which of some closed turns a step-over [m] apart are neighbours, every pair once, and for how long."""
+def find_contacts(curves: Sequence[Curve], stepover: float) -> coo_array:
+    """How far two of some closed turns a step-over [m] apart run side by side [m], every pair once, shape (n,
+    n)."""
     points, owner = sample_turns(curves, stepover)
     pairs = cKDTree(points).query_pairs(JOINABLE * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
     gap = norms(points[pairs[:, 0]] - points[pairs[:, 1]])
-    contacts = []
     low, high = np.sort(owner[pairs], axis=1).T
     key = low * len(curves) + high
-    for pair in np.unique(key):
-        mine, first, second = key == pair, int(pair) // len(curves), int(pair) % len(curves)
+    found, lengths = np.unique(key), []
+    for pair in found:
+        mine = key == pair
         near = pairs[mine & (gap < BESIDE * stepover)]
         # Points of the first turn with a point of the second beside them, each counted once.
-        count = len(np.unique(near[owner[near] == first]))
-        far = 1e-3 * stepover**2 / (stepover + float(gap[mine].min()))
-        contacts.append(Contact(first, second, count * stepover / SAMPLES + far))
-    return contacts
+        count = len(np.unique(near[owner[near] == pair // len(curves)]))
+        far = 1e-3 * stepover**2 / (stepover + gap[mine].min())
+        lengths.append(count * stepover / SAMPLES + far)
+    return coo_array((lengths, np.divmod(found, len(curves))), shape=(len(curves), len(curves)))
 
 
 def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indices]:
     """Evenly spaced points of all turns (n, 3), and whose they are."""
     stations = [curve.even(stepover / SAMPLES, 8) for curve in curves]
-    points = np.concatenate([c.at(s)[0] for c, s in zip(curves, stations, strict=True)])
+    points = np.concatenate([c.points(s) for c, s in zip(curves, stations, strict=True)])
     return points, np.repeat(np.arange(len(curves)), [len(s) for s in stations])
 
 
-def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -> Tree:
+def grow_tree(curves: Sequence[Curve], contacts: coo_array, root: int) -> Tree:
     """The tree of longest contacts with the turn ``root`` as its root."""
     lengths = np.array([curve.length for curve in curves])
-    if not contacts:
-        return Tree(((),) * len(curves), (root,), lengths)
-    first, second, together = (np.array(column) for column in zip(*contacts, strict=True))
-    graph = coo_array((-together, (first, second)), shape=(len(curves), len(curves)))
-    reached, parents = breadth_first_order(minimum_spanning_tree(graph), root, directed=False)
+    reached, parents = breadth_first_order(minimum_spanning_tree(-contacts), root, directed=False)
     children: list[list[int]] = [[] for _ in curves]
     for child in reached[:0:-1].tolist():
         children[parents[child]].insert(0, child)
@@ -160,7 +149,7 @@ class _Lines(NamedTuple):
 
     def best(self, price: Array) -> tuple[float, ...]:
         """The cheapest line."""
-        return tuple(float(value) for value in self.s[int(np.argmin(np.round(price + self.away, 6)))])
+        return tuple(float(value) for value in self.s[np.argmin(np.round(price + self.away, 6))])
 
 
 def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
@@ -171,7 +160,7 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
     free = _use(layout, row[0], s, NARROW), _use(layout, row[0], s, STEEPEST)
     away = np.zeros(len(s))
     if parent < 0 and len(layout.start):
-        away = norms(curve.at(s)[0] - layout.start) / layout.stepover
+        away = norms(curve.points(s) - layout.start) / layout.stepover
     lines = _Lines(s[:, None], *free, away)
     best = lines.best(lines.narrow)
     following = [first] if parent >= 0 else list(tree.children[first])
@@ -207,9 +196,9 @@ def _even_bands(
     for k in range(last):
         limits[k] = min(limits[k], _clear_width(layout, row[k], row[k + 1], line[k]))
         here, there = layout.curves[row[k]], layout.curves[row[k + 1]]
-        feet = there.nearest(here.at(line[k] + np.array([-step, step]))[0]).s
+        feet = there.nearest(here.points(line[k] + np.array([-step, step]))).s
         span = abs(np.mod(feet[1] - feet[0] + 0.5 * there.length, there.length) - 0.5 * there.length)
-        scale[k + 1] = scale[k] * float(np.clip(span / (2.0 * step), 0.5, 1.5))
+        scale[k + 1] = scale[k] * np.clip(span / (2.0 * step), 0.5, 1.5)
     index = np.arange(len(row))
     steps = np.abs(index[:, None] - index)
     even = (limits / scale + GROWTH * step * steps).min(axis=1) * scale
@@ -220,9 +209,9 @@ def _clear_width(layout: Layout, turn: int, other: int, s: float) -> float:
     """Length around a place on a turn along which the next one keeps its distance well [m]."""
     curve = layout.curves[turn]
     away = np.arange(1, 4 * SAMPLES * int(BAND)) * 0.25 * layout.stepover / SAMPLES
-    gap = layout.curves[other].nearest(curve.at(s + np.concatenate([-away, away]))[0]).distances
+    gap = layout.curves[other].nearest(curve.points(s + np.concatenate([-away, away]))).distances
     bad = (np.abs(gap / layout.stepover - 1.0) > SLACK).reshape(2, -1).any(axis=0)
-    reach = away[int(np.argmax(bad))] if bad.any() else away[-1]
+    reach = away[np.argmax(bad)] if bad.any() else away[-1]
     return max(2.0 * float(reach), NARROW * layout.stepover)
 
 
@@ -230,7 +219,7 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     """The lines led on to the next turn, and what they cost then."""
     here, there = layout.curves[row[-1]], layout.curves[child]
     s = lines.s[:, -1]
-    points = here.at(s)[0]
+    points = here.points(s)
     foot = there.nearest(points)
     narrow, wide = (
         price + _misfit(layout, row[-1], child, s, steps) + _use(layout, child, foot.s, steps)
@@ -238,7 +227,7 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     )
     if len(row) > 1:
         # The next turn must lie on the other side than the last.
-        back = layout.curves[row[-2]].at(lines.s[:, -2])[0] - points
+        back = layout.curves[row[-2]].points(lines.s[:, -2]) - points
         wide = wide + np.where(dots(foot.positions - points, back) < 0.0, 0.0, np.inf)
     return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
 
@@ -251,7 +240,7 @@ def _width(layout: Layout, turn: int, steps: float) -> float:
 def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Array:
     """How far two turns miss their distance within a seam's length, in units of what is tolerable."""
     curve = layout.curves[turn]
-    points = curve.at(curve.even(layout.stepover / SAMPLES, 16))[0]
+    points = curve.points(curve.even(layout.stepover / SAMPLES, 16))
     count = len(points)
     feet = layout.curves[other].nearest(points)
     gap = feet.distances / layout.stepover

@@ -49,10 +49,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     distance = _distance(mesh.vertices, everything, stepover)
     rest = _edges_within(mesh, distance > STRICT * stepover)
     tried = np.zeros(len(mesh.vertices), dtype=bool)
-    at_border = np.zeros(len(mesh.vertices), dtype=bool)
-    at_border[mesh.border] = True
     for place, area in _uncovered_places(mesh, rest, distance, tried, stepover):
-        if area < WORTH_A_LIFT * stepover**2 and at_border[place].any():
+        if area < WORTH_A_LIFT * stepover**2 and place[mesh.border].any():
             continue
         line = _middle_line(mesh, rest, place, distance, stepover)
         owner, added = _lead_into(mesh, traces, line, stepover)
@@ -125,7 +123,7 @@ def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tu
     _, labels = label_within(rest, open_places)
     areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
     largest = _largest(areas)
-    return labels == largest, float(areas[largest])
+    return labels == largest, areas[largest]
 
 
 def _largest(values: Array | Indices) -> int:
@@ -163,7 +161,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
 
 
 def _length(line: Array) -> float:
-    return float(arc_length(line)[-1])
+    return arc_length(line)[-1]
 
 
 def _finite(values: Array) -> Array:
@@ -180,8 +178,8 @@ def _lead_into(
         heading = unit((trace[-1] - trace[-min(10, len(trace))])[None])[0]
         for way, detour in _ways(line, trace[-1]):
             link = way[0] - trace[-1]
-            length = float(np.linalg.norm(link)) + detour
-            price = length * (1.5 - 0.5 * float(link @ heading) / max(length, 1e-12))
+            length = np.linalg.norm(link) + detour
+            price = length * (1.5 - 0.5 * (link @ heading) / max(length, 1e-12))
             if price < LONGEST_LINK * stepover:
                 offers.append((price, number, way))
     for _, number, way in sorted(offers, key=lambda offer: offer[0]):
@@ -199,7 +197,7 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
     """A way with an arc before it that leaves a trace straight ahead and runs into the way along it, (n,
     3)."""
     start, end = trace[-1], way[0]
-    length = float(np.linalg.norm(end - start))
+    length = np.linalg.norm(end - start)
     back, ahead = trace[-min(LEAN, len(trace))], way[min(LEAN, len(way)) - 1]
     leaving = unit((start - back)[None])[0] * length
     arriving = unit((ahead - end)[None])[0] * length if len(way) > 1 else 2.0 * (end - start) - leaving
@@ -213,7 +211,7 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
 def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
     """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap
     [m]."""
-    nearest = int(norms(line - start).argmin())
+    nearest = norms(line - start).argmin()
     ahead, back = line[nearest:], line[nearest::-1]
     part = ahead if len(ahead) > len(back) else back
     missed = _length(line) - _length(part)

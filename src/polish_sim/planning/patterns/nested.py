@@ -24,7 +24,6 @@ from polish_sim.planning.turns import (
     grow_turns,
     ring_turns,
 )
-from polish_sim.spatial import unit
 
 WORTH_A_LOOP = 0.15  #: Smallest uncovered area that gets a loop, in squared step-overs
 EDGE, DEEP_EDGE = 0.53, 0.68
@@ -141,14 +140,14 @@ def lines_across(
     """
     lines = [np.linspace(0.0, turns[-1].length, count, endpoint=False)]
     for inner, outer in pairwise(reversed(turns)):
-        lines.append(outer.wrap(outer.nearest(inner.at(lines[-1])[0]).s + slant(inner, outer)))
+        lines.append(outer.wrap(outer.nearest(inner.points(lines[-1])).s + slant(inner, outer)))
     lines.reverse()
     if not len(start):
         return np.array(lines)
     near = stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
     more = [turns[0].wrap(turns[0].nearest(start).s + near)]
     for outer, inner in pairwise(turns):
-        more.append(inner.nearest(outer.at(more[-1] - slant(inner, outer))[0]).s)
+        more.append(inner.nearest(outer.points(more[-1] - slant(inner, outer))).s)
     return np.concatenate([lines, more], axis=1)
 
 
@@ -165,7 +164,7 @@ def without_tails(curve: Curve, width: float) -> Curve:
             inner = np.arange(first, last + 1)
             if along[k] > 0.5 * curve.length:
                 inner = np.concatenate([np.arange(last, len(curve.positions)), np.arange(first + 1)])
-            if _area(curve.positions[inner]) < 0.5 * width * length[k]:
+            if enclosed(curve.positions[inner]) < 0.5 * width * length[k]:
                 kept = np.ones(len(curve.positions), dtype=bool)
                 kept[inner[1:-1]] = False
                 curve = Curve(curve.positions[kept], curve.normals[kept], True)
@@ -180,17 +179,12 @@ def _without_slivers(roots: Sequence[Turn], stepover: float) -> list[Turn]:
 
     def kept(turns: Sequence[Turn]) -> list[Turn]:
         return [
-            t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length
+            t for t in turns if t.children or enclosed(t.curve.positions) > SLIVER * stepover * t.curve.length
         ]
 
     for turn in reversed(list(all_turns(roots))):
         turn.children = kept(turn.children)
     return kept(roots)
-
-
-def _area(ring: Array) -> float:
-    """Area within a closed ring of points (n, 3), seen square on [m^2]."""
-    return enclosed(np.concatenate([ring, ring[:1]]))
 
 
 def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, shallowest: float) -> list[Turn]:
@@ -199,9 +193,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
         return []
     curves = [turn.curve for turn in turns]
     everything = np.arange(len(mesh.vertices))
-    distance = np.minimum(distance_to(mesh, everything, curves, FURTHEST * stepover), FURTHEST * stepover)
-    at_border = np.zeros(len(mesh.vertices), dtype=bool)
-    at_border[mesh.border] = True
+    distance = distance_to(mesh, everything, curves, FURTHEST * stepover)
     count, labels = mesh.components(distance > EDGE * stepover)
     loops = []
     for label in range(count):
@@ -210,7 +202,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
         deepest = distance[place].max()
         if (
             open_area < WORTH_A_LOOP * stepover**2
-            or at_border[place].any()
+            or place[mesh.border].any()
             or deepest < shallowest * stepover
         ):
             continue
@@ -226,7 +218,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
 
 def _loop(line: LevelLine, stepover: float) -> Curve:
     """A level line, a little wider, as a curve with evenly spaced points."""
-    rough = Curve(line.positions, unit(line.normals), True)
+    rough = line.curve
     outwards = np.cross(rough.tangents(rough.knots[:-1], 0.2 * stepover), rough.normals)
     rough = Curve(rough.positions + WIDER * stepover * outwards, rough.normals, True)
     s = np.linspace(0.0, rough.length, max(int(np.ceil(8.0 * rough.length / stepover)), 12), endpoint=False)

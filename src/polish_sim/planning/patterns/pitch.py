@@ -167,7 +167,7 @@ def _first_step(grid: Array, band: float) -> Shares:
 
 def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:
     """Shares on a turn carried over to the next one."""
-    return Shares(outer.around(np.interp(grid, match.inner, match.outer)), float(grid[-1]))
+    return Shares(outer.around(np.interp(grid, match.inner, match.outer)), grid[-1])
 
 
 def _parallel(step: Shares, match: Match, height: float, stepover: float) -> Shares:

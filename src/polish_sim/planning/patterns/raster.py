@@ -71,7 +71,7 @@ def _short_axis(region: Region) -> Array:
     # Break ties by an odd moment of the points, so that the choice turns with the part.
     odd = np.sin(1.0 + np.arange(len(flat))) @ (flat - flat.mean(axis=0))
     along = narrow @ odd
-    best = int(np.abs(along).argmax())
+    best = np.abs(along).argmax()
     return np.copysign(1.0, along[best]) * (seen.frame @ narrow[best])
 
 
@@ -80,9 +80,7 @@ def _both_sides(
 ) -> tuple[list[list[Curve]], float, float]:
     """Offset the section at a height to both sides; how much is left beyond the last lines above and below
     [m]."""
-    middle = [
-        Curve(line.positions, unit(line.normals), False) for line in _open(level_lines(mesh, heights, level))
-    ]
+    middle = [line.curve for line in _open(level_lines(mesh, heights, level))]
     if not middle:
         raise PlanError(
             "lines side by side do not fit this region: none across its middle runs from border to border. "
@@ -97,7 +95,7 @@ def _both_sides(
                 break
             last, inside = following, beyond
             lines = [*lines, last] if side > 0.0 else [last, *lines]
-            share = 0.5 * float(mesh.vertex_areas[inside].sum() / mesh.vertex_areas.sum())
+            share = 0.5 * (mesh.vertex_areas[inside].sum() / mesh.vertex_areas.sum())
             report(0.75 - 0.25 * side - share)
         left.append(_depth_beyond(mesh, last, inside, stepover))
     return lines, left[0], left[1]
@@ -108,7 +106,7 @@ def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Bools, st
     if not inside.any():
         return 0.0
     distance = distance_to(mesh, np.flatnonzero(inside), lines, 2.0 * stepover)
-    return float(distance[np.isfinite(distance)].max(initial=0.0))
+    return distance[distance < 2.0 * stepover].max(initial=0.0)
 
 
 def _open(lines: Sequence[LevelLine]) -> list[LevelLine]:
@@ -123,7 +121,7 @@ def _next_line(
     # Behind the last line there is no distance, so that the level line does not run round its ends.
     distance = np.full(len(inside), -1.0)
     rows = np.flatnonzero(inside)
-    distance[rows] = np.minimum(distance_to(mesh, rows, longer, 2.5 * stepover), 2.5 * stepover)
+    distance[rows] = distance_to(mesh, rows, longer, 2.5 * stepover)
     found = _open(level_lines(mesh, distance, stepover))
     return (
         [offset_curve(region.surface, longer, line, stepover) for line in found if len(line.positions) > 3],
@@ -141,7 +139,7 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         off = norms(surface.closest(more).positions - more)
         back = off < 0.5 * np.maximum.accumulate(off) - ROUNDING * length
         if back.any():
-            more = more[: int(off[: int(back.argmax())].argmax()) + 1]
+            more = more[: off[: back.argmax()].argmax() + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
     return Curve(
         np.concatenate([ends[0][0], line.positions, ends[1][0]]),
@@ -185,9 +183,7 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
 def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) -> list[Curve]:
     """Closed curves at a distance from all borders, the longest first."""
     mesh = request.mesh
-    values = np.minimum(
-        distance_to(mesh, np.arange(len(mesh.vertices)), borders, 3.0 * distance), 3.0 * distance
-    )
+    values = distance_to(mesh, np.arange(len(mesh.vertices)), borders, 3.0 * distance)
     lines = [line for line in level_lines(mesh, values, distance) if line.closed]
     curves = [offset_curve(request.region.surface, borders, line, distance) for line in lines]
     return sorted(curves, key=lambda curve: -curve.length)
@@ -198,12 +194,12 @@ def _cut(
 ) -> list[LinePiece]:
     """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
-    points = line.at(s)[0]
-    depth = nearest_of(borders, points).nearest.distances / stepover - ENDS
+    points = line.points(s)
+    depth = nearest_of(borders, points).distances / stepover - ENDS
     # Where it comes only a little too near to the border it bends aside.
     for i, j in stretches(depth <= 0.0):
         if i > 0 and j + 1 < len(s) and depth[i : j + 1].min() > -GIVES_WAY and ends:
-            points[i : j + 1] = nearest_of(ends, points[i : j + 1]).nearest.positions
+            points[i : j + 1] = nearest_of(ends, points[i : j + 1]).positions
             depth[i : j + 1] = 1e-9
     pieces = []
     for i, j in stretches(depth > 0.0):
@@ -239,12 +235,12 @@ def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: flo
             if near:
                 positions = _turn_between(waiting.pop(near[0]), positions, place, stepover)
         runs.append(positions)
-    runs += [turn.between(0.0, turn.length - min(GAP * stepover, SMALL * turn.length))[0] for turn in waiting]
+    runs += [turn.between(0.0, turn.length - min(GAP * stepover, SMALL * turn.length)) for turn in waiting]
     return [Run(positions, np.full(len(positions), number)) for number, positions in enumerate(runs)]
 
 
 def _away(turn: Curve, point: Array) -> float:
-    return float(turn.nearest(point[None]).distances[0])
+    return turn.nearest(point[None]).distances[0]
 
 
 def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
@@ -257,24 +253,19 @@ def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
     corner = foot - sign * lead
     first = corner + sign * (GAP + LATER * abs(along)) * stepover
     begin, end = sorted([first, corner + sign * (turn.length - GAP * stepover)])
-    lap = turn.between(begin, end)[0][:: int(sign)]
-    over = fillet(lap[-1], turn.at(np.array([corner]))[0][0], positions[0])
+    lap = turn.between(begin, end)[:: int(sign)]
+    over = fillet(lap[-1], turn.points(np.array([corner]))[0], positions[0])
     return np.concatenate([lap, over, positions])
 
 
 def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) -> Array:
     """Once round a turn that a stroke passes by: out through a gap, round the other way, and back."""
     along = arc_length(positions)
-    at = along[int(norms(positions - place).argmin())]
+    at = along[norms(positions - place).argmin()]
     leave = np.searchsorted(along, at - 0.5 * GAP * stepover) - 1
     come = np.searchsorted(along, at + 0.5 * GAP * stepover)
     leave, come = max(int(leave), 0), min(int(come), len(along) - 1)
     out, back = turn.nearest(positions[[leave, come]]).s
-    with_it = (
-        float(turn.tangents(np.array([out]), 0.25 * stepover)[0] @ (positions[come] - positions[leave])) > 0.0
-    )
-    if with_it:
-        lap = turn.between(float(back), float(back + np.mod(out - back, turn.length)))[0][::-1]
-    else:
-        lap = turn.between(float(out), float(out + np.mod(back - out, turn.length)))[0]
+    with_it = turn.tangents(np.array([out]), 0.25 * stepover)[0] @ (positions[come] - positions[leave]) > 0.0
+    lap = turn.along(out, -np.mod(out - back, turn.length) if with_it else np.mod(back - out, turn.length))
     return np.concatenate([positions[: leave + 1], lap, positions[come:]])

@@ -54,7 +54,7 @@ class _Ends:
         found = []
         for sign in (1.0, -1.0):
             ways = np.mod(sign * (self.s[mates] - self.s[end]), curve.length)
-            way = curve.along(float(self.s[end]), sign * float(ways.min()))
+            way = curve.along(self.s[end], sign * ways.min())
             found.append((int(mates[ways.argmin()]), way))
         return found
 
@@ -72,9 +72,7 @@ def walk(
         return []
     tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
     feet = nearest_of(curves, tips)
-    ends = _Ends(
-        curves, feet.curve, feet.nearest.s, cKDTree(np.concatenate([piece.positions for piece in pieces]))
-    )
+    ends = _Ends(curves, feet.curve, feet.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
     waiting = set(range(len(pieces)))
     begin, heading = _first_end(pieces, tips, start)
     strokes = []
@@ -95,7 +93,7 @@ def _first_end(pieces: Sequence[LinePiece], tips: Array, start: Sequence[float])
     if not len(start):
         return 0, 1
     outer = [end for end in range(len(tips)) if pieces[end // 2].line in (low, high)]
-    begin = min(outer, key=lambda end: float(np.linalg.norm(tips[end] - np.array(start))))
+    begin = min(outer, key=lambda end: np.linalg.norm(tips[end] - np.array(start)))
     return begin, 1 if pieces[begin // 2].line == low else -1
 
 
@@ -156,7 +154,7 @@ def _rounded(before: Array, way: Array, after: Array, radius: float) -> tuple[Ar
 def _without_end(line: Array, length: float) -> Array:
     """A line without its last stretch."""
     s = arc_length(line)
-    end = max(float(s[-1] - length), 0.0)
+    end = max(s[-1] - length, 0.0)
     kept = line[s < end - 1e-12]
     return np.concatenate([kept, interpolate(np.array([end]), s, line)])
 
@@ -164,7 +162,7 @@ def _without_end(line: Array, length: float) -> Array:
 def fillet(start: Array, corner: Array, end: Array, count: int = 16) -> Array:
     """Points of the arc that rounds a corner between two points as far from it, without its ends (n, 3)."""
     arms = unit(np.stack([start, end]) - corner)
-    weight = np.sqrt(max(0.5 * (1.0 - float(arms[0] @ arms[1])), 1e-6))
+    weight = np.sqrt(max(0.5 * (1.0 - (arms[0] @ arms[1])), 1e-6))
     t = np.linspace(0.0, 1.0, count + 2)[1:-1, None]
     a, b, c = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
     return (a * start + b * corner + c * end) / (a + b + c)

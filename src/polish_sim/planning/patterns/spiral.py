@@ -62,7 +62,7 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     longest = np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover)
     count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
     lines = lines_across(curves, count, outer, stepover)
-    places = [curve.at(s)[0] for curve, s in zip(curves, lines, strict=True)]
+    places = [curve.points(s) for curve, s in zip(curves, lines, strict=True)]
     price = (GOAL_PRICE * _away(places[-1], goals) + START_PRICE * _away(places[-1], inner)) / stepover
     for before, after in pairwise(places):
         gap = norms(after - before) / stepover
@@ -76,10 +76,10 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     room = np.percentile(rooms, 25.0, axis=0)
     bands = np.clip(2.0 * (room - ROOM * stepover), SHORTEST * stepover, longest)
     bands = np.minimum(bands, SHARE_OF_TURN * curves[0].length)
-    begins = curves[0].at(lines[0] - (0.5 - HEAD) * bands)[0]
+    begins = curves[0].points(lines[0] - (0.5 - HEAD) * bands)
     price += START_PRICE * _away(begins, outer) / stepover
-    best = int(np.argmax(price <= price.min() + SAME))
-    return Seams(lines[:, best], float(bands[best]))
+    best = np.argmax(price <= price.min() + SAME)
+    return Seams(lines[:, best], bands[best])
 
 
 def _away(points: Array, goals: Array) -> Array:
@@ -144,11 +144,11 @@ def _join_turns(
     """Wind from the outermost of closed turns to the innermost; to_border: whether that one follows a
     border."""
     if not matches:
-        return numbered([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
+        return numbered([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)])
     shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
     parts = [_round(curves, seams.s, matches, shares[i], i) for i in range(len(curves) - 1)]
     begin = seams.s[0] - (0.5 - HEAD) * seams.band
-    parts[0] = np.concatenate([curves[0].between(begin, seams.s[0])[0][:-1], parts[0]])
+    parts[0] = np.concatenate([curves[0].between(begin, seams.s[0])[:-1], parts[0]])
     parts.append(_last_round(curves, seams.s, matches[-1], shares))
     return numbered(parts)
 
@@ -188,9 +188,9 @@ def _between(outer: Curve, inner: Curve, seams: Array, match: Match, share: Arra
 
     Places that do not lie beside each other stay on the turn the share is nearer to.
     """
-    start = outer.at(seams[0] + match.outer)[0]
+    start = outer.points(seams[0] + match.outer)
     share = np.where(match.beside, share, np.round(share))
-    return start + share[:, None] * (inner.at(seams[1] + match.inner)[0] - start)
+    return start + share[:, None] * (inner.points(seams[1] + match.inner) - start)
 
 
 SPIRAL_SHORTEST = 1.0  #: Turns shorter than this many step-overs are left to what finishes the middle

@@ -16,19 +16,19 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
 from polish_sim.planning.ground import Ground
 from polish_sim.planning.points import thin
+from polish_sim.planning.quality.areas import AskedRegion
 from polish_sim.planning.quality.coverage import pad_depths
+from polish_sim.planning.quality.located import UnderPad, ground_under
 from polish_sim.planning.quality.tool_room import (
     FIXTURE,
     Places,
     Tool,
-    UnderPad,
-    ground_under,
     hollow_radius,
     most_hollow,
     pressed_places,
 )
 from polish_sim.planning.triangulation import Triangulation
-from polish_sim.spatial import perpendicular, unit
+from polish_sim.spatial import into_plane, plane_axes, unit
 
 BEYOND = 0.5  #: Largest room that is measured [pad radii]
 SCOUTED_APART = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
@@ -70,10 +70,7 @@ class Access:
     """The part of a region that the tool reaches."""
 
     region: Region  #: Where the path may run
-    touched: Array  #: Share of each vertex's area on the ground asked for that the pad can touch, shape (v,)
-    reasons: tuple[str, ...]
-    why: Indices  #: Number of the reason why it cannot touch a vertex, -1 where it can, shape (v,)
-    left_out_m2: float  #: Area of what it cannot touch [m^2]
+    asked: AskedRegion  #: What of the ground asked for the pad cannot touch, and why
     leaning: Leaning | None = None  #: How the tool leans away from what stands beside it; None: not at all
     gained_m2: float = 0.0  #: How much more it touches for that [m^2]
 
@@ -142,7 +139,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     why = np.where(reach.hollow, len(tool.pairs), reach.rooms.argmin(axis=1))
     why[reach.touched >= 0.5] = -1
     missed = ground.part_areas.sum() - reach.area(ground)
-    return Access(cut or region, reach.touched, reasons, why, missed, leaning, gained)
+    return Access(cut or region, AskedRegion(ground, reasons, why, reach.touched, missed), leaning, gained)
 
 
 def too_near(body: str, beside: str) -> str:
@@ -165,7 +162,7 @@ class _Reach(NamedTuple):
 
     def area(self, ground: Ground) -> float:
         """What it touches [m^2]."""
-        return float((ground.part_areas * self.touched).sum())
+        return (ground.part_areas * self.touched).sum()
 
 
 def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
@@ -175,7 +172,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     some = thin(mesh.vertices[near], FINE * radius)
     places, under = room.places(mesh.vertices[near][some.kept])
     rooms[near] = room.of_bodies(places)[some.stands_for]
-    under = _of(under, some.stands_for)
+    under = under.rows(some.stands_for)
     hollow = np.zeros(len(near), dtype=bool)
     hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
     least = rooms.min(axis=1)
@@ -185,7 +182,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     rows = np.flatnonzero((leaned & (least >= 0.0))[near])
     if len(rows):
         at = np.flatnonzero(near)[rows]
-        touched[pressed_from(mesh, at, leans[at], _of(under, rows), room.tool)] = 1.0
+        touched[pressed_from(mesh, at, leans[at], under.rows(rows), room.tool)] = 1.0
     return _Reach(rooms, hollow, np.where(hollow & (least < 0.0), 0.0, touched), room.leaning)
 
 
@@ -205,10 +202,10 @@ def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, t
     """Refuse a region on which the tool has room nowhere."""
     if least.max() >= 0.0:
         return
-    best = int(least.argmax())
+    best = least.argmax()
     diameter = 2e3 * tool.pad.radius_m
     place = place_in_mm(ground.mesh.vertices[best])
-    body, beside = tool.pairs[int(rooms[best].argmin())]
+    body, beside = tool.pairs[rooms[best].argmin()]
     why = (
         f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a "
         f"pad of {diameter:.3g} mm does not follow"
@@ -266,12 +263,12 @@ def find_leaning(
         return None
     short = short[thin(mesh.vertices[rows[short]], LEANED_APART * tool.pad.radius_m).kept]
     steepest = np.tan(np.arcsin(most_hollow(tool.pad) / tool.pad.radius_m))
-    rows, under = rows[short], _of(under, short)
+    rows, under = rows[short], under.rows(short)
     away = _away(room, pressed_places(mesh.vertices[rows], under.normals, under, tool.pad, tool.force))
     needed = np.zeros(len(rows))
     for slope in np.linspace(0.0, steepest, SLOPES + 1)[1:]:
         waiting = np.flatnonzero(needed == 0.0)
-        ground = _of(under, waiting)
+        ground = under.rows(waiting)
         axes = unit(ground.normals + slope * away[waiting])
         tried = pressed_places(mesh.vertices[rows[waiting]], axes, ground, tool.pad, tool.force)
         needed[waiting[room.of_bodies(tried).min(axis=1) >= 0.0]] = slope
@@ -281,17 +278,12 @@ def find_leaning(
     return Leaning(mesh, _faded(mesh, rows[found], needed[found], away[found], tool, steepest))
 
 
-def _of(under: UnderPad, rows: Indices) -> UnderPad:
-    return UnderPad(*(column[rows] for column in under))
-
-
 def _away(room: ToolRoom, places: Places) -> Array:
     """The way along the surface in which what is short of room gets more of it, unit vectors, shape (k,
     3)."""
-    ways = perpendicular(places.axes)
     step = STEP * room.tool.pad.radius_m
     slope = np.zeros_like(places.axes)
-    for way in (ways, np.cross(places.axes, ways)):
+    for way in plane_axes(places.axes):
         ahead, behind = (
             room.of_bodies(places._replace(middles=places.middles + sign * step * way)).min(axis=1)
             for sign in (1.0, -1.0)
@@ -314,18 +306,14 @@ def _faded(
     np.maximum.at(longest, column, weights)
     total = np.bincount(column, weights, len(mesh.vertices))
     mean = summed(column, weights[:, None] * away[row], len(total)) / np.maximum(total, 1e-300)[:, None]
-    mean -= mesh.normals * (mean * mesh.normals).sum(axis=1, keepdims=True)
-    return longest[:, None] * mean
+    return longest[:, None] * into_plane(mean, mesh.normals)
 
 
 def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderPad, tool: Tool) -> Indices:
     """Vertices the leaned pad presses on from vertices ``rows`` (k,), leans (k, 3): the side it leans to."""
     kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
-    rows, leans, under = rows[kept], leans[kept], _of(under, kept)
-    tilts = np.stack(
-        [dots(leans, way) for way in (under.principal, np.cross(under.normals, under.principal))]
-    )
-    depths = pad_depths(under.curvatures, tool.pad, tool.force, tilts.T)
+    rows, leans, under = rows[kept], leans[kept], under.rows(kept)
+    depths = pad_depths(under.curvatures, tool.pad, tool.force, under.slopes(leans))
     found = [np.empty(0, dtype=np.int64)]
     for row, lean, depth, near in zip(
         rows, leans, depths, mesh.tree.query_ball_point(mesh.vertices[rows], tool.pad.radius_m), strict=True

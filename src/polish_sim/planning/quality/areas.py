@@ -99,9 +99,7 @@ class AreaAccount:
         ]
 
 
-def account_for(
-    asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut] = ()
-) -> AreaAccount:
+def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut]) -> AreaAccount:
     """Sort the area of a region into rows.
 
     What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
@@ -126,7 +124,7 @@ def account_for(
         rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
     left_out = {reason: _row(asked, areas, out) for reason, out in rows.items() if out.any()}
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
-    return AreaAccount(asked.area_m2, float(areas[why < 0].sum()), left_out)
+    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out)
 
 
 def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
@@ -135,7 +133,7 @@ def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
     shown = (out[mesh.triangles].sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
     where = mesh.vertices[out]
     middle = norms(where - where.mean(axis=0)).argmin()
-    return LeftOutRow(float(areas[out].sum()), mesh.vertices[mesh.triangles[shown]], where[middle])
+    return LeftOutRow(areas[out].sum(), mesh.vertices[mesh.triangles[shown]], where[middle])
 
 
 def _within(sources: Array, points: Array, reach: float) -> Indices:

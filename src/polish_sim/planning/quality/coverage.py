@@ -18,6 +18,7 @@ from polish_sim.planning.ground import Ground
 from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
+from polish_sim.planning.toolpath import rows_apart
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.spatial import directions_at, unit
 
@@ -35,7 +36,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     path, limit = Strands(runs).sample(CHORD * stepover), STRICT * stepover
     parts = (slice(*ends) for ends in pairwise(path.first))
     fine = [Curve(path.points[part], path.normals[part], False) for part in parts]
-    feet = nearest_of(fine, points, np.hypot(limit, 0.5 * CHORD * stepover)).nearest
+    feet = nearest_of(fine, points, np.hypot(limit, 0.5 * CHORD * stepover))
     return (feet.distances <= limit) & (dots(feet.normals, normals) > 0.0)
 
 
@@ -55,7 +56,7 @@ def strict_share(mesh: Triangulation, areas: Array, runs: Sequence[Curve], stepo
     weights = np.stack([first, second, 1.0 - first - second], axis=1)[:, :, None]
     corners = mesh.triangles[triangle]
     points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
-    return float(strictly_covered(points, normals, runs, stepover).mean())
+    return strictly_covered(points, normals, runs, stepover).mean()
 
 
 # How deep the pad sinks in at a force: an elastic foundation on a curved place (curvature, tilt -> depth).
@@ -65,18 +66,16 @@ ROUNDS = 60
 DONE_M = 1e-10
 
 
-def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: Array | None = None) -> Array:
+def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: Array) -> Array:
     """Depth (n,) [m] of the pad's middle at which the elastic foundation carries a force; below zero it stays
     off.
 
     The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of principal curvatures k1,
     k2 (n, 2) [1/m], positive convex, the compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that
-    is positive, a and b the tool axis' slopes along both directions, ``tilts`` (n, 2); None: it is the
-    normal.
+    is positive, a and b the tool axis' slopes along both directions, ``tilts`` (n, 2).
     """
     count = len(curvatures)
     mean_depths = np.broadcast_to(np.asarray(force, dtype=np.float64) / pad.stiffness_n_m, (count,))
-    tilts = np.zeros((count, 2)) if tilts is None else tilts
     springs = _disc_points(pad.radius_m)
     columns = (np.ascontiguousarray(a, dtype=np.float64) for a in (curvatures, tilts, mean_depths))
     return _solve(*columns, springs)
@@ -147,31 +146,23 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     length = norms(np.diff(on.positions, axis=0))
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (running_sums(way) for way in (length, length * slowness))
-    rows = rows_apart(on, s, STEP * pad.radius_m)
-    second = np.cross(on.normals, on.principal)
-    tilts = np.stack([dots(on.axes, way) for way in (on.principal, second)], axis=1)
-    depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
+    rows = checked_rows(on, s, STEP * pad.radius_m)
+    under = on.under.rows(rows)
+    depths = pad_depths(under.curvatures, pad, on.forces[rows], under.slopes(on.axes[rows]))
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
     a, b = rows[:-1][joined], rows[1:][joined]
     mean = 0.5 * (depths[:-1] + depths[1:])[joined]
     return PadSteps(on.positions[a], on.positions[b], unit(on.axes[a] + on.axes[b]), mean, t[b] - t[a])
 
 
-def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
+def checked_rows(on: PathOnSurface, s: Array, spacing: float) -> Indices:
     """Rows about a spacing apart; both ends of every stretch and its corners among them."""
     way = unit(np.diff(on.positions, axis=0))
     corner = np.zeros(len(s), dtype=bool)
     corner[1:-1] = dots(way[1:], way[:-1]) < np.cos(CORNER)
     rows = []
     for stretch in on.stretches:
-        first, last = s[stretch[0]], s[stretch[-1]]
-        marks = np.linspace(first, last, max(int(np.ceil((last - first) / spacing)), 1) + 1)
-        near = np.searchsorted(s[stretch], marks[1:-1])
-        rows.append(
-            stretch[
-                np.unique(np.concatenate([[0], near, np.flatnonzero(corner[stretch]), [len(stretch) - 1]]))
-            ]
-        )
+        rows.append(stretch[np.union1d(rows_apart(s[stretch], spacing), np.flatnonzero(corner[stretch]))])
     return np.concatenate(rows)
 
 
@@ -282,8 +273,8 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | N
         mean_s=mean,
         median_s=median,
         variation=spread / mean if mean > 0.0 else float("nan"),
-        over_area_m2=float(areas[times > OVER * median].sum()),
-        under_area_m2=float(areas[times < UNDER * median].sum()),
+        over_area_m2=areas[times > OVER * median].sum(),
+        under_area_m2=areas[times < UNDER * median].sum(),
     )
 
 
@@ -293,4 +284,4 @@ def _median(values: Array, weights: Array) -> float:
         return 0.0
     order = np.argsort(values)
     below = np.cumsum(weights[order])
-    return float(values[order[int(np.searchsorted(below, 0.5 * below[-1]))]])
+    return values[order[np.searchsorted(below, 0.5 * below[-1])]]

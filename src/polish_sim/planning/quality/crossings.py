@@ -34,7 +34,7 @@ class Segments(NamedTuple):
     number: Indices  #: Follow each other by one only where segments share a point, shape (n,)
 
 
-def segments_of(runs: Sequence[Curve]) -> Segments:
+def _segments(runs: Sequence[Curve]) -> Segments:
     """All chords of open curves, those of no length left out."""
     start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
     first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
@@ -48,7 +48,7 @@ def find_crossings(runs: Sequence[Curve]) -> Array:
     """Every place where runs in contact, open curves, cross themselves or each other [m], shape (k, 3)."""
     if not runs:
         return np.empty((0, 3))
-    chords = segments_of(runs)
+    chords = _segments(runs)
     i, j = _near_pairs(chords)
     pairs = _look_at(chords, i, j)
     met = np.flatnonzero(pairs.meets.any(axis=0))

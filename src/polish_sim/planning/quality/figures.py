@@ -58,12 +58,12 @@ def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
         if not inside.any():
             continue
         s, normals, here = curve.knots[inside], curve.normals[inside], curve.positions[inside]
-        before, after = here - curve.at(s - CORNER_M)[0], curve.at(s + CORNER_M)[0] - here
+        before, after = here - curve.points(s - CORNER_M), curve.points(s + CORNER_M) - here
         before, after = (into_plane(v, normals) for v in (before, after))
         turn = angles_between(before, after)
-        k = int(turn.argmax())
+        k = turn.argmax()
         if turn[k] > best.value:
-            best = Peak(float(turn[k]), here[k])
+            best = Peak(turn[k], here[k])
     return best
 
 
@@ -78,14 +78,14 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
         first = np.append(s[s < s[-1] - span], s[-1] - span)
         axes = Curve(on.positions[rows], on.axes[rows], False)
         before, after = axes.at(first)[1], axes.at(first + span)[1]
-        turn = 2.0 * np.arcsin(np.clip(0.5 * norms(after - before), 0.0, 1.0))
+        turn = angles_between(before, after)
         along.append(begin + first + 0.5 * span)
         rates.append(turn / span)
-        places.append(axes.at(first + 0.5 * span)[0])
-        begin += float(s[-1])
+        places.append(axes.points(first + 0.5 * span))
+        begin += s[-1]
     rate, where = np.concatenate(rates), np.concatenate(places)
-    k = int(rate.argmax())
-    return AxisRate(np.concatenate(along), rate, Peak(float(rate[k]), where[k]))
+    k = rate.argmax()
+    return AxisRate(np.concatenate(along), rate, Peak(rate[k], where[k]))
 
 
 # Everything that is measured of a path on a region, coverage, spacing and crossings included.
@@ -167,7 +167,7 @@ def _path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> 
         **_path_times(path, process),
         "retracts": len(on.runs),
         "lifts": len(on.runs) - 1,
-        "max_distance_to_surface_m": float(on.distances.max()),
+        "max_distance_to_surface_m": on.distances.max(),
     }
 
 
@@ -178,13 +178,13 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
     """
     chords = norms(np.diff(path.positions_work, axis=0))
     pressing = path.process[1:] & path.process[:-1]
-    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
+    feed = path.feeds(process.feed_m_s)
     slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
     times = chords * slowness
     return {
-        "time_in_contact_s": float(times[pressing].sum()),
-        "cycle_time_s": float(times.sum()),
-        "air_length_m": float(chords[~pressing].sum()),
+        "time_in_contact_s": times[pressing].sum(),
+        "cycle_time_s": times.sum(),
+        "air_length_m": chords[~pressing].sum(),
     }
 
 
@@ -201,7 +201,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
         "coverage_stepover": strict,
         "exposure_mean_s": exposure.mean_s,
         "exposure_median_s": exposure.median_s,
-        "exposure_max_s": float(exposure.times.max()),
+        "exposure_max_s": exposure.times.max(),
         "exposure_cv": exposure.variation,
         "over_polished_area_m2": exposure.over_area_m2,
         "under_polished_area_m2": exposure.under_area_m2,
@@ -211,7 +211,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     corner = _sharpest_corner(on.runs)
     rate = quality.axis_rate.peak
-    lean = angles_between(on.axes, on.normals)
+    lean = angles_between(on.axes, on.under.normals)
     return {
         "self_crossings": len(quality.crossings),
         "sharpest_corner_rad": corner.value,
@@ -219,7 +219,7 @@ def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
         "corner_scale_m": CORNER_M,
         "max_axis_rate_rad_m": rate.value,
         "max_axis_rate_at_m": rate.position.tolist(),
-        "max_axis_lean_rad": float(lean.max()),
+        "max_axis_lean_rad": lean.max(),
     }
 
 
@@ -234,17 +234,12 @@ def account_area(
 
 
 def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
-    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and its area
-    [m^2]."""
-    area = float(surface.facet_areas.sum())
-    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface), "part_area_m2": area}
-
-
-def fit_rms(mesh: PartMesh, surface: Surface) -> float:
-    """How far the smooth surface stands off the middles of the part's facets, weighted by area, rms [m]."""
+    """Facets of the part, how far its smooth surface stands off the middles of them, rms by area [m], and its
+    area [m^2]."""
     _, areas = facet_normals(mesh.vertices, mesh.faces)
     gap = norms(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1))
-    return float(np.sqrt((areas * gap**2).sum() / areas.sum()))
+    off = np.sqrt((areas * gap**2).sum() / areas.sum())
+    return {"facets": len(mesh.faces), "fit_rms_m": off, "part_area_m2": surface.facet_areas.sum()}
 
 
 # What of them is shown, of a plan and of a path that was inspected.

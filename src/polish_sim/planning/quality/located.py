@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, dots, in_groups, norms, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, in_groups, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
+from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve, interpolated
 from polish_sim.planning.ground import Ground
 from polish_sim.planning.toolpath import ToolPath, arc_length
@@ -20,14 +21,36 @@ from polish_sim.spatial import unit
 LONGEST_M = 2e-3  #: Chords in contact longer than this are looked at in between as well [m]
 
 
+class UnderPad(NamedTuple):
+    """The surface under the middle of the pad."""
+
+    normals: Array  #: Unit, shape (n, 3)
+    principal: Array  #: Unit direction of the larger curvature, shape (n, 3)
+    curvatures: Array  #: Principal curvatures, the larger first [1/m], shape (n, 2)
+
+    def rows(self, kept: Indices) -> UnderPad:
+        """That of some of the places."""
+        return UnderPad(*(column[kept] for column in self))
+
+    def slopes(self, ways: Array) -> Array:
+        """Parts of vectors (n, 3) along both principal directions, shape (n, 2)."""
+        second = np.cross(self.normals, self.principal)
+        return np.stack([dots(ways, way) for way in (self.principal, second)], axis=1)
+
+
+def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad:
+    """The surface at facets (n,) and barycentric coordinates (n, 3)."""
+    bend = surface.curvature(facets, barycentric)
+    normals = surface.evaluate(facets, barycentric).normals
+    return UnderPad(normals, bend.directions, np.stack([bend.k1, bend.k2], axis=1))
+
+
 class PathOnSurface(NamedTuple):
     """Points in contact beside the surface they belong to."""
 
     positions: Array  #: Tool points [m], shape (n, 3)
     axes: Array  #: Unit tool axes, shape (n, 3)
-    normals: Array  #: Surface normals at the closest points, shape (n, 3)
-    curvatures: Array  #: Principal curvatures there [1/m], shape (n, 2)
-    principal: Array  #: Unit direction of the first one, shape (n, 3)
+    under: UnderPad  #: The surface at the closest points
     distances: Array  #: Distance to the part's surface [m], 0 over closed holes, shape (n,)
     heights: Array  #: The same along the normal [m], positive outside, shape (n,)
     forces: Array  #: Contact force [N], shape (n,)
@@ -59,19 +82,16 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
         )
     positions = path.positions_work[index]
     foot = surface.closest(positions)
-    bend = surface.curvature(foot.facets, foot.barycentric)
     gap = positions - foot.positions
     on_part = ground.of_part[foot.facets]
     return PathOnSurface(
         positions=positions,
         axes=path.axes_work[index],
-        normals=foot.normals,
-        curvatures=np.stack([bend.k1, bend.k2], axis=1),
-        principal=bend.directions,
+        under=ground_under(surface, foot.facets, foot.barycentric),
         distances=np.where(on_part, norms(gap), 0.0),
         heights=np.where(on_part, dots(gap, foot.normals), 0.0),
-        forces=np.full(len(index), process.contact_force_n) if path.force is None else path.force[index],
-        feeds=np.full(len(index), process.feed_m_s) if path.feed is None else path.feed[index],
+        forces=path.force_at(path.s[index], process.contact_force_n),
+        feeds=path.feeds(process.feed_m_s)[index],
         stretch_of=stretch_of,
         stretches=stretches,
         runs=tuple(Curve(positions[rows], foot.normals[rows], False) for rows in stretches),
@@ -133,7 +153,7 @@ class Strands:
         self.runs = tuple(runs)
         self.lengths = np.array([run.length for run in runs])
         """Length of each run [m], shape (runs,)."""
-        self._offsets = np.concatenate([[0.0], np.cumsum(self.lengths + _BETWEEN)[:-1]])
+        self._offsets = running_sums(self.lengths + _BETWEEN)[:-1]
         self._knots = np.concatenate(
             [run.knots + offset for run, offset in zip(runs, self._offsets, strict=True)]
         )

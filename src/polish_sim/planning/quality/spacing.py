@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices, dots
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
-from polish_sim.planning.curve import Curve, foot_on_chord
+from polish_sim.planning.curve import Curve
 from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.toolpath import ToolPath, stretches
-from polish_sim.spatial import unit
+from polish_sim.spatial import foot_on_chord, unit
 
 SAMPLES = 8  #: Samples per step-over along the path
 OWN_STRETCH = 2.0  #: Points closer than this many step-overs along the path belong to the same turn
@@ -52,7 +52,7 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     found = [
         _refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of
     ]
-    return stepover_of(np.concatenate(found), float(out.mean()))
+    return stepover_of(np.concatenate(found), out.mean())
 
 
 def stepover_of(kept: Array, excluded: float) -> Stepover:
@@ -60,7 +60,7 @@ def stepover_of(kept: Array, excluded: float) -> Stepover:
     if len(kept) == 0:
         return Stepover(*5 * (np.nan,), excluded, kept)
     p5, p95 = (float(value) for value in np.percentile(kept, [5.0, 95.0]))
-    return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), excluded, kept)
+    return Stepover(kept.min(), p5, kept.mean(), p95, kept.max(), excluded, kept)
 
 
 def along(path: RunSamples) -> Array:
@@ -192,7 +192,7 @@ def guess_stepover(path: ToolPath) -> float | None:
         guess = _refined_guess(strands, total, coarse * total / ASKED)
         if guess is not None:
             exact = measure_stepover(runs, guess).distances_m
-            return float(np.median(exact)) if len(exact) else guess
+            return np.median(exact) if len(exact) else guess
     return None
 
 
@@ -210,15 +210,14 @@ def _refined_guess(strands: Strands, total: float, spacing: float) -> float | No
 def _guess(path: RunSamples) -> float | None:
     """Median distance from some samples to the nearest one of another turn."""
     asked = np.unique(np.linspace(0, len(path.s) - 1, ASKED).astype(np.int64))
-    low, high = path.first[path.run[asked]], path.first[path.run[asked] + 1] - 1
-    tangents = unit(path.points[np.minimum(asked + 1, high)] - path.points[np.maximum(asked - 1, low)])
+    tangents = unit(along(path)[asked])
     count = min(NEIGHBOURS, len(path.s))
     distance, index = cKDTree(path.points).query(path.points[asked], k=count)
     towards = path.points[index] - path.points[asked, None]
-    along = np.abs(dots(towards, tangents[:, None]))
+    ahead = np.abs(dots(towards, tangents[:, None]))
     far = np.abs(path.s[index] - path.s[asked, None]) > LOOP * distance
-    other = (far | (path.run[index] != path.run[asked, None])) & (along < SIDEWAYS * distance)
+    other = (far | (path.run[index] != path.run[asked, None])) & (ahead < SIDEWAYS * distance)
     found = other.any(axis=1)
     if found.mean() < 0.05:
         return None
-    return float(np.median(distance[found, other[found].argmax(axis=1)]))
+    return np.median(distance[found, other[found].argmax(axis=1)])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots
+from polish_sim.arrays import Array, Bools, Indices, dots
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
@@ -18,10 +18,10 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, matvec, minus, plus, scaled, set_to
-from polish_sim.planning.quality.coverage import rows_apart
-from polish_sim.planning.quality.located import PathOnSurface
+from polish_sim.planning.quality.coverage import checked_rows
+from polish_sim.planning.quality.located import PathOnSurface, UnderPad
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.spatial import perpendicular
+from polish_sim.spatial import plane_axes
 
 
 class Body(NamedTuple):
@@ -157,21 +157,6 @@ def _discs(places: Places, body: Body, clearance: float) -> Discs:
     return Discs(places.middles.copy(), places.axes, lows, highs, body.radius)  # a path's are frozen
 
 
-class UnderPad(NamedTuple):
-    """The surface under the middle of the pad."""
-
-    normals: Array  #: Unit, shape (n, 3)
-    principal: Array  #: Unit direction of the larger curvature, shape (n, 3)
-    curvatures: Array  #: Principal curvatures, the larger first [1/m], shape (n, 2)
-
-
-def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad:
-    """The surface at facets (n,) and barycentric coordinates (n, 3)."""
-    bend = surface.curvature(facets, barycentric)
-    normals = surface.evaluate(facets, barycentric).normals
-    return UnderPad(normals, bend.directions, np.stack([bend.k1, bend.k2], axis=1))
-
-
 def pressed_places(
     middles: Array, axes: Array, ground: UnderPad, pad: PadConfig, forces: float | Array
 ) -> Places:
@@ -193,10 +178,9 @@ def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
     """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m],
     (n,)."""
     radius = pad.radius_m
-    second = np.cross(ground.normals, ground.principal)
     # A tool that lies along the part has no height of its own; it is in the part by its rim.
-    lean = axes / np.maximum((axes * ground.normals).sum(axis=1, keepdims=True), FLATTEST)
-    tilt, beside = (dots(lean, way)[:, None] for way in (ground.principal, second))
+    lean = axes / np.maximum(dots(axes, ground.normals)[:, None], FLATTEST)
+    tilt, beside = ground.slopes(lean).T[..., None]
     bend = np.maximum(ground.curvatures, -1.0 / hollow_radius(pad))
     angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
     highest = np.zeros(len(axes))
@@ -224,17 +208,17 @@ class PadInPart(NamedTuple):
     @property
     def max_m(self) -> float:
         """Deepest [m]; 0 if the tool is nowhere in the part."""
-        return float(self.depths.max(initial=0.0))
+        return self.depths.max(initial=0.0)
 
     @property
     def length_m(self) -> float:
         """Length of the path on which the tool is in the part [m]."""
-        return float(self.lengths.sum())
+        return self.lengths.sum()
 
     @property
     def figures(self) -> dict[str, Any]:
         """For metrics.json; place and body are empty if the tool is nowhere in the part."""
-        worst = int(self.depths.argmax()) if len(self.depths) else -1
+        worst = self.depths.argmax() if len(self.depths) else -1
         return {
             "pad_in_part_max_m": self.max_m,
             "pad_in_part_length_m": self.length_m,
@@ -244,9 +228,7 @@ class PadInPart(NamedTuple):
         }
 
 
-def find_pad_in_part(
-    on: PathOnSurface, part: Surface, pad: PadConfig, fixture: Fixture | None = None
-) -> PadInPart:
+def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: Fixture | None) -> PadInPart:
     """Carry the tool along the path and look for what of part and fixture stands where its bodies are.
 
     The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that
@@ -255,9 +237,8 @@ def find_pad_in_part(
     as the most it does.
     """
     s = arc_length(on.positions)
-    rows = rows_apart(on, s, CHECKED_APART * pad.radius_m)
-    ground = UnderPad(on.normals[rows], on.principal[rows], on.curvatures[rows])
-    places = pressed_places(on.positions[rows], on.axes[rows], ground, pad, on.forces[rows])
+    rows = checked_rows(on, s, CHECKED_APART * pad.radius_m)
+    places = pressed_places(on.positions[rows], on.axes[rows], on.under.rows(rows), pad, on.forces[rows])
     tool = Tool(pad, on.forces.max(), fixture)
     found = tool.stands_in(part, places)
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
@@ -312,8 +293,7 @@ def standing_above(part: Surface, discs: Discs, deep: bool = True) -> Intrusion:
     Without ``deep`` depths are not all looked for: reaches are found much sooner.
     Only the flat triangles between the patches' corners are tested: a wall is found however thin it is.
     """
-    across = perpendicular(discs.axes)
-    frames = np.stack([across, np.cross(discs.axes, across), discs.axes], axis=1)
+    frames = np.stack([*plane_axes(discs.axes), discs.axes], axis=1)
     depths, reaches = _look(part.control, part.tree, discs, np.ascontiguousarray(frames), deep)
     return Intrusion(depths, reaches)
 
