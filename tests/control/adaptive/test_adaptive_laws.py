@@ -12,6 +12,7 @@ from polish_sim.control.adaptive.gains import PressMemory, adaptive_gains
 from tests.control.signals import DT, measurement_at_rest
 
 GAINS = adaptive_gains(AdaptiveConfig())
+PACE = force_loop.LoopSpeed(40.0, 40.0, 40.0)
 STILL = measurement_at_rest()
 
 
@@ -136,8 +137,19 @@ def test_the_observer_knows_the_force_before_the_sensor_shows_it():
         z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
         memory.force.travel = z
         seen = force_loop.as_sensed(GAINS, memory, z, 0.0, DT)
-        force = force_loop.observe_force(memory, 40.0, seen.path, k * seen.path, 1.0, DT)
+        force = force_loop.observe_force(memory, PACE, seen.path, k * seen.path, 1.0, DT)
         assert force == pytest.approx(k * z, abs=1e-9)
+
+
+def test_the_swing_of_the_first_touch_is_no_part_that_rises():
+    """The observer is four times as quick at first touch; its rate, which would overshoot, is not."""
+    rates = []
+    for first in (25.0, 100.0):
+        memory = PressMemory()
+        force_loop.begin_contact(memory, 5000.0, 0.0, 0.0)
+        force_loop.observe_force(memory, force_loop.LoopSpeed(40.0, 25.0, first), 0.0, 3.0, 0.1, DT)
+        rates.append(memory.force.rate)
+    assert rates[0] == rates[1] > 0.0
 
 
 def corrections(memory: PressMemory, added: Callable[[float], float], seconds: float = 2.0) -> list[float]:
@@ -176,4 +188,4 @@ def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sens
     force_loop.begin_contact(memory, 25000.0, 0.001, 3.0)
     memory.force.travel = 0.001
     force_loop.change_stiffness(memory, 5000.0, 0.001)
-    assert force_loop.observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+    assert force_loop.observe_force(memory, PACE, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)

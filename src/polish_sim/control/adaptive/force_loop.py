@@ -34,6 +34,7 @@ class LoopSpeed(NamedTuple):
 
     crossover: float  #: w_c [rad/s]
     observer: float  #: w_o [rad/s]
+    first: float  #: w_o as it is now, quicker at first touch [rad/s]
 
 
 @kernel
@@ -42,7 +43,7 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
 
     w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls
     with ``noise``, the deviation of a reading in the air [N]. At first, by ``age`` since contact [s], the
-    observer is quick.
+    observer of b is quick, that of its rate is not: the arm swings as it touches, and no part rises so.
     """
     crossover = min(g.crossover, g.delay_share / delay)
     observer = g.observer * min(1.0, (g.noise / max(noise, 1e-3)) ** _NOISE_POWER)
@@ -51,9 +52,10 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
     most = 0.5 * _MASS_SHARE * stiffness / unknown_mass
     slower = math.sqrt(min(1.0, most / (crossover * observer)))
     crossover, observer = slower * crossover, slower * observer
+    first = observer
     if g.touch_down:
-        observer += (slower * _FIRST_CORNER - observer) * math.exp(-age / _FIRST_TIME)
-    return LoopSpeed(crossover, observer)
+        first += (slower * _FIRST_CORNER - observer) * math.exp(-age / _FIRST_TIME)
+    return LoopSpeed(crossover, observer, first)
 
 
 @kernel
@@ -78,17 +80,17 @@ def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None
 
 @kernel
 def observe_force(
-    memory: PressMemory, corner: float, path: float, reading: float, landed: float, dt: float
+    memory: PressMemory, pace: LoopSpeed, path: float, reading: float, landed: float, dt: float
 ) -> float:
     """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the force
     now [N].
 
-    ``corner`` is w_o [rad/s], ``landed`` the weight of the rate's learning, 0 to 1.
+    ``landed`` is the weight of the rate's learning, 0 to 1.
     """
     state = memory.force
     surprise = reading - (state.at_no_travel + state.stiffness * path)
-    state.at_no_travel += dt * (state.rate + 2.0 * corner * surprise)
-    state.rate += dt * landed * corner * corner * surprise
+    state.at_no_travel += dt * (state.rate + 2.0 * pace.first * surprise)
+    state.rate += dt * landed * pace.observer * pace.observer * surprise
     return float(state.at_no_travel + state.stiffness * state.travel)
 
 

@@ -189,7 +189,7 @@ def press_adaptive(
     pace = force_loop.pace_of(
         g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age
     )
-    force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
+    force_loop.observe_force(memory, pace, seen.path, reading, state.landed, dt)
     force = state.stiffness * state.travel + force_loop.correction(
         memory, arm_mode, pace.crossover, state.landed, dt
     )
