@@ -55,9 +55,14 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
     settles.
 
     ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as
-    unstable when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just
-    beyond the margins.
+    unstable when it keeps up a small swing. On elastic gears, whose hysteresis leaves one of a tenth of a
+    newton at any delay, a loop is unstable from the swing on that the score allows. Given, too, are the
+    frequencies at which the loop swings just beyond the margins.
     """
+    elastic = scenario.robot.elastic
+
+    def holds(rest: Rest) -> bool:
+        return rest.stable if elastic else rest.resting
 
     def louder(gain: float) -> Rest:
         return press_bench(bench, scenario, gain, friction)
@@ -67,23 +72,23 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
         late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
         return press_bench(bench, late, 1.0, friction)
 
-    gain, gain_rest = _seek(louder, ACCURACY)
-    factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
+    gain, gain_rest = _seek(louder, holds, ACCURACY)
+    factor, delay_rest = _seek(later, holds, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
     delay = MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN) if math.isfinite(factor) else math.inf
     return SimulatedMargins(gain, gain_rest.frequency, delay, delay_rest.frequency)
 
 
-def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
-    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just
+def _seek(run: Callable[[float], Rest], holds: Callable[[Rest], bool], accuracy: float) -> tuple[float, Rest]:
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run holds, by bisection, and the rest just
     beyond."""
     low, high = 1.0, MOST_GAIN
     beyond = run(high)
-    if beyond.resting:
+    if holds(beyond):
         return math.inf, beyond
     while high / low > accuracy:
         middle = math.sqrt(low * high)
         rest = run(middle)
-        if rest.resting:
+        if holds(rest):
             low = middle
         else:
             high, beyond = middle, rest
