@@ -306,9 +306,9 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
 
 def distance_to_circle(points: Array, circle: Circle) -> Array:
     """Distance from points to a circle in space [m]; points (n, 3) in the circle's frame, result (n,)."""
-    offset = points - np.asarray(circle.center)
-    height = offset @ np.asarray(circle.normal)
-    in_plane = norms(offset - height[:, None] * np.asarray(circle.normal))
+    offset = points - circle.center
+    height = offset @ circle.normal
+    in_plane = norms(offset - height[:, None] * circle.normal)
     return np.hypot(height, in_plane - circle.radius)
 
 

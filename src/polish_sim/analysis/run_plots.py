@@ -149,8 +149,8 @@ def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> Non
 
 def _draw_plane(axes: Axes, positions: Array) -> None:
     """The circle's plane seen along its normal, the distance from the circle exaggerated."""
-    center = np.asarray(PAPER_ARC.center)
-    normal = np.asarray(PAPER_ARC.normal)
+    center = PAPER_ARC.center
+    normal = PAPER_ARC.normal
     wanted = PAPER_ARC.radius
     across = np.cross([0.0, 0.0, 1.0], normal)
     offset = positions - center

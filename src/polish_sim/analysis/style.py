@@ -221,7 +221,7 @@ class Views(NamedTuple):
 
 def views_of(normals: Array, up: Array) -> Views:
     """How to look at a region by its outer normals (n, 3); ``up``: away from the table, (3,)."""
-    below = bool((normals @ up).max(initial=-1.0) < -EDGE_ON)
+    below = (normals @ up).max(initial=-1.0) < -EDGE_ON
     facing = normals.mean(axis=0)
     level = facing - (facing @ up) * up
     if np.linalg.norm(level) < max(STEEP, 1.5 * abs(facing @ up)):

@@ -26,7 +26,7 @@ TOOL_AXIS = np.array([0.0, 0.0, 1.0])  # the tool points straight down [-]
 
 def arc_path() -> ToolPath:
     """The circle of paper 1, once round, in the base frame, starting at its horizontal extreme."""
-    points, normal, center = 1257, np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
+    points, normal, center = 1257, PAPER_ARC.normal, PAPER_ARC.center
     across = np.array([-normal[1], normal[0], 0.0])
     angle = np.linspace(0.0, 2.0 * math.pi, points)
     positions = center + PAPER_ARC.radius * turned(across, np.cross(normal, across), angle)

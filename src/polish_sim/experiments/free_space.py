@@ -155,7 +155,7 @@ def plan_visit(q: Array, settle: float, average: float, patience: float) -> Visi
             duration = patience * move_time(q[k - 1], pose)
             share = np.linspace(0.0, 1.0, max(2, math.ceil(duration / ROW_S)))[1:]
             rows.append(move(q[k - 1], pose, share))
-            times.append(np.asarray(now + duration * share))
+            times.append(now + duration * share)
             now += duration
         still = np.arange(1, max(2, math.ceil((settle + average) / ROW_S)) + 1) * ROW_S
         rows.append(np.tile(pose, (len(still), 1)))

@@ -128,9 +128,7 @@ class ArmCheck:
         close = ((points > low) & (points < high)).all(axis=1)
         if close.any():
             close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
-        return (
-            ArmTouch(int(rows[close][0]), f"wrist or forearm and the {self._held}") if close.any() else None
-        )
+        return ArmTouch(rows[close][0], f"wrist or forearm and the {self._held}") if close.any() else None
 
     def _place(self, T_base_work: Array) -> None:
         """Put the stand under the part, or out of the way where it needs none."""

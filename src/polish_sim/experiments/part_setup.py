@@ -194,7 +194,7 @@ def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
     lifted."""
     way = path.positions_work[leave:first] - path.positions_work[first]
     high = np.flatnonzero(way @ path.axes_work[first] >= lift - 1e-9)
-    return leave + int(high[-1]) if len(high) else leave
+    return leave + high[-1] if len(high) else leave
 
 
 def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:

@@ -60,7 +60,7 @@ class ReachMap(NamedTuple):
             for row in np.argsort(-values, kind="stable"):
                 if values[row] > 0.0:
                     turn, spin = divmod(int(order[row, rank]), spins)
-                    height, distance = divmod(int(row), distances)
+                    height, distance = divmod(row, distances)
                     yield self.pose(height, distance, turn), SPINS[spin]
 
 

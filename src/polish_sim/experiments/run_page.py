@@ -184,7 +184,7 @@ def joint_columns(record: RunRecord, model: Any) -> Array:
     zero."""
     log, columns = record.log, np.zeros((len(record.log), model.nq))
     for number in range(model.njnt):
-        name, at = str(model.joint(number).name), int(model.jnt_qposadr[number])
+        name, at = str(model.joint(number).name), model.jnt_qposadr[number]
         arm = "master_q_rad" if name.startswith("master_") else "q_rad"
         which = next((k for k, joint in enumerate(JOINT_NAMES) if name.endswith(f"{joint}_joint")), None)
         if which is not None and arm in log.names:
@@ -199,7 +199,7 @@ def _asked_force(record: RunRecord) -> Array:
     log = record.log
     usual = record.scenario.process.contact_force_n
     pressing = np.isin(log["phase"], [TOUCH_PHASE, PROCESS_PHASE])
-    pressing &= bool((column_of(log, "normal_force_n") > 0.0).any())
+    pressing &= (column_of(log, "normal_force_n") > 0.0).any()
     s = column_of(log, "path_s_m")
     return np.where(pressing, usual if record.path is None else record.path.force_at(s, usual), np.nan)
 

@@ -153,7 +153,7 @@ class SetupSearch:
 
     def _seen(self, up: Array) -> list[Patch]:
         """What the arm reaches in one pose with a side up."""
-        order = sorted(self.left, key=lambda patch: (bool(patch.way @ up < np.cos(UP_CONE)), -patch.area))
+        order = sorted(self.left, key=lambda patch: (patch.way @ up < np.cos(UP_CONE), -patch.area))
         groups: list[list[Patch]] = []
         for patch in order:
             group = next((group for group in groups if group[0].way @ patch.way > ALIKE), None)

@@ -98,7 +98,7 @@ def _edge_cuts(surface: Surface, values: Array, sign: NDArray[np.int8]) -> tuple
     roots = _root(start[cut], middle[cut], end[cut])
     at = np.full(cut.shape, np.nan)
     at[cut] = (np.bincount(number, weights=roots) / np.bincount(number))[number]
-    return np.where(swap, 1.0 - at, at), vertex, int(number.max()) + 1
+    return np.where(swap, 1.0 - at, at), vertex, number.max() + 1
 
 
 def _root(start: Array, middle: Array, end: Array) -> Array:
@@ -122,13 +122,13 @@ def _cut_facets(
         for corner in range(3):
             if sign[facet, corner] >= 0:
                 points.append(unit[corner])
-                numbers.append(int(surface.faces[facet, corner]))
+                numbers.append(surface.faces[facet, corner])
             if cut_vertex[facet, corner] >= 0:
                 t = cut_at[facet, corner]
                 points.append((1.0 - t) * unit[corner] + t * unit[(corner + 1) % 3])
-                numbers.append(int(cut_vertex[facet, corner]))
+                numbers.append(cut_vertex[facet, corner])
         for triangle in _fan(surface.vertices[surface.faces[facet]], points):
-            parents.append(int(facet))
+            parents.append(facet)
             corners.append([points[i] for i in triangle])
             faces.append([numbers[i] for i in triangle])
     return CutFacets(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int64))
@@ -201,7 +201,7 @@ def find_edges(faces: Ints | Indices) -> Edges:
     """List the edges of triangles, faces (m, 3)."""
     start, end = faces.astype(np.int64), next_corners(faces).astype(np.int64)
     low, high = np.minimum(start, end), np.maximum(start, end)
-    size = int(high.max(initial=0)) + 1
+    size = high.max(initial=0) + 1
     keys, first, which = np.unique(low * size + high, return_index=True, return_inverse=True)
     return Edges(np.stack(np.divmod(keys, size), axis=1), which.reshape(-1, 3), first)
 

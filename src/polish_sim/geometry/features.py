@@ -159,7 +159,7 @@ def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints
         alone = bent[labels]
         _, renumbered = np.unique(np.where(alone, count + np.arange(len(faces)), labels), return_inverse=True)
         labels = renumbered.astype(np.int32)
-        total, mean = _face_means(labels, areas, normals, int(labels.max()) + 1)
+        total, mean = _face_means(labels, areas, normals, labels.max() + 1)
     return labels, total, mean
 
 

@@ -82,7 +82,7 @@ def _largest_face(graph: FacetGraph) -> Face:
         if _BUCKET * bounds[at] < best:
             continue
         face = _settle(graph, candidates[at], 1)
-        found.append((int(at), face))
+        found.append((at, face))
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
     z = np.array(SIDES["z"])
@@ -220,7 +220,7 @@ def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph) -> Array:
     if not fits.any():
         level = (side for side in map(np.array, SIDES.values()) if _looks_same(graph, found, side))
         return next(level, found.direction)
-    best = int(np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0])
+    best = np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0]
     return sides[best]
 
 

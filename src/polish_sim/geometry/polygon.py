@@ -31,10 +31,10 @@ def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     """
     if len(sizes) and (sizes == 3).all():
         return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32), -1)
-    count = int(np.maximum(sizes - 2, 0).sum())
+    count = np.maximum(sizes - 2, 0).sum()
     triangles, polygons = np.empty((count, 3), np.int64), np.empty(count, np.int32)
     too_many = _split(np.ascontiguousarray(points), indices, sizes, triangles, polygons)
-    return Split(triangles, polygons, int(too_many))
+    return Split(triangles, polygons, too_many)
 
 
 @njit
@@ -178,7 +178,7 @@ def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: obje
             f"{path}: facet {split.too_many} is a hollow polygon of {sizes[split.too_many]} corners; at most "
             f"{MOST_CORNERS} are split. Export the part as triangles."
         )
-    degenerate, polygons = int((sizes < 3).sum()), int((sizes > 3).sum())
+    degenerate, polygons = (sizes < 3).sum(), (sizes > 3).sum()
     notes = (
         *((f"left out {degenerate} facets with fewer than three corners",) if degenerate else ()),
         *((f"split {polygons} facets with more than three corners into triangles",) if polygons else ()),

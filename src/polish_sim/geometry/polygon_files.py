@@ -294,7 +294,7 @@ def _read_vertices(lines: list[bytes], path: Path) -> Array:
     counts = np.array([len(line.split()) for line in lines])
     if counts.min() < 3:
         broken(path, f"vertex {counts.argmin() + 1} of the OBJ file has no three numbers")
-    numbers = _numbers(b"\n".join(lines), int(counts.sum()), path, "a vertex")
+    numbers = _numbers(b"\n".join(lines), counts.sum(), path, "a vertex")
     return numbers[(np.cumsum(counts) - counts)[:, None] + np.arange(3)]
 
 
@@ -303,7 +303,7 @@ def _read_polygons(lines: list[bytes], seen: Indices, path: Path) -> tuple[Indic
     behind."""
     text = _BEYOND_SLASH.sub(b"", b"\n".join(line.partition(b"#")[0] for line in lines))
     sizes = np.array([len(line.split()) for line in text.split(b"\n")], dtype=np.int64)[: len(lines)]
-    numbers = _numbers(text, int(sizes.sum()), path, "a face")
+    numbers = _numbers(text, sizes.sum(), path, "a face")
     given = np.where(np.abs(numbers) < 2**40, numbers, 0.0).astype(np.int64)
     indices = np.where(given < 0, np.repeat(seen, sizes) + given, given - 1)
     return np.where(given == numbers, indices, -1), sizes

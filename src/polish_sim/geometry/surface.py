@@ -252,7 +252,7 @@ def boundary_loops(surface: Surface) -> tuple[Array, ...]:
     points = (along_edges(surface, loop, CHORD_ERROR)[0] for loop in traced)
     loops = [np.concatenate([line, line[:1]]) for line in points]
     piece = connected_facets(surface)
-    of_piece = [int(piece[loop[0, 0]]) for loop in traced]
+    of_piece = [piece[loop[0, 0]] for loop in traced]
     areas = np.array([enclosed(loop) for loop in loops])
     # Holes of one size keep their order, however rounding has it.
     sizes = np.round(areas / areas.max(initial=1e-300), 6)

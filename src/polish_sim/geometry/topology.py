@@ -73,7 +73,7 @@ def label_pieces(links: Indices | Ints, count: int) -> tuple[int, Ints]:
     label."""
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
-    return int(pieces), labels.astype(np.int32)
+    return pieces, labels.astype(np.int32)
 
 
 def extremes(labels: Ints, low: Array, high: Array, count: int) -> tuple[Array, Array]:
@@ -101,7 +101,7 @@ def label_within(links: Indices, inside: Bools) -> tuple[int, Indices]:
     (n,)."""
     labels = np.full(len(inside), -1, dtype=np.int64)
     number = np.cumsum(inside) - 1
-    count, labels[inside] = label_pieces(number[links[inside[links].all(axis=1)]], int(inside.sum()))
+    count, labels[inside] = label_pieces(number[links[inside[links].all(axis=1)]], inside.sum())
     return count, labels
 
 

@@ -169,7 +169,7 @@ def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, hal
         passes.sort(key=lambda part: norms(samples.points[part] - place).min())
         options = []
         for part in passes[:2]:
-            run, s = int(samples.run[part[0]]), samples.s[part]
+            run, s = samples.run[part[0]], samples.s[part]
             nearest = s[norms(samples.points[part] - place).argmin()]
             # Where a strand passes twice without going away in between the whole loop is taken out.
             low, high = (nearest, nearest) if len(passes) > 1 else (s[0], s[-1])

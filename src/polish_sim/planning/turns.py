@@ -270,7 +270,7 @@ def _follow_one_by_one(front: Front, piece: OpenPiece, lines: Sequence[LevelLine
     """Whether each line follows another turn all the way round: then what is left is still in one part."""
     followed = [np.unique(front.which[line.vertices]) for line in lines]
     pure = all(line.closed and len(found) == 1 for line, found in zip(lines, followed, strict=True))
-    return pure and sorted(int(found[0]) for found in followed) == list(range(len(piece.turns)))
+    return pure and sorted(found[0] for found in followed) == list(range(len(piece.turns)))
 
 
 def _new_turn(

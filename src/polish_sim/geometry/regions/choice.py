@@ -187,18 +187,18 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
             f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
             f"The nearest point of the part is {place_in_mm(found.positions[0])}."
         )
-    face = _flood(whole.kept, int(found.facets[0]))
+    face = _flood(whole.kept, found.facets[0])
     if lies_open(face.surface):
         return [face]
     normal = found.normals[0]
     seen = looking(face, whole.up if normal @ whole.up > np.cos(UP_CONE) else normal)
-    return [_flood(seen, int(seen.surface.closest(found.positions).facets[0]))]
+    return [_flood(seen, seen.surface.closest(found.positions).facets[0])]
 
 
 def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the facets a file lists by their numbers in the part's file."""
     numbers = read_facet_numbers(argument)
-    highest = int(whole.stl_facets.max())
+    highest = whole.stl_facets.max()
     unknown = numbers[(numbers < 0) | (numbers > highest)]
     if len(unknown):
         raise InputError(
@@ -284,7 +284,7 @@ def _largest(kept: Clipped, up: Array, passable: Bools | None) -> Clipped:
     labels = connected_facets(kept.surface, passable)
     height = middle_points(kept.surface).normals @ up
     area = np.bincount(labels, weights=kept.surface.facet_areas * np.maximum(height, 0.0))
-    best = int(np.flatnonzero(area >= (1.0 - 1e-9) * area.max())[0])
+    best = np.flatnonzero(area >= (1.0 - 1e-9) * area.max())[0]
     return restricted(kept, np.flatnonzero(labels == best).astype(np.int32))
 
 

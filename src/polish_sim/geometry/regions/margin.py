@@ -73,7 +73,7 @@ class BorderDistance(NamedTuple):
         near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
         if len(near) and not self.flat:
             distances[near] = _lengths_along(self.surface, feet[near], points[near])
-        return np.asarray(distances)
+        return distances
 
     def straight(self, points: Array) -> Array:
         """Straight distances of points (n, 3) to the border [m], shape (n,)."""

@@ -169,7 +169,7 @@ def _seen_from(surface: Surface, up: Array) -> Array:
         return up
     mean = mean / length
     mean.setflags(write=False)
-    return np.asarray(mean)
+    return mean
 
 
 def _with_creases(surface: Surface, mesh: PartMesh, feature_angle: float | None) -> Surface:
@@ -201,7 +201,7 @@ def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, 
     large = areas >= SLIVER_SHARE * areas.max()
     if large.all():
         return patches, ()
-    count, lost = int(np.count_nonzero(~large)), areas[~large].sum()
+    count, lost = np.count_nonzero(~large), areas[~large].sum()
     what = "1 patch" if count == 1 else f"{count} patches"
     note = (
         f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 "

@@ -43,7 +43,7 @@ def drop_bad_facets(skin: Skin, path: Path) -> Skin:
             "Export the part again."
         )
     whole = (skin.faces != np.roll(skin.faces, 1, axis=1)).all(axis=1)
-    dropped = int((~whole).sum())
+    dropped = (~whole).sum()
     if dropped:
         skin = skin.keep(whole, f"dropped {dropped} facets without area")
     first, number = number_rows(np.sort(skin.faces, axis=1).astype(np.uint64))
@@ -91,7 +91,7 @@ def flip_slivers(skin: Skin) -> Skin:
         for facet in slivers:
             assert adjacency is not None
             edge = _edge_lengths(vertices, faces[facet]).argmax()
-            other = int(adjacency.facets[facet, edge])
+            other = adjacency.facets[facet, edge]
             if other < 0 or done & {int(facet), other}:
                 continue
             a, c, b = np.roll(faces[facet], -edge)
@@ -180,12 +180,12 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     locked, linked, done = np.zeros(len(faces), dtype=bool), set(), []
     for at in np.flatnonzero(wanted):
         around = [facet[at], other[at], *beyond[at][beyond[at] >= 0]]
-        if locked[around].any() or int(key[at]) in linked:
+        if locked[around].any() or key[at] in linked:
             continue
         faces[facet[at]], faces[other[at]] = pair[at]
         locked[around] = True
-        linked.add(int(key[at]))
-        done.append(int(facet[at]))
+        linked.add(key[at])
+        done.append(facet[at])
     return done
 
 

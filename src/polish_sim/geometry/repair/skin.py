@@ -157,11 +157,11 @@ def wind_alike(skin: Skin, path: Path) -> Skin:
     kept, mirrored = labels[:count], labels[count:]
     if (kept == mirrored).any():
         raise MeshError(f"{path}: the surface is one-sided (like a Moebius strip). Repair the part.")
-    sizes = np.bincount(kept, minlength=int(labels.max()) + 1)
+    sizes = np.bincount(kept, minlength=labels.max() + 1)
     flip = (sizes[kept] < sizes[mirrored]) | ((sizes[kept] == sizes[mirrored]) & (kept > mirrored))
     wound = skin.faces.copy()
     wound[flip] = wound[flip][:, ::-1]
-    note = f"turned {int(flip.sum())} facets that were wound the other way"
+    note = f"turned {flip.sum()} facets that were wound the other way"
     return skin.noted(note, faces=wound)
 
 
@@ -201,7 +201,7 @@ def describe_shells(skin: Skin) -> tuple[str, ...]:
     if len(shells.closed) == 1:
         return ()
     hollow = shells.volumes < 0.0
-    count = int(hollow.sum())
+    count = hollow.sum()
     notes = [f"hollow inside: {count_text(count, 'closed shell')} within others"] if count else []
     sizes = 1e3 * (shells.high - shells.low)[~hollow]
     if len(sizes) > 1:
@@ -209,7 +209,7 @@ def describe_shells(skin: Skin) -> tuple[str, ...]:
         shown = "; ".join(" x ".join(f"{length:.4g}" for length in size) for size in sizes[:_SHOWN])
         more = f"; and {len(sizes) - _SHOWN} more" if len(sizes) > _SHOWN else ""
         notes.append(
-            f"{len(sizes)} bodies in one file ({int(shells.closed[~hollow].sum())} of them closed), "
+            f"{len(sizes)} bodies in one file ({shells.closed[~hollow].sum()} of them closed), "
             f"of {shown}{more} mm: all are kept; the path lies on the one its region belongs to"
         )
     return tuple(notes)

@@ -125,7 +125,7 @@ def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leani
     if leaning is not None:
         leaned = leaning.lean(run.positions, leaned)
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
-    passes = run.pass_index - int(run.pass_index.min()) + first_pass
+    passes = run.pass_index - run.pass_index.min() + first_pass
     return ContactRun(
         move_in(PROCESS, run.positions, axes, passes),
         run.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
@@ -197,7 +197,7 @@ def assemble(
                 all_cuts.append(CutOut(NO_WAY, line))
                 continue
             all_cuts.append(CutOut(SHORTENED, np.delete(line, found.source, axis=0)))
-            passes = int(found.move.pass_index.max()) + 1
+            passes = found.move.pass_index.max() + 1
             deviation = max(deviation, stroke.axis_deviation_rad)
             straight += found.straight
             curvature.append(stroke.curvature[found.source])

@@ -171,9 +171,7 @@ def travel(first: Move, second: Move, air: AirSpace) -> tuple[Move, bool]:
     for corners in _ways(lifted, landing, air, kept):
         line = _along(corners)
         axes = turn_between(lifted.axes[0], landing.axes[0], np.linspace(0.0, 1.0, len(line)))
-        clear = (
-            kept > 0.0 and bool(signed_distances(air.part, line).min() >= kept) and air.has_room(line, axes)
-        )
+        clear = kept > 0.0 and signed_distances(air.part, line).min() >= kept and air.has_room(line, axes)
         if clear:
             break
     # Both ends belong to the moves before and after.

@@ -101,7 +101,7 @@ def _distance(points: Array, trace: Array, stepover: float) -> Array:
     if len(trace) == 0:
         return np.full(len(points), np.inf)
     found, _ = cKDTree(trace).query(points, distance_upper_bound=DEEPEST * stepover)
-    return np.asarray(found)
+    return found
 
 
 def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: float) -> None:
@@ -149,7 +149,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
     here, line = _largest(_finite(way)), []
     while here >= 0:
         line.append(here)
-        here = int(before[here])
+        here = before[here]
     # Its ends run into corners, where there is little left to cover.
     deep = np.flatnonzero(depth[line] > DEEP * depth[line].max())
     ordered = points[line[deep[0] : deep[-1] + 1]]
@@ -235,4 +235,4 @@ def _is_clear(mesh: Triangulation, turns: Sequence[Array], start: Array, way: Ar
     low, high = along.min(axis=0) - CLEAR * stepover, along.max(axis=0) + CLEAR * stepover
     near = [trace[((trace > low) & (trace < high)).all(axis=1)] for trace in turns]
     points = np.concatenate(near)
-    return len(points) == 0 or bool(cKDTree(points).query(along)[0].min() > CLEAR * stepover)
+    return len(points) == 0 or cKDTree(points).query(along)[0].min() > CLEAR * stepover

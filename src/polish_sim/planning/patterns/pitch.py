@@ -104,7 +104,7 @@ class Shares(NamedTuple):
     def at(self, s: Array) -> Array:
         """Shares at arc lengths from the seam [m], 0 to the length."""
         places = np.linspace(0.0, self.length, len(self.values))
-        return np.asarray(np.interp(s, places, self.values))
+        return np.interp(s, places, self.values)
 
     def around(self, s: Array) -> Array:
         """Shares any number of rounds away, where they grow by one per round."""

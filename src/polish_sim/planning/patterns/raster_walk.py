@@ -55,7 +55,7 @@ class _Ends:
         for sign in (1.0, -1.0):
             ways = np.mod(sign * (self.s[mates] - self.s[end]), curve.length)
             way = curve.along(self.s[end], sign * ways.min())
-            found.append((int(mates[ways.argmin()]), way))
+            found.append((mates[ways.argmin()], way))
         return found
 
 

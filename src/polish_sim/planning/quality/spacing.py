@@ -129,7 +129,7 @@ def _last_half_turns(path: RunSamples, sides: tuple[Indices, Indices]) -> Bools:
     out = np.zeros(len(path.s), dtype=bool)
     for first, last in zip(path.first[:-1], path.first[1:] - 1, strict=True):
         beside = [side[last] for side in sides if side[last] >= 0 and path.run[side[last]] == path.run[last]]
-        turns = [j for j in beside if _is_one_turn(path, int(j), int(last))]
+        turns = [j for j in beside if _is_one_turn(path, j, last)]
         turn = max((path.s[last] - path.s[j] for j in turns), default=0.0)
         out[first : last + 1] = path.s[first : last + 1] > path.s[last] - 0.5 * turn
     return out
