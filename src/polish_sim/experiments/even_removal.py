@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.arrays import Array, midpoints
+from polish_sim.arrays import Array, joined, midpoints
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
@@ -259,7 +259,7 @@ def drawn_nodes(plan: PlanResult) -> Nodes:
     touch = Touch(path.positions_work[path.process], path.axes_work[path.process], radius)
     beside = surroundings(plan.surface, plan.region, touch, NODES * radius)
     own = PressedNodes(mesh.vertices, mesh.normals, mesh.vertex_areas)
-    return Nodes(mesh, PressedNodes(*(np.concatenate(pair) for pair in zip(own, beside, strict=True))))
+    return Nodes(mesh, PressedNodes(*joined([own, beside])))
 
 
 def _places(path: ToolPath, apart: float) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Layout, Pocket, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
-from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, numbered
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 
@@ -178,22 +178,23 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
 
     More runs only where a part of the region lies apart from all turns of the rest.
     """
-    surface, stepover = request.region.surface, request.stepover
     nested = nested_turns(request)
     turns = list(all_turns(nested.roots))
     if not turns:
         return []
     loops = set(map(id, nested.loops))
     for _ in range(TRIES):
-        lines = connect([turn.curve for turn in turns], stepover, request.plan.start)
-        runs = [finish_run(surface, line, stepover) for line in lines]
+        lines = connect([turn.curve for turn in turns], request.stepover, request.plan.start)
+        runs = request.finished(lines)
         where = find_crossings([run.curve for run in runs])
         if len(where) == 0:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
         closing = [turn for turn in turns if id(turn) in loops]
         crowded = {
-            id(t) for t in closing if np.isfinite(t.curve.nearest(where, CROWDED * stepover).distances).any()
+            id(t)
+            for t in closing
+            if np.isfinite(t.curve.nearest(where, CROWDED * request.stepover).distances).any()
         }
         if not crowded:
             break
@@ -211,9 +212,7 @@ def _strokes_between(
         fresh = line.positions[len(lines[k].positions) if k < len(lines) else 0 :]
         if len(fresh) < 2 or arc_length(fresh)[-1] < WORTH_A_STROKE * request.stepover:
             continue
-        stroke = finish_run(
-            request.region.surface, Run(fresh, np.zeros(len(fresh), dtype=np.int64)), request.stepover
-        )
+        (stroke,) = request.finished([Run(fresh, np.zeros(len(fresh), dtype=np.int64))])
         if not len(find_crossings([run.curve for run in (*runs, *added, stroke)])):
             added.append(stroke)
     return added

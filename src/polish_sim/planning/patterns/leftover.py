@@ -10,10 +10,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, joined, norms
 from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curve import Curve
-from polish_sim.planning.patterns.run import Run, dense, join, with_round_corners
+from polish_sim.planning.patterns.run import Run, dense, with_round_corners
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
@@ -57,7 +57,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
         if owner >= 0:
             if area < PAYS * stepover * _length(np.concatenate([traces[owner][-1:], added])):
                 continue
-            out[owner] = join(out[owner], Run(added, np.full(len(added), out[owner].pass_index[-1])))
+            more = Run(added, np.full(len(added), out[owner].pass_index[-1]))
+            out[owner] = Run(*joined([out[owner], more]))
             traces[owner] = np.concatenate([traces[owner], dense(added, TRACE * stepover)])
         elif area > WORTH_A_LIFT * stepover**2 and len(line) > 1:
             added = line

@@ -18,7 +18,7 @@ from polish_sim.planning.curve import Curve
 from polish_sim.planning.ground import footprint
 from polish_sim.planning.offset_curve import LevelLine, level_lines, nearest_of, offset_curve
 from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
-from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun
 from polish_sim.planning.toolpath import arc_length, stretches
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Report, border_curves, distance_to
@@ -176,8 +176,7 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
         for p in _cut(number, line, borders, ends, stepover)
     ]
     strokes = walk(pieces, ends, stepover, request.plan.start)
-    runs = _with_turns(strokes, turns, stepover)
-    return [finish_run(request.region.surface, run, stepover) for run in runs]
+    return request.finished(_with_turns(strokes, turns, stepover))
 
 
 def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) -> list[Curve]:

@@ -67,14 +67,6 @@ def numbered(parts: Sequence[Array]) -> Run:
     return Run(np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
 
 
-def join(first: Run, second: Run) -> Run:
-    """Two runs one after the other, without a lift."""
-    return Run(
-        np.concatenate([first.positions, second.positions]),
-        np.concatenate([first.pass_index, second.pass_index]),
-    )
-
-
 def dense(positions: Array, spacing: float, least: int = 0) -> Array:
     """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n,
     3).
@@ -144,3 +136,7 @@ class PatternRequest(NamedTuple):
     def stepover(self) -> float:
         """Distance between neighbouring turns [m]."""
         return self.plan.stepover_m
+
+    def finished(self, runs: Sequence[Run]) -> list[SurfaceRun]:
+        """Runs smoothed, spaced and on the surface."""
+        return [finish_run(self.region.surface, run, self.stepover) for run in runs]

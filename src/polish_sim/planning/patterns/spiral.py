@@ -19,7 +19,7 @@ from polish_sim.planning.patterns.double_spiral import double_spirals
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
 from polish_sim.planning.patterns.nested import CANDIDATES, chains, grown_turns, lines_across
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
-from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, numbered
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.turns import border_curves
 
@@ -205,10 +205,6 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     of the two ways one would have it on the wrong side.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
-
-    def finished(runs: Sequence[Run]) -> list[SurfaceRun]:
-        return [finish_run(request.region.surface, run, stepover) for run in runs]
-
     roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
     waiting = [
@@ -219,7 +215,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
-        doubled = finished(double_spirals(request, roots))
+        doubled = request.finished(double_spirals(request, roots))
         # on narrow or folded ground strands may be moved past each other
         if doubled and not len(find_crossings([run.curve for run in doubled])):
             return _in_order(doubled, outward)
@@ -237,7 +233,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
             waiting[:0] = [chain[:count], chain[count:]]
         else:
             lines.append(_join_turns(curves, seams, matches, to_border, pitch))
-    return _in_order(finished(finish_middle(mesh, lines, stepover)), outward)
+    return _in_order(request.finished(finish_middle(mesh, lines, stepover)), outward)
 
 
 def _in_order(runs: list[SurfaceRun], outward: bool) -> list[SurfaceRun]:
