@@ -27,6 +27,7 @@ from polish_sim.experiments.even_removal import (
 )
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
+from polish_sim.scenario_file import override
 
 EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.008, pattern="raster"))
 EVEN = replace(EVEN, part=replace(EVEN.part, file="plate"))
@@ -208,3 +209,11 @@ def test_a_strip_without_an_inside_says_no_figure_of_it(tmp_path):
     (note,) = (note for note in plan.notes if note.startswith(even_removal.PLANNED))
     assert "nan" not in note
     assert "at one feed" in note
+
+
+def test_a_pad_that_neither_turns_nor_slides_evens_nothing_out():
+    """Its sliding is the feed: what comes off follows from force and way, however slow it goes."""
+    still = override(EVEN, ["spindle.speed_rpm=0"])
+    with pytest.raises(PolishSimError, match="turns or slides"):
+        check(still)
+    check(override(still, ["pad.slide_m_s=1"]))

@@ -316,8 +316,9 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
     """`check_settings`, and refuse a force that pad, head and guards cannot bear; a ``path`` made before may
     say its own forces.
 
-    For an even removal the tool keeps its planned axis: where the pad hangs over an edge the moment loop
-    would turn the tool by up to 2 deg, and the map with it.
+    An even removal needs sliding beside the feed's, else the way alone decides what comes off. For it the
+    tool keeps its planned axis: where the pad hangs over an edge the moment loop would turn the tool by up to
+    2 deg, and the map with it.
     """
     check_settings(scenario)
     if experiment(scenario.experiment).controlled:
@@ -326,8 +327,13 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
         raised = [
             change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
         ]
-        pad, head, dt = scenario.pad, scenario.head, scenario.simulation.timestep_s
-        check_contact_settings(pad, head, scenario.safety, dt, force / usual * max([usual, *raised]))
+        dt, most = scenario.simulation.timestep_s, force / usual * max([usual, *raised])
+        check_contact_settings(scenario.pad, scenario.head, scenario.safety, dt, most)
     if scenario.plan.removal:
+        if not scenario.spindle.speed_rpm + scenario.pad.slide_m_s:
+            raise InputError(
+                "a removal to order needs a pad that turns or slides: with spindle.speed_rpm = 0 and "
+                "pad.slide_m_s = 0 a slower feed takes off no more. Set one of them, or leave --removal out."
+            )
         scenario = replace(scenario, controller=replace(scenario.controller, moment_tilt_limit_rad=0.0))
     return Checked(scenario)
