@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, dots, norms
+from polish_sim.arrays import Array, Bools, crosses, dots, norms
 from polish_sim.kernel_cache import njit
 
 
@@ -143,7 +143,7 @@ def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
     none of them."""
     x_axis = x_hint - (z_axis @ x_hint)[:, None] * z_axis
     x_axis /= norms(x_axis)[:, None]
-    return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=2)
+    return np.stack([x_axis, crosses(z_axis, x_axis), z_axis], axis=2)
 
 
 STEEPEST = 0.99  #: The steady x axis stays this far off every z axis (cosine): 8 deg
@@ -182,7 +182,7 @@ def directions_at(angles: Array) -> Array:
 
 def angles_between(first: Array, second: Array) -> Array:
     """Angles between vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
-    return np.arctan2(norms(np.cross(first, second)), dots(first, second))
+    return np.arctan2(norms(crosses(first, second)), dots(first, second))
 
 
 def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
@@ -205,13 +205,13 @@ def perpendicular(vectors: Array) -> Array:
     It does not turn with the vectors: where a result must turn with the part, nothing may depend on the
     choice.
     """
-    return unit(np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))
+    return unit(crosses(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))
 
 
 def plane_axes(normals: Array) -> tuple[Array, Array]:
     """Two unit vectors square to each unit normal and to each other, as of `perpendicular`, (..., 3) each."""
     first = perpendicular(normals)
-    return first, np.cross(normals, first)
+    return first, crosses(normals, first)
 
 
 def turned(first: Array, second: Array, angles: Any) -> Array:

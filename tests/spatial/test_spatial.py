@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim import spatial
+from polish_sim.arrays import crosses
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -60,6 +61,12 @@ def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_ha
     )  # one rotation, many places
     T = spatial.from_pose([0.1, -0.5, 0.2, 0.0, 0.0, np.pi / 2])
     np.testing.assert_allclose(T @ [1.0, 0.0, 0.0, 1.0], [0.1, 0.5, 0.2, 1.0], atol=1e-15)
+
+
+def test_vector_products_of_stacks_are_numpys_to_the_last_bit():
+    for shape in ((3,), (206, 3), (2, 1, 3)):
+        first = VECTORS[: math.prod(shape) // 3].reshape(shape)
+        assert crosses(first, VECTORS).tobytes() == np.cross(first, VECTORS).tobytes()
 
 
 def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product():

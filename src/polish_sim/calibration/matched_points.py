@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, crosses
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import inverse, rotation_angle, skew, transform
 
@@ -25,8 +25,8 @@ def point_slopes(T: Array, points: Array) -> Array:
     6)."""
     J = np.zeros((len(points), 3, 6))
     J[:, :, :3] = np.eye(3)
-    # Column j of the turn: e_j x r.
-    J[:, :, 3:] = np.swapaxes(np.cross(np.eye(3), (points - T[:3, 3])[:, None]), 1, 2)
+    # Column j of the turn is e_j x r, its row i therefore r x e_i.
+    J[:, :, 3:] = crosses((points - T[:3, 3])[:, None], np.eye(3))
     return J
 
 

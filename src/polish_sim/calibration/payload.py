@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, rms
+from polish_sim.arrays import Array, Bools, crosses, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import no_rotations
@@ -174,7 +174,7 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
     count = len(up_sensor)
     X = np.zeros((count, 6, 10 if time is None else 16))
     X[:, :3, MASS] = gravity * up_sensor
-    X[:, 3:, MOMENT] = np.cross(np.eye(3), gravity * up_sensor[:, None]).swapaxes(1, 2)  # (m c) x u g
+    X[:, 3:, MOMENT] = crosses(gravity * up_sensor[:, None], np.eye(3))  # (m c) x u g
     X[:, :, BIAS] = np.eye(6)
     if time is not None:
         X[:, :, DRIFT] = time[:, None, None] * np.eye(6)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices, Ints, joined, longest_side, running_sums
+from polish_sim.arrays import Array, Indices, Ints, crosses, joined, longest_side, running_sums
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import (
@@ -89,9 +89,9 @@ def _rings(middle: Array, axes: Array) -> Array:
     tangent = unit(np.gradient(middle, axis=0))
     # Where the tool moves along its own axis the reference is any way across it.
     along = np.abs(np.sum(tangent * axes, axis=1, keepdims=True)) > 0.95
-    side = unit(np.cross(tangent, np.where(along, perpendicular(axes), axes)))
+    side = unit(crosses(tangent, np.where(along, perpendicular(axes), axes)))
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    return turned(side[:, None], np.cross(side, tangent)[:, None], angle)
+    return turned(side[:, None], crosses(side, tangent)[:, None], angle)
 
 
 def _tube_faces(rings: int) -> Ints:

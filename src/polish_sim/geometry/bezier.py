@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, next_corners, norms
+from polish_sim.arrays import Array, crosses, dots, next_corners, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import into_plane, unit
 
@@ -88,7 +88,7 @@ def area_elements(control: Array, u: float, v: float, w: float) -> Array:
     (m, 3)."""
     a, b, c, d, e, f = np.moveaxis(control, 1, 0)
     to_u, to_v, to_w = u * a + v * d + w * f, u * d + v * b + w * e, u * f + v * e + w * c
-    return np.cross(2.0 * (to_u - to_w), 2.0 * (to_v - to_w))
+    return crosses(2.0 * (to_u - to_w), 2.0 * (to_v - to_w))
 
 
 def patch_areas(control: Array) -> Array:

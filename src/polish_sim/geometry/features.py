@@ -12,6 +12,7 @@ from polish_sim.arrays import (
     Indices,
     Ints,
     by_slices,
+    crosses,
     dots,
     longest_side,
     next_corners,
@@ -49,7 +50,7 @@ def facet_normals(vertices: Array, faces: Ints | Indices) -> tuple[Array, Array]
 def facet_cross(corners: Array) -> Array:
     """Normals of flat facets (m, 3, 3), as long as twice their areas, shape (m, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
-    return np.cross(b - a, c - a)
+    return crosses(b - a, c - a)
 
 
 def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
@@ -91,7 +92,7 @@ def _max_weights(corners: Array) -> Array:
     ahead = next_corners(corners) - corners
     behind = np.roll(corners, 1, axis=1) - corners
     size = dots(ahead, ahead) * dots(behind, behind)
-    cross = np.cross(ahead[:, 0], behind[:, 0])
+    cross = crosses(ahead[:, 0], behind[:, 0])
     return cross[:, None, :] / np.maximum(size, 1e-300)[:, :, None]
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, in_groups, norms, summed
+from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, crosses, dots, in_groups, norms, summed
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
@@ -280,7 +280,7 @@ def enclosed(loop: Array) -> float:
     """Largest area a closed loop (p, 3) encloses from any side it is seen from [m^2]; it may repeat its first
     point."""
     spokes = loop - loop[0]
-    return 0.5 * float(np.linalg.norm(np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)))
+    return 0.5 * float(np.linalg.norm(crosses(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)))
 
 
 def trace_border(surface: Surface) -> list[Indices]:
@@ -303,7 +303,7 @@ def _corner_normals(control: Array) -> Array:
     corners = control[:, :3]
     ahead = control[:, 3:] - corners
     behind = np.roll(control[:, 3:], 1, axis=1) - corners
-    cross = np.cross(ahead, behind)
+    cross = crosses(ahead, behind)
     size = norms(cross)
     angle = np.arctan2(size, dots(ahead, behind))
     return cross * (angle / np.maximum(size, 1e-300))[:, :, None]

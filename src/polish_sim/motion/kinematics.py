@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, crosses
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse, place_of
@@ -114,7 +114,7 @@ def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
 def _jacobian_of(frames: Array, point_flange: Array) -> Array:
     points = place_of(frames[..., 6, :, :], point_flange)
     axes = frames[..., :6, :3, 2]
-    linear = np.cross(axes, points[..., None, :] - frames[..., :6, :3, 3])
+    linear = crosses(axes, points[..., None, :] - frames[..., :6, :3, 3])
     return np.ascontiguousarray(np.concatenate([linear, axes], axis=-1).swapaxes(-1, -2))
 
 
@@ -148,8 +148,8 @@ def table_slopes(frames: Array, points: Array) -> Array:
     frame.
     """
     z, x = frames[:, :6, :3, 2], frames[:, 1:, :3, 0]
-    about_z = np.cross(z, points[:, None] - frames[:, :6, :3, 3])
-    about_x = np.cross(x, points[:, None] - frames[:, 1:, :3, 3])
+    about_z = crosses(z, points[:, None] - frames[:, :6, :3, 3])
+    about_x = crosses(x, points[:, None] - frames[:, 1:, :3, 3])
     return np.concatenate([about_z, z, x, about_x], axis=1).transpose(0, 2, 1)
 
 

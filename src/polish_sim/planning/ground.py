@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Bools, Indices, dots, joined, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, crosses, dots, joined, next_corners, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -264,7 +264,7 @@ def _outwards(points: Array, normals: Array) -> Array:
     At a corner it is longer, so that both sides are continued equally far.
     """
     along = unit(np.roll(points, -1, axis=0) - points)
-    sides = unit(np.cross(along, normals))
+    sides = unit(crosses(along, normals))
     before = np.roll(sides, 1, axis=0)
     middle = unit(sides + before)
     return middle / np.maximum(dots(middle, sides)[:, None], SHARPEST)

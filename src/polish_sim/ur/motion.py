@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, crosses
 from polish_sim.motion import inverse_near
 from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.spatial import inverse, transform, unit
@@ -148,15 +148,15 @@ class ToolWay(Way):
 
     def _on_circle(self, b: Array, c: Array, fixed: bool) -> None:
         """The circle through the start, ``b`` and ``c`` from there [m]."""
-        axis = np.cross(b, c)
+        axis = crosses(b, c)
         size = float(axis @ axis)
         if size < 1e-16:
             raise ValueError("movec: the three points lie on a line")
-        center = (np.cross(axis, b) * (c @ c) + np.cross(c, axis) * (b @ b)) / (2.0 * size)
+        center = (crosses(axis, b) * (c @ c) + crosses(c, axis) * (b @ b)) / (2.0 * size)
         self._arm = -center
         self._axis = axis / math.sqrt(size)
         last = c - center
-        angle = math.atan2(float(self._axis @ np.cross(self._arm, last)), float(self._arm @ last))
+        angle = math.atan2(float(self._axis @ crosses(self._arm, last)), float(self._arm @ last))
         self._angle = angle % (2.0 * math.pi)
         if fixed:
             self._turn = self._angle * self._axis
@@ -328,14 +328,14 @@ class Compliance:
             y = self._frame[:3, 3] - p
             if np.linalg.norm(y) > 1e-6:
                 y = unit(y)
-                x = np.cross(y, R[:, 2])
-                x = unit(x if np.linalg.norm(x) > 1e-6 else np.cross(y, R[:, 1]))
-                return np.column_stack([x, y, np.cross(x, y)])
+                x = crosses(y, R[:, 2])
+                x = unit(x if np.linalg.norm(x) > 1e-6 else crosses(y, R[:, 1]))
+                return np.column_stack([x, y, crosses(x, y)])
         if self.kind == ALONG_SPEED:
             x = twist[:3] - (twist[:3] @ R[:, 2]) * R[:, 2]
             if np.linalg.norm(x) > 1e-4:
                 x = unit(x)
-                return np.column_stack([x, np.cross(R[:, 2], x), R[:, 2]])
+                return np.column_stack([x, crosses(R[:, 2], x), R[:, 2]])
         return np.asarray(R)
 
     def twist(self, pose: Array, moved: Array, wanted: Array, force: Array, dt: float) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, crosses
 from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
@@ -64,7 +64,7 @@ class _Shape(NamedTuple):
     def moved(self, step: Array) -> _Shape:
         n = unit(self.frame @ np.array([step[3], step[4], 1.0]))
         u = unit(self.frame[:, 0] - (self.frame[:, 0] @ n) * n)
-        frame = np.column_stack([u, np.cross(n, u), n])
+        frame = np.column_stack([u, crosses(n, u), n])
         return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
 
 
@@ -137,9 +137,9 @@ def _start(points: Array) -> _Shape:
     ]
     center = mean + a * u + b * v
     arms = points - center
-    if np.sum(np.cross(arms[:-1], arms[1:]) @ np.cross(u, v)) < 0.0:
+    if np.sum(crosses(arms[:-1], arms[1:]) @ crosses(u, v)) < 0.0:
         v = -v
-    return _Shape(center, np.column_stack([u, v, np.cross(u, v)]), float(np.sqrt(c + a * a + b * b)))
+    return _Shape(center, np.column_stack([u, v, crosses(u, v)]), float(np.sqrt(c + a * a + b * b)))
 
 
 def _problem(points: Array) -> Problem[_Shape]:
@@ -219,12 +219,12 @@ def _differences(function: Callable[[Array], Array], at: Array) -> Array:
 def _off_table(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
     """Signed distance between both axes [m] and their angle less 90 deg [rad], after a step, shape (2,)."""
     (c1, z1), (c2, z2) = _axes(first, second, step)
-    normal = unit(np.cross(z1, z2))
+    normal = unit(crosses(z1, z2))
     return np.array([(c2 - c1) @ normal, _angle(z1, z2) - 0.5 * np.pi])
 
 
 def _angle(a: Array, b: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return float(np.arctan2(np.linalg.norm(crosses(a, b)), a @ b))
 
 
 def _axes(
@@ -239,11 +239,11 @@ def _axes(
 def _frame(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
     """The frame from both axes, each moved by its share of a step."""
     (c1, z1), (c2, z2) = _axes(first, second, step)
-    across = np.cross(z1, z2)
+    across = crosses(z1, z2)
     x = unit(across)
     # Foot of the common normal on the first axis.
-    foot = c1 + np.cross(c2 - c1, z2) @ across / (across @ across) * z1
-    return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
+    foot = c1 + crosses(c2 - c1, z2) @ across / (across @ across) * z1
+    return transform(np.column_stack([x, crosses(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
 
 
 def _check_axes(first: SweptCircle, second: SweptCircle) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, dots, norms
+from polish_sim.arrays import Array, Bools, Ints, crosses, dots, norms
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
 from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets, join_surfaces
@@ -135,12 +135,12 @@ def _six_directions(surface: Surface, up: Array) -> Array:
     length = norms(level)
     first = (length > 0.5).argmax()
     right = level[first] / max(length[first], 1e-300)
-    back = np.cross(up, right)
+    back = crosses(up, right)
     # Four sides look alike under a quarter turn: the mean of the fourfold angle says where they are.
     weights = areas * length
     turn = np.arctan2(level @ back, level @ right)
     four = np.sum(weights * np.exp(4j * turn))
     angle = np.angle(four) / 4.0 if abs(four) > 1e-3 * weights.sum() else 0.0
     one = np.cos(angle) * right + np.sin(angle) * back
-    two = np.cross(up, one)
+    two = crosses(up, one)
     return np.array([up, -up, one, -one, two, -two])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
+from polish_sim.arrays import Array, Bools, Indices, Ints, crosses, longest_side
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
@@ -216,7 +216,7 @@ def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bo
     third = skin.vertices[skin.faces[group // 3, (group + 2) % 3]] - a
     across = third - (third @ way)[:, None] * way
     x = across[0] / max(np.linalg.norm(across[0]), 1e-300)
-    angle = np.mod(np.arctan2(across @ np.cross(way, x), across @ x), 2.0 * np.pi)
+    angle = np.mod(np.arctan2(across @ crosses(way, x), across @ x), 2.0 * np.pi)
     order = np.argsort(angle, kind="stable")
     forward = (start[group[order]] < end[group[order]]) != inward
     # The solid lies from a facet that runs backward along the edge on to the next one that runs forward.
@@ -229,4 +229,4 @@ def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bo
 def _volume(skin: Skin) -> float:
     """Six times the signed volume about the middle of the part; negative if most facets look inwards."""
     corners = skin.vertices[skin.faces] - skin.vertices[skin.faces].mean(axis=(0, 1))
-    return np.einsum("mj,mj->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return np.einsum("mj,mj->", corners[:, 0], crosses(corners[:, 1], corners[:, 2]))

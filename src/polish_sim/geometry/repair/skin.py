@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, longest_side, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, crosses, dots, longest_side, norms
 from polish_sim.errors import MeshError, count_text, place_in_mm
 from polish_sim.geometry.closest import build_boxes
 from polish_sim.geometry.topology import (
@@ -190,7 +190,7 @@ def find_shells(skin: Skin) -> Shells:
     corners = skin.vertices[skin.faces]
     low, high = extremes(labels, corners.min(axis=1), corners.max(axis=1), count)
     centred = corners - 0.5 * (low + high)[labels][:, None, :]
-    sixfold = np.einsum("mj,mj->m", centred[:, 0], np.cross(centred[:, 1], centred[:, 2]))
+    sixfold = np.einsum("mj,mj->m", centred[:, 0], crosses(centred[:, 1], centred[:, 2]))
     volumes = np.where(closed, np.bincount(labels, weights=sixfold, minlength=count) / 6.0, 0.0)
     return Shells(labels, closed, volumes, low, high)
 
@@ -238,7 +238,7 @@ def _winding_number(corners: Array) -> float:
     """How often facets (m, 3, 3) enclose the origin (van Oosterom and Strackee's solid angles)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     la, lb, lc = norms(corners).T
-    triple = dots(a, np.cross(b, c))
+    triple = dots(a, crosses(b, c))
     below = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
     return np.arctan2(triple, below).sum() / (2.0 * np.pi)
 

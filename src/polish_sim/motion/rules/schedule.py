@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, crosses
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
     add_to,
@@ -177,7 +177,7 @@ def turning(axes: Array) -> Array:
     ``axes`` are the axis and three derivatives, shape (n, 4, 3).
     """
     o, o1, o2, o3 = (axes[:, k] for k in range(4))
-    return np.stack([np.cross(o, o1), np.cross(o, o2), np.cross(o1, o2) + np.cross(o, o3)], axis=1)
+    return np.stack([crosses(o, o1), crosses(o, o2), crosses(o1, o2) + crosses(o, o3)], axis=1)
 
 
 @njit(_nrt=False)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, crosses, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot as dot3
@@ -174,7 +174,7 @@ class Polyline(NamedTuple):
         sides = []
         for side in (slice(None, -1), slice(1, None)):
             spin = turns[side] + rolls[side] * R[:, :, 2]
-            axes = [np.cross(spin, R[:, :, 0]), np.cross(spin, R[:, :, 2])]
+            axes = [crosses(spin, R[:, :, 0]), crosses(spin, R[:, :, 2])]
             sides.append(np.concatenate([tips[side], *axes, places[side]], axis=1))
         return sides[0], sides[1]
 
@@ -271,7 +271,7 @@ def corner_units(before: Array, after: Array, tolerance: float, axis_tolerance: 
     units = np.full(len(before), np.inf)
     for rows, most in ((slice(0, 3), tolerance), (slice(6, 9), axis_tolerance)):
         a, b = before[:, rows], after[:, rows]
-        off, change = norms(np.cross(a, b)), norms(b - a)
+        off, change = norms(crosses(a, b)), norms(b - a)
         low, high = np.sort([norms(a), norms(b)], axis=0)
         # Swings of the faster side would reach beyond the end of a much slower one.
         off = np.where(high < MOST_UNEQUAL * low, off / np.maximum(low, 1e-300), change)

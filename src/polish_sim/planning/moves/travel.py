@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, crosses, norms
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
@@ -134,7 +134,7 @@ def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
     if radius > 0.0:
         first = _beside(surface, axes)
         angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
-        rim = turned(first[:, None], np.cross(axes, first)[:, None], angle)
+        rim = turned(first[:, None], crosses(axes, first)[:, None], angle)
         points = np.concatenate([points, points + radius * rim], axis=1)
     depth = -signed_distances(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
     return np.maximum(depth, 0.0).max(axis=1)
@@ -143,7 +143,7 @@ def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
 def _beside(surface: Surface, axes: Array) -> Array:
     """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
     ways = surface.vertices[:3] - surface.middle
-    square = np.cross(axes[:, None], ways)
+    square = crosses(axes[:, None], ways)
     size = norms(square)
     # The first that is long enough: rounding does not choose among equals.
     chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, dots
+from polish_sim.arrays import Array, Bools, Indices, crosses, dots
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.planning.curve import Curve
@@ -46,7 +46,7 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     """
     strands = Strands(runs)
     path = strands.sample(stepover / SAMPLES)
-    sides = np.cross(path.normals, unit(along(path)))
+    sides = crosses(path.normals, unit(along(path)))
     sides_of = neighbours_beside(path, sides, stepover)
     out = _corners(path) | _last_half_turns(path, sides_of)
     found = [
@@ -140,7 +140,7 @@ def _is_one_turn(path: RunSamples, first: int, last: int) -> bool:
     rows = np.arange(first, last + 1, SAMPLES // 2)
     ways = np.diff(path.points[rows], axis=0)
     normals = path.normals[rows[1:-1]]
-    across = dots(np.cross(ways[:-1], ways[1:]), normals)
+    across = dots(crosses(ways[:-1], ways[1:]), normals)
     turns = np.arctan2(across, dots(ways[:-1], ways[1:]))
     return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
 
