@@ -25,7 +25,7 @@ PARTS = ("plate", "sphere_100", "freeform")
 SPRINGS = (0.25, 0.5, 1.0, 1.0, 1.0, 1.0, 2.0, 4.0)
 SENSORS = ("external", "external", "external", "axia80", "hex-125hz", "ur5e-built-in")
 OWN = {
-    "force": ["part.file=plate", "process.hold_s=3"],
+    "force": ["process.hold_s=3"],
     "surface": ["plan.clearance_m=0.01", "plan.stepover_m=0.02", "process.max_feed_s=3", "safety.proof=none"],
 }
 
@@ -33,7 +33,7 @@ OWN = {
 def drawn(u: Array, experiment: str) -> list[str]:
     """Settings at a point of the unit cube, shape (16,)."""
     settings = {
-        "part.file": PARTS[int(u[0] * len(PARTS))],
+        "part.file": "plate" if experiment == "force" else PARTS[int(u[0] * len(PARTS))],
         "head.spring_scale": SPRINGS[int(u[1] * len(SPRINGS))],
         "sensor.model": SENSORS[int(u[2] * len(SENSORS))],
         "process.contact_force_n": round(3.0 * 20.0 ** u[3], 2),

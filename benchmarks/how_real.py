@@ -28,25 +28,21 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 from tests.cell.cells import EVERY_STEP, TOUCH, Array, cell_for, free_stroke, ideal
 from tests.cell.elastic import (
-    FOLDED,
     HOME,
-    NO_HYSTERESIS,
     NONE,
     REAL,
     SPRINGS_ONLY,
     STRETCHED,
     Joints,
     first_mode,
-    gear_balance,
     joints_at,
-    poses,
     tangents,
-    vibrating,
 )
 
 VISITS, WAY_RAD, WAY_S, REST_S = 30, 0.15, 0.6, 0.4
 FEEDS_M_S = (0.05, 0.1, 0.25)
 STEP_M_S, BEGIN_S, SINE_HZ, LINK_S = 0.02, 0.3, 1.0, 300.0
+FOLDED = np.array([1.1, -2.0, 2.3, -1.9, -1.57, 0.2])
 GEAR_HZ = (0.1, 2.0)  #: Above what calibration leaves, up to the second harmonic of the gears' error
 ARMS = {
     "ideal arm": [],
@@ -57,7 +53,7 @@ ARMS = {
 
 def measure() -> Iterator[Row]:
     """Rows of the table in docs/how_real.md: ideal and real arm where both are, and what is published."""
-    soft = [1e6 * np.linalg.eigvalsh(_compliance(joints_at(q, *SPRINGS_ONLY)))[-1] for q in poses(12)]
+    soft = [1e6 * np.linalg.eigvalsh(_compliance(joints_at(q, *SPRINGS_ONLY)))[-1] for q in _poses(12)]
     yield Row(
         "compliance at the tool, softest way, 12 poses", f"{min(soft):.0f} to {max(soft):.0f} um/N", "-"
     )
@@ -67,10 +63,15 @@ def measure() -> Iterator[Row]:
     for name, settings in (("motor", []), ("link", ["robot.real.servo_side=link"])):
         spread = f"{1e3 * _spread(*settings):.3f} mm"
         yield Row(f"spread of a pose from 30 sides, servo on the {name} side", spread, "-")
-    yield from _energy_rows()
     yield from _arc_rows()
     yield from _motion_rows()
     yield from _link_rows()
+
+
+def _poses(n: int) -> Array:
+    """Poses within reach, shape (n, 6)."""
+    low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
+    return np.random.default_rng(3).uniform(low, high, (n, 6))
 
 
 def _compliance(joints: Joints) -> Array:
@@ -100,24 +101,6 @@ def _spread(*settings: str) -> float:
 def _smooth(share: float) -> tuple[float, float]:
     """A way from rest to rest over the unit of time, and its speed."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2), 30.0 * share**2 * (1.0 - share) ** 2
-
-
-def _energy_rows() -> Iterator[Row]:
-    """A stretched arm, pulled down by 20 N and released: its first second."""
-    for name, settings in (("", []), (", no hysteresis", [NO_HYSTERESIS])):
-        balance = gear_balance(*vibrating(1e-3, *settings))
-        yield Row(
-            f"gears, 1 s after 20 N{name}: given, stored", f"{_mj(balance.given)}, {_mj(balance.stored)}", "-"
-        )
-        yield Row("  lost in dampers, by hysteresis", f"{_mj(balance.damped)}, {_mj(balance.slid)}", "-")
-        yield Row("  left over, of the most they stored", f"{abs(balance.left) / balance.highest:.1e}", "-")
-        yield Row(
-            "  the engine's own drift, of the same", f"{abs(balance.engine) / balance.highest:.1e}", "-"
-        )
-
-
-def _mj(joule: float) -> str:
-    return f"{1e3 * joule:.2f} mJ"
 
 
 class Arc(NamedTuple):
