@@ -108,6 +108,12 @@ def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_ins
     lifted = replace(planned.path, positions_work=planned.path.positions_work + [0.0, 0.0, 0.003])
     with pytest.raises(PlanError, match="lifted off by"):
         inspect_path(lifted, part, planned.plan)
+    # Past the border of a box more than half of it runs on what is the part's, but not the region's.
+    part, pad = PartConfig("plate"), PadConfig(radius_m=0.006, choice="given")
+    plan = PlanConfig(region="box:-15,-15,0,15,15,30", overrun_m=0.009, stepover_m=0.005)
+    planned = plan_part(part, plan, pad=pad)
+    found = inspect_path(planned.path, part, plan, pad=pad)
+    assert found.figures["coverage"] == pytest.approx(planned.figures["coverage"], abs=1e-3)
 
 
 def test_the_face_under_the_path_is_found_when_it_is_not_the_top():

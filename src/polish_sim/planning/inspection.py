@@ -317,13 +317,13 @@ def _region_of(
 
 
 def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
-    """Share of the path's feet on the part that belong to a region, closed holes included.
+    """Share of the path's feet on the part that belong to a region, its closed holes and overrun included.
 
     Points beyond the part's edge do not count, unless all are.
     """
     feet = offset.feet[offset.sideways <= max(OFF_PART_M, offset.sideways.min())]
     there = _closest((region.surface, *_bridges(region, plan)), feet).positions
-    return (norms(there - feet) < OFF_PART_M).mean()
+    return (norms(there - feet) < OFF_PART_M + plan.overrun_m / SHARPEST).mean()
 
 
 def tool_notes(quality: Quality) -> list[str]:
