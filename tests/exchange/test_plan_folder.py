@@ -98,6 +98,7 @@ BAD = {
     "standing still": (WISHES + "1,0,20,0,0,1,5,0\n", "line 3, point 2: feed is 0"),
     "a part of a pass": (OWN + "1,1,0,0,0,0,1,0.5,process\n", "line 3, point 2: pass_index is '0.5'"),
     "an unknown segment": (OWN + "1,1,0,0,0,0,1,0,jump\n", "line 3, point 2: unknown segment 'jump'"),
+    "a zero byte behind a segment": (OWN + "1,1,0,0,0,0,1,0,process\0\n", "line 3, point 2: unknown segment"),
 }
 
 

@@ -92,8 +92,8 @@ def read_path_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
 def path_columns(path: ToolPath) -> dict[str, list[Any]]:
     """The columns of path.csv and path.json; force and feed only where the path has its own."""
     table: dict[str, list[Any]] = {"s_m": path.s.tolist()}
-    table |= {name: path.positions_work[:, k].tolist() for k, name in enumerate(OWN[1:4])}
-    table |= {name: path.axes_work[:, k].tolist() for k, name in enumerate(OWN[4:7])}
+    places = np.hstack([path.positions_work, path.axes_work])
+    table |= dict(zip(OWN[1:7], places.T.tolist(), strict=True))
     table["pass_index"] = path.pass_index.tolist()
     table["segment"] = [SEGMENTS[code] for code in path.segment]
     table[CURVATURE] = path.curvature.tolist()
@@ -132,7 +132,7 @@ def _path_of(table: Points) -> WayPoints:
 def _segments(table: Points) -> NDArray[np.int8]:
     names = [name.strip() for name in table.texts["segment"]]
     refuse_first(
-        ~np.isin(names, SEGMENTS), table.file, table.place,
+        np.array([name not in SEGMENTS for name in names]), table.file, table.place,
         lambda row: f"unknown segment '{names[row]}'. Known: {', '.join(SEGMENTS)}.",
     )  # fmt: skip
     return np.array([SEGMENTS.index(name) for name in names], dtype=np.int8)
