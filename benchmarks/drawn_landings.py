@@ -65,9 +65,11 @@ def landing(settings: list[str], experiment: str, controller: str, seed: int) ->
     touched = int(np.argmax(force > 0.5))
     time, force = time[touched:], force[touched:]
     out = (np.abs(force - wanted) > max(1.0, 0.1 * wanted)) & (time < time[0] + 3.0)
-    rms = "steady_std_n" if experiment == "force" else "force_rms_error_n"
-    figures = {
-        "rms error [N]": run.figures[rms],
+    if experiment == "force":
+        figures = {"deviation from 0.5 s on, std [N]": run.figures["steady_std_n"]}
+    else:
+        figures = {"rms error [N]": run.figures["force_rms_error_n"]}
+    figures |= {
         "overshoot [N]": float(force.max()) - wanted,
         "last outside +-1 N or 10% [s]": float(time[out.nonzero()[0][-1]] - time[0]) if out.any() else 0.0,
     }
