@@ -528,8 +528,10 @@ def refuse_beside(given: Given, chosen: str, *options: str) -> None:
 
 def named_options(given: Given) -> set[str]:
     """The options that were given, or whose keys are set by name."""
-    words = {word.partition("=")[0] for word in given.get("--set") or ()}
-    by_key = {key.option.name for key in _keys(Scenario(), "") if f"{key.section}.{key.name}" in words}
+    words = {word.partition("=")[0].strip() for word in given.get("--set") or ()}
+    by_key = {
+        key.option.name for key in _keys(Scenario(), "") if f"{key.section}.{key.name}".strip(".") in words
+    }
     return by_key | {name for name, value in given.items() if value is not None}
 
 

@@ -48,7 +48,7 @@ from polish_sim.experiments.registry import (
 )
 from polish_sim.page import save_page
 from polish_sim.row_file import METRICS, save_plots, write_json
-from polish_sim.scenario_file import merge
+from polish_sim.scenario_file import load_scenario, merge
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
@@ -397,7 +397,10 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
         return path, merge(scenario, file, "")
     refuse_idle(named, ("--up", "--units"), "on a finished plan")
     elsewhere = named if "--path" in named else {*named, "--part"}
-    scenario = with_options(merge(scenario, planned_settings(source, facts, elsewhere), ""), given)
+    scenario = merge(scenario, planned_settings(source, facts, elsewhere), "")
+    if "--path" not in named:  # the config of a run along the plan, which says all that was run
+        scenario = load_scenario(Path(given["--config"]), scenario)
+    scenario = with_options(scenario, given)
     check_part(source, scenario.part.file, facts["part"])
     scenario, proof = merge(scenario, file, ""), facts["proof"] or {}
     process = scenario.process

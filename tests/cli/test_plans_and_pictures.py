@@ -99,6 +99,8 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
         "pose = [0.0, -0.6, 0.2,",
     ):
         assert f"\n{word} " in config
+    done(polish_sim("run", "surface", "--config", "run/config.toml", "--out", "again"))
+    assert Path("again/config.toml").read_text() == config
     document = json.loads(Path("plan/path.json").read_text())
     document["plan"]["removal"] = "even"
     Path("even.json").write_text(json.dumps(document))
@@ -108,7 +110,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
             "--overlap, --lead-in would change nothing on a finished plan",
         ),
         (["--part", "plate"], "another file than 'plate'"),
-        (["--set", "plan.pattern=raster", "--units", "mm"], "--pattern would change nothing"),
+        (["--set", "plan.pattern = raster", "--units", "mm"], "--pattern would change nothing"),
         (["--up", "x", "--units", "mm"], "--up, --units would change nothing"),
         (["--path", "even.json", "--feed", "8"], "those of its removal: plan again"),
     ):

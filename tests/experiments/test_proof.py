@@ -189,6 +189,26 @@ def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkey
     assert prover._moves_as_a_run()
 
 
+def test_a_cut_path_the_arm_cannot_do_from_where_it_was_is_placed_and_played_anew(monkeypatch):
+    scenario = pressing()
+    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
+    prover._leave_out(prover.path.positions_work[:, 0] < -0.03, "a guard tripped")
+    elsewhere = prover.place.reach._replace(q_start=prover.place.reach.q_start + 1.0)
+    follow = proof.check_whole_path
+
+    def on_the_whole_path_alone(reach, positions, axes, tool):
+        if positions is prover.path.positions_work:
+            raise ReachError("out of reach")
+        return follow(reach, positions, axes, tool)
+
+    monkeypatch.setattr(proof, "check_whole_path", on_the_whole_path_alone)
+    monkeypatch.setattr(proof.PartPlacing, "reach", lambda self: elsewhere)
+    prover.kept_until = 0.03
+    for _ in range(2):
+        np.testing.assert_array_equal(prover.place_now().reach.q_start, elsewhere.q_start)
+        assert prover.kept_until < 0.0  # no state of the play before holds
+
+
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts():
     (scenario, plan), proven = soft_corner(), proven_at_the_corner()
     assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None

@@ -88,9 +88,7 @@ def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
         try:
             joints.append(inverse_near(T, joints[-1]))
         except ReachError as error:
-            raise ReachError(
-                f"the {arm} cannot bring its flange to point {k} of {len(T_base_flange)}: {error}"
-            ) from error
+            raise ReachError(f"the {arm} at point {k} of {len(T_base_flange)}: {error}") from error
     return np.stack(joints[1:])
 
 

@@ -34,7 +34,7 @@ from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
-from polish_sim.errors import PlanError, PolishSimError, count_text, place_in_mm
+from polish_sim.errors import PlanError, PolishSimError, ReachError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
     Workplace,
     config_hash,
@@ -355,9 +355,14 @@ class _Prover:
             return True
         before, scenario = self._reach_now(), self.scenario
         asked = replace(scenario, part=replace(scenario.part, pose=to_pose(before.T_base_work)))
+        reach = self._place_anew(asked)
+        return float(np.abs(reach.q_start - before.q_start).max()) < SAME_WAY
+
+    def _place_anew(self, asked: Checked) -> Reach:
+        """Place the path as it is mended so far as a run of a scenario does."""
         reach = PartPlacing(asked, *self.plan.standing, self.path).reach()
         self.place = self.place.along(self.path, reach)
-        return float(np.abs(reach.q_start - before.q_start).max()) < SAME_WAY
+        return reach
 
     def pass_through(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
@@ -406,15 +411,19 @@ class _Prover:
         return self.place.along(replace(path, feed=feed, force=force), self._reach_now())
 
     def _reach_now(self) -> Reach:
-        """How the arm does the path as it is mended so far: with its first stroke cut, it starts
-        elsewhere."""
+        """How the arm does the path as it is mended so far: with its first stroke cut, it starts elsewhere.
+        Where it cannot do what is left so, another place is looked for, and all is played anew."""
         path, whole, reach = self.path, self.place.path, self.place.reach
         if path.positions_work is whole.positions_work:
             return reach
         joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
         nearest = np.linalg.norm(whole.positions_work - path.positions_work[0], axis=1).argmin()
         near = reach._replace(q_start=joints[nearest])
-        follows = check_whole_path(near, path.positions_work, path.axes_work, tool_on_flange())
+        try:
+            follows = check_whole_path(near, path.positions_work, path.axes_work, tool_on_flange())
+        except ReachError:
+            self.kept_until = -math.inf
+            return self._place_anew(self.scenario)
         return reach._replace(q_start=np.array(follows.q[0]))
 
     def _row(self, failure: Failure) -> int:

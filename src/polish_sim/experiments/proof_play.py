@@ -76,7 +76,6 @@ class Play:
         self.usual = usual
         self.scenario = replace(usual, part=part, process=process, faults=FaultsConfig(), seed=seed)
         self.nominal, self.margin = nominal, MARGIN if nominal else DRAWN_MARGIN
-        self.part = build_part(self.scenario, place)
         self.passing: dict[str, tuple[float, float]] = {}  #: Largest shares of the limits, and where
         self.worked_s, self.wanted = 0.0, True
         self.found: list[Failure] = []  #: What has to be mended before it can continue
@@ -86,7 +85,7 @@ class Play:
 
     def _begin(self, place: Workplace) -> None:
         """A cell at the start of a path, its guards' limits tightened."""
-        self.place = place
+        self.place, self.part = place, build_part(self.scenario, place)
         self.cell = build_cell(self.scenario, place, self.part, self._strokes())
         self._tighten()
         self.cell.play(1)  # kernels are compiled here, not by two threads at once

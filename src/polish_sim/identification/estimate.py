@@ -260,9 +260,11 @@ def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -
 
 
 def torque_error(given: Array, exact: Array) -> Array:
-    """Rms error of torques (m, n) [N m] / range of the exact ones, shape (n,); NaN is left out."""
+    """Rms error of torques (m, n) [N m] / range of the exact ones, shape (n,); NaN is left out, and is given
+    where they do not change."""
     off = given - exact
     reach = np.nanmax(exact, axis=0) - np.nanmin(exact, axis=0)
+    reach[reach == 0.0] = np.nan
     return np.sqrt(np.nanmean(off**2, axis=0)) / reach
 
 
