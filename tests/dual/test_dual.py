@@ -240,7 +240,7 @@ def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
         follow_joints(poses, start.q_master, "master")
 
     follow(0.3)
-    with pytest.raises(ReachError, match="the master cannot bring its flange"):
+    with pytest.raises(ReachError, match="the master at point"):
         follow(2.0)
 
 
