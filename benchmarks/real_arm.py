@@ -32,6 +32,7 @@ import numpy as np
 
 from benchmarks import real_flange
 from benchmarks.table import Row, print_rows
+from polish_sim.arms import arm_table
 from polish_sim.compare.figures import (
     ForceStep,
     compare_steps,
@@ -54,7 +55,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.identification.arm import arm_of_table
 from polish_sim.identification.estimate import informative, torque_error
 from polish_sim.identification.identify import fit_samples, without_gears
-from polish_sim.identification.log_file import RobotLog, log_of_arm, spline_states
+from polish_sim.identification.log_file import RobotLog, log_of, spline_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
 from polish_sim.scenario_file import override
@@ -164,7 +165,7 @@ def identified_rows(data: Path) -> Iterator[Row]:
 
 
 def _arm_log(data: Path, name: str) -> RobotLog:
-    return log_of_arm(data / name, "ur10e", _log(data, name))
+    return log_of(data / name, _log(data, name), constants=arm_table("ur10e").torque_constants)
 
 
 def _own_torques(robot: RobotConfig, data: Path, name: str) -> Row:

@@ -42,13 +42,21 @@ LOG_OPTIONS = (
 """What a robot's log is read by."""
 
 
-def read_measured_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
-    """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`."""
-    from polish_sim.exchange.robot_log import BY_NAME, read_column_map, read_robot_recording
+def read_measured_log(
+    file: Path, given: Given, need: Sequence[str], slides: Sequence[int] = (), *gap: float
+) -> RobotRecording:
+    """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`.
 
-    columns = read_column_map(given["--map"]) if given["--map"] else BY_NAME
+    ``slides``: which joints slide, whose columns have our names or the map's; ``gap``: longest time without
+    rows [s].
+    """
+    from polish_sim.exchange.robot_log import BY_NAME, columns_of, read_column_map, read_robot_recording
+
+    columns = columns_of(slides) if slides else BY_NAME
+    if given["--map"]:
+        columns = read_column_map(given["--map"], len(slides) or 6)._replace(wanted=columns.wanted)
     window = given["--from"] or 0.0, math.inf if given["--to"] is None else given["--to"]
-    log = read_robot_recording(file, need, columns, given["--run"] or "", window)
+    log = read_robot_recording(file, need, columns, given["--run"] or "", window, *gap)
     if not log.whole and given["--to"] is None:
         console.note(
             f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."

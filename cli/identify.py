@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -59,7 +60,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
     Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
-    *(option._replace(panel="Log, with --arm") for option in LOG_OPTIONS),
+    *LOG_OPTIONS,
     *(*SEED_OPTIONS, "--set", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def identify(given: Given) -> int:
@@ -95,10 +96,9 @@ def _refuse_idle(given: Given) -> None:
     refuse_beside(given, "--report", *OF_SIMULATED, *files)
     for source in ("--data", "--payload-data"):
         refuse_beside(given, source, *OF_SIMULATED)
-    refuse_without(given, "--data --payload-data", "--period")
+    refuse_without(given, "--data --payload-data", "--period", *(option.name for option in LOG_OPTIONS))
     refuse_without(given, "--data --payload-data --report", "--model", "--arm")
     refuse_without(given, "--model", "--joints")
-    refuse_without(given, "--arm", *(option.name for option in LOG_OPTIONS))
     refuse_beside(given, "--model", "--arm")
 
 
@@ -234,23 +234,21 @@ def show_identification(found: Identification) -> tuple[str, ...]:
 
 def _reader(given: Given) -> RunReader:
     """How a robot's logs become samples and states."""
-    from polish_sim.identification.log_file import (
-        log_of_arm,
-        periodic_states,
-        read_robot_log,
-        spline_states,
-    )
+    from polish_sim.arms import arm_table
+    from polish_sim.identification import log_file
 
     period, arm = given["--period"], given["--arm"]
+    constants = () if arm is None else arm_table(arm).torque_constants
+    gap = () if period is None else (math.inf,)
 
     def read(file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
         chain = robot.model.chain
-        if arm is not None:
-            log = log_of_arm(file, arm, read_measured_log(file, given, ("q_rad",)))
-        else:
-            joints = () if robot.source is None else chain.joints
-            log = read_robot_log(file, chain.geometry.kind.tolist(), period, joints)
-        return log, spline_states(log) if period is None else periodic_states(log, period)
+        kinds = chain.geometry.kind.tolist() if arm is None else ()
+        if robot.source is not None:
+            log_file.check_joints(file, kinds, chain.joints)
+        recording = read_measured_log(file, given, ("q_rad",), kinds, *gap)
+        log = log_file.log_of(file, recording, period, constants)
+        return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)
 
     return read
 

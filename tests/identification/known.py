@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from polish_sim.exchange.robot_log import columns_of
 from polish_sim.identification import identify
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_of
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
-from polish_sim.identification.log_file import log_columns
 from polish_sim.identification.regressor import FULL, States, TorqueModel
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.identification.settings import IdentifySettings
@@ -142,7 +142,7 @@ def write_log(
     """Write states and noisy torques as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
     torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
-    q, force = log_columns(model.chain.geometry.kind.tolist())
+    q, force = columns_of(model.chain.geometry.kind.tolist()).columns.values()
     table = np.column_stack([np.arange(len(torque)) / RATE, states.q, torque])
     np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *q, *force]), comments="", fmt="%.9g")
     return file

@@ -7,9 +7,10 @@ import pytest
 
 from polish_sim.config import RobotConfig
 from polish_sim.errors import IdentificationError
+from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_simulated_arm, play_states
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
-from polish_sim.identification.log_file import RobotLog, read_robot_log, spline_states
+from polish_sim.identification.log_file import RobotLog, log_of, spline_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
@@ -59,7 +60,8 @@ MOTION = played(KNOWN.motion, 2)
 
 
 def _identified(folder: Path, states: States) -> Identification:
-    log = read_robot_log(write_log(folder / "log.csv", KNOWN.model, states, SIGMA, PLANTED))
+    file = write_log(folder / "log.csv", KNOWN.model, states, SIGMA, PLANTED)
+    log = log_of(file, read_robot_recording(file, ("q_rad",)))
     return identify_from_log(ROBOT, log, spline_states(log))
 
 

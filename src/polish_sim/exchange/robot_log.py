@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
-from polish_sim.tables import refuse_first
+from polish_sim.tables import LARGEST, refuse_first
 from polish_sim.toml_text import read_toml
 
 WIDTHS: Mapping[str, int] = {
@@ -76,7 +76,10 @@ UNITS: Mapping[str, float] = {
 }
 MOST_ROWS = 500_000  #: That are kept: 1000 s at 500 Hz
 _FULL_TURN = 2.0 * math.pi
-_GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this time and this number of usual steps are gaps
+#: Steps longer than it and than `_GAP_STEPS` usual ones are gaps; splines hardly feel shorter ones [s]
+GAP_S = 0.1
+_GAP_STEPS = 10.0
+WHOLE = 0.0, math.inf  #: The window of all of a log [s]
 _SLOWEST_S = 0.5
 _INDEX = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
 
@@ -96,11 +99,11 @@ class RobotRecording(NamedTuple):
         return self.values[name]
 
     def torques(self, constants: Sequence[float]) -> Array:
-        """Torques of the joints (n, 6) [N m]: its own, or its currents by ``constants`` [N m/A]; (0, 6) if it
-        has neither."""
+        """Torques of the joints (n, 6) [N m]: its own, or its currents by ``constants`` [N m/A], if any;
+        (0, 6) if it has neither."""
         if "torque_nm" in self.values:
             return self.values["torque_nm"]
-        if "current_a" in self.values:
+        if constants and "current_a" in self.values:
             return self.values["current_a"] * np.array(constants)
         return np.empty((0, 6))
 
@@ -115,13 +118,22 @@ class ColumnMap(NamedTuple):
 
     columns: Mapping[str, Sequence[str]]
     scale: Mapping[str, float]
+    wanted: Collection[str] = WIDTHS  #: Quantities; others are left out
 
 
 BY_NAME = ColumnMap({}, {})  #: Ours or a recorder's, see `NAMES`
 
 
-def read_column_map(file: Path) -> ColumnMap:
-    """Read a mapping file: [columns] OURS = THEIRS and [units] OURS = UNIT.
+def columns_of(slides: Sequence[int]) -> ColumnMap:
+    """Our columns of positions and torques for joints that turn (0) or slide (1)."""
+    q = [f"q{j}_m" if slide else f"q{j}_rad" for j, slide in enumerate(slides, 1)]
+    torque = [f"force{j}_n" if slide else f"torque{j}_nm" for j, slide in enumerate(slides, 1)]
+    named = {"q_rad": q, "torque_nm": torque}
+    return ColumnMap(named, {}, named)
+
+
+def read_column_map(file: Path, joints: int = 6) -> ColumnMap:
+    """Read a mapping file: [columns] OURS = THEIRS and [units] OURS = UNIT, of a robot of some joints.
 
     Raises:
         InputError: A quantity or unit that is not known, or a number of columns that does not fit.
@@ -133,15 +145,16 @@ def read_column_map(file: Path) -> ColumnMap:
     for name in (*table, *columns, *units):
         if name not in (*known, "columns", "units"):
             raise unknown_name(f"key of '{file}'", name, known)
-    named = {name: _listed(file, name, theirs) for name, theirs in columns.items()}
+    widths = dict.fromkeys(("q_rad", "torque_nm"), joints)
+    named = {name: _listed(file, name, theirs, {**WIDTHS, **widths}) for name, theirs in columns.items()}
     for name, unit in units.items():
         if unit not in UNITS:
             raise unknown_name(f"unit of {name} in '{file}'", str(unit), UNITS)
     return ColumnMap(named, {name: UNITS[unit] for name, unit in units.items()})
 
 
-def _listed(file: Path, name: str, theirs: Any) -> list[str]:
-    width = WIDTHS.get(name, 1)
+def _listed(file: Path, name: str, theirs: Any, widths: Mapping[str, int]) -> list[str]:
+    width = widths.get(name, 1)
     if isinstance(theirs, str):
         spread = [theirs.replace("{i}", str(i)).replace("{j}", str(i + 1)) for i in range(width)]
         theirs = spread if len(set(spread)) == width else [theirs]
@@ -157,34 +170,34 @@ def read_robot_recording(
     need: Sequence[str] = (),
     columns: ColumnMap = BY_NAME,
     run: str = "",
-    window: tuple[float, float] = (0.0, math.inf),
+    window: tuple[float, float] = WHOLE,
+    gap: float = GAP_S,
 ) -> RobotRecording:
     """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first
     row.
 
-    ``need``: quantities it must have; ``run``: which of several in an npz.
+    ``need``: quantities it must have; ``run``: which of several in an npz; ``gap``: longest time without rows
+    [s], infinite: samples may lie anyhow.
 
     Raises:
         InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that
             does not increase or values that look like other units; names the place.
     """
     source = open_source(file, run)
-    plan = _match(file, source, columns)
-    for name in need:
-        if name not in plan:
-            raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")
+    plan = _match(file, source, columns, need)
     factors = np.repeat([columns.scale.get(name, 1.0) for name in plan], [*map(len, plan.values())])
-    kept, start, whole = _gather(file, source, plan, factors, window)
+    kept, start, whole = _gather(file, source, plan, factors, window, gap)
     time = kept[:, 0]
     parts = np.split(kept, np.cumsum([*map(len, plan.values())])[:-1], axis=1)
-    values = {name: part for name, part in zip(plan, parts, strict=True) if not np.isnan(part).all()}
+    values = {name: part for name, part in zip(plan, parts, strict=True)
+              if name in need or not np.isnan(part).all()}  # fmt: skip
     del values[TIME]
     _check_numbers(file, source, time, values)
-    _check_units(file, time, values)
+    _check_units(file, time, values, plan)
     return RobotRecording(time - time[0], values, start, whole)
 
 
-def _match(file: Path, source: LogSource, columns: ColumnMap) -> dict[str, list[str]]:
+def _match(file: Path, source: LogSource, columns: ColumnMap, need: Sequence[str]) -> dict[str, list[str]]:
     """Columns of the log by our names, time first."""
     found: dict[str, dict[int, str]] = {}
     for theirs in source.names:
@@ -192,19 +205,19 @@ def _match(file: Path, source: LogSource, columns: ColumnMap) -> dict[str, list[
         ours = NAMES.get(base, base)
         if ours == TIME or ours in WIDTHS:
             found.setdefault(ours, {}).setdefault(index, theirs)
+    lower = {one.lower(): one for one in source.names}
     plan: dict[str, list[str]] = {}
-    for name in (TIME, *WIDTHS):
+    for name in (TIME, *columns.wanted):
         wide = WIDTHS.get(name, 1)
         if name in columns.columns:
-            plan[name] = list(columns.columns[name])
-            if lost := [one for one in plan[name] if one not in source.names]:
-                raise InputError(
-                    f"'{file}' has no column {lost[0]} for {name}. It has: {_some(source.names)}."
-                )
+            plan[name] = [lower.get(one.lower(), one) for one in columns.columns[name]]
+            if lost := ", ".join(one for one in plan[name] if one not in source.names):
+                raise InputError(f"'{file}' has no column {lost} for {name}. It has: {_some(source.names)}.")
         elif name in found and len(found[name]) == wide:
             plan[name] = [found[name][k] for k in sorted(found[name])]
-    if TIME not in plan:
-        raise InputError(f"'{file}' has no column of {TIME}. It has: {_some(source.names)}. {HOW_TO_MAP}")
+    for name in (TIME, *need):
+        if name not in plan:
+            raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")
     return plan
 
 
@@ -225,6 +238,7 @@ def _gather(
     plan: Mapping[str, Sequence[str]],
     factors: Array,
     window: tuple[float, float],
+    gap: float,
 ) -> tuple[Array, float, bool]:
     """Rows of the window, its begin from the log's first row [s], and whether the log ends with it."""
     kept = list[Array]()
@@ -241,7 +255,7 @@ def _gather(
         last = float(rows[-1, 0])
         inside = (rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])
         joined = inside & np.append(inside[0] and count > 0, inside[:-1])
-        _check_steps(file, source.row, block.first, rows[:, 0], steps, usual, joined)
+        _check_steps(file, source.row, block.first, rows[:, 0], steps, usual, joined, gap)
         kept.append(rows[inside][: MOST_ROWS - count])
         count += len(kept[-1])
         if last - begin > window[1] or count == MOST_ROWS:
@@ -257,7 +271,7 @@ def _gather(
 
 
 def _check_steps(
-    file: Path, row: str, first: int, time: Array, steps: Array, usual: float, joined: Bools
+    file: Path, row: str, first: int, time: Array, steps: Array, usual: float, joined: Bools, gap: float
 ) -> None:
     """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
 
@@ -268,12 +282,12 @@ def _check_steps(
         ~(steps > 0.0), file, place,
         lambda at: f"{TIME} does not increase (it is {time[at]:.9g}). Sort the rows.",
     )  # fmt: skip
-    if usual > _SLOWEST_S:
+    if usual > _SLOWEST_S and gap < math.inf:
         raise InputError(
             f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
         )
     refuse_first(
-        joined & (steps > _GAP_S) & (steps > _GAP_STEPS * usual), file, place,
+        joined & (steps > gap) & (steps > _GAP_STEPS * usual), file, place,
         lambda at: f"a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give --to before it or cut "
         "the log there.",
     )  # fmt: skip
@@ -281,7 +295,7 @@ def _check_steps(
 
 def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[str, Array]) -> None:
     for name, value in values.items():
-        bad = np.argwhere(~np.isfinite(value))
+        bad = np.argwhere(~(np.abs(value) <= LARGEST))
         if len(bad):
             row, column = (int(one) for one in bad[0])
             raise InputError(
@@ -290,15 +304,18 @@ def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[s
             )
 
 
-def _check_units(file: Path, time: Array, values: Mapping[str, Array]) -> None:
-    for name in ("q_rad", "q_desired_rad"):
-        far = np.abs(values.get(name, np.zeros((1, 6)))).max()
+def _check_units(
+    file: Path, time: Array, values: Mapping[str, Array], plan: Mapping[str, Sequence[str]]
+) -> None:
+    for name in sorted(values.keys() & {"q_rad", "q_desired_rad"}):
+        # A slide's column is in metres, by its name.
+        far = (np.abs(values[name]).max(axis=0) * [not one.endswith("_m") for one in plan[name]]).max()
         if far > 1.05 * _FULL_TURN:
             raise InputError(
                 f"'{file}': {name} reaches {far:.4g}, more than a turn. Are these degrees? --map with "
                 f"[units] {name} = 'deg'."
             )
-    if "q_rad" in values and "qd_rad_s" in values and len(time) > 10:
+    if {"q_rad", "qd_rad_s"} <= values.keys() and len(time) > 10:
         moved = np.abs(np.diff(values["q_rad"], axis=0)).sum()
         by_speed = (np.abs(values["qd_rad_s"][1:]) * np.diff(time)[:, None]).sum()
         if moved > 0.5 and not 0.5 < by_speed / moved < 2.0:

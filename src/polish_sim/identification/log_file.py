@@ -1,26 +1,20 @@
-"""Logs of a robot: joint positions and torques over time, simulated or from a CSV that is checked.
-
-Columns ``time_s``, and for joint 1 ``q1_rad``, ``torque1_nm`` (of a slide ``q1_m``, ``force1_n``) and so on;
-others are left out.
-"""
+"""Joint positions and torques over time, simulated or of a robot's log that an identification can take."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
-from polish_sim.arms import arm_table
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
-from polish_sim.exchange.robot_log import HOW_TO_MAP, RobotRecording
+from polish_sim.exchange.log_sources import open_source
+from polish_sim.exchange.robot_log import HOW_TO_MAP, RobotRecording, columns_of
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
-from polish_sim.motion.serial_chain import HINGE
-from polish_sim.tables import Columns, Place, refuse_first
 
 KNOTS_S = 0.05  #: Between two knots of a spline [s]
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
@@ -77,8 +71,6 @@ def spline_states(log: RobotLog, knots: float | None = None) -> States:
     return States(*(np.asarray(spline(log.time, nu=order)) for order in range(3)))
 
 
-TURN = 2.0 * np.pi
-_GAP = 3.0  #: Steps longer than this many usual ones are gaps
 #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
 _SLOWEST_S = 0.02
 #: Share of samples at exactly the largest torque from which a drive is taken as saturated
@@ -86,80 +78,13 @@ _FLAT = 0.01
 #: Samples at the largest torque by those at the next smaller: saturation, not coarse steps
 _PILED = 3.0
 _LEAST_SAMPLES = 500
-_ARM = (HINGE,) * 6
 
 
-def log_columns(kinds: Sequence[int]) -> tuple[list[str], list[str]]:
-    """Names of the columns of positions and of torques for joints of these kinds (HINGE or SLIDE)."""
-    q = [f"q{j}_{'rad' if kind == HINGE else 'm'}" for j, kind in enumerate(kinds, 1)]
-    torque = [f"torque{j}_nm" if kind == HINGE else f"force{j}_n" for j, kind in enumerate(kinds, 1)]
-    return q, torque
-
-
-def read_robot_log(
-    file: Path, kinds: Sequence[int] = _ARM, period: float | None = None, joints: Sequence[str] = ()
-) -> RobotLog:
-    """Read a log and refuse what would spoil an identification.
-
-    Args:
-        file: The CSV.
-        kinds: HINGE or SLIDE, joint by joint, shape (n,).
-        period: After which the motion repeats [s], if it does: then gaps do no harm.
-        joints: Names of the joints in a user's model, shape (n,), to name those of a log that has fewer.
-
-    Raises:
-        InputError: A column or a value is missing, time does not increase or is in other units, there are
-            gaps, the period does not fit, angles look like degrees, a torque is saturated; names the place.
-    """
-    q_names, torque_names = log_columns(kinds)
-    columns = Columns.read(file, "sample", "joint positions and torques over time")
-    names = ["time_s", *q_names, *torque_names]
-    _check_joints(file, columns.texts, kinds, joints)
-    columns.need(names)
-    values = columns.numbers(names)
-    log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
-    _check_count(file, log.time)
-    refuse_first(
-        np.diff(log.time, prepend=-np.inf) <= 0.0, file, columns.place,
-        lambda row: f"time_s does not increase ({log.time[row]:g} after {log.time[row - 1]:g}). Sort the "
-        "samples and leave double ones out.",
-    )  # fmt: skip
-    if period is None:
-        _check_steps(file, log.time, columns.place)
-    else:
-        _check_period(file, log.time, period)
-    _check_units(file, log, q_names)
-    _check_saturation(file, log, torque_names)
-    return log
-
-
-def log_of_arm(file: Path, arm: str, recording: RobotRecording) -> RobotLog:
-    """The joints and torques, or currents, that a make of arm recorded; ``file`` is named in errors.
-
-    Raises:
-        InputError: It has neither torques nor currents, too few samples, or drives that stood at their limit.
-    """
-    torque = recording.torques(arm_table(arm).torque_constants)
-    if not len(torque):
-        raise InputError(f"'{file}' has neither torque_nm nor current_a. {HOW_TO_MAP}")
-    _check_count(file, recording.time)
-    log = RobotLog(recording.time, recording.values["q_rad"], torque)
-    _check_saturation(file, log, log_columns(_ARM)[1])
-    return log
-
-
-def _check_count(file: Path, time: Array) -> None:
-    if len(time) < _LEAST_SAMPLES:
-        raise InputError(
-            f"'{file}' holds {len(time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
-            "better 10 s at 250 Hz or more."
-        )
-
-
-def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], joints: Sequence[str]) -> None:
-    """Refuse a model with joints after the log's last one, and name the joints to take."""
-    pairs = zip(*log_columns(kinds), strict=True)
-    logged = [q in columns and torque in columns for q, torque in pairs]
+def check_joints(file: Path, kinds: Sequence[int], joints: Sequence[str]) -> None:
+    """Refuse a log with our columns of the first of a model's ``joints`` only (InputError), and name those to
+    take."""
+    columns = {name.lower() for name in open_source(file).names}
+    logged = [columns.issuperset(pair) for pair in zip(*columns_of(kinds).columns.values(), strict=True)]
     first = sum(logged)
     if 0 < first < len(joints) and all(logged[:first]):
         raise InputError(
@@ -168,29 +93,46 @@ def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], jo
         )
 
 
-def _check_steps(file: Path, time: Array, place: Place) -> None:
-    """Samples close enough, and none missing, for splines."""
-    step = np.diff(time)
-    usual = np.median(step)
-    if usual > 1.001 * _SLOWEST_S:
+def log_of(
+    file: Path, recording: RobotRecording, period: float | None = None, constants: Sequence[float] = ()
+) -> RobotLog:
+    """What a robot recorded, refused if it would spoil an identification.
+
+    Args:
+        file: Named in errors.
+        recording: Joints, and torques or currents.
+        period: After which the motion repeats [s], if it does: then gaps do no harm.
+        constants: Torques of a current [N m/A], shape (n,), if the make is known.
+
+    Raises:
+        InputError: There are no torques, few samples or slow ones, the period does not fit, a drive stood at
+            its limit.
+    """
+    time, torque = recording.time, recording.torques(constants)
+    if not len(torque):
+        raise InputError(f"'{file}' has neither torque_nm nor, with --arm, current_a. {HOW_TO_MAP}")
+    if len(time) < _LEAST_SAMPLES:
+        raise InputError(
+            f"'{file}' holds {len(time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
+            "better 10 s at 250 Hz or more."
+        )
+    usual = float(np.median(np.diff(time)))
+    if period is not None:
+        _check_period(file, time, period, usual)
+    elif usual > 1.001 * _SLOWEST_S:
         raise InputError(
             f"'{file}': samples are {usual:.3g} s apart. Are these milliseconds? Give seconds, "
             f"{1.0 / _SLOWEST_S:.0f} samples a second or more."
         )
-    gaps = np.append(False, step > _GAP * usual)
-    refuse_first(
-        gaps, file, place,
-        lambda row: f"a gap of {step[row - 1]:.3g} s, {gaps.sum()} in all; samples are {usual:.3g} s apart. "
-        "Accelerations are unknown across a gap: log without, or give --period if the motion repeats.",
-    )  # fmt: skip
+    _check_saturation(file, torque)
+    return RobotLog(time, recording.values["q_rad"], torque)
 
 
-def _check_period(file: Path, time: Array, period: float) -> None:
+def _check_period(file: Path, time: Array, period: float, usual: float) -> None:
     """A whole period in the log, and more samples in it than the series has coefficients."""
-    usual = float(np.median(np.diff(time)))
-    span = float(time[-1] - time[0])
+    span = float(time[-1])
     least = (2 * HARMONICS_FITTED + 1) * usual
-    if period > span + _GAP * usual:
+    if period > span + 3.0 * usual:
         raise InputError(
             f"--period {period:g}: '{file}' holds {span:.4g} s, less than one period (s). Log a whole one, "
             "or leave --period out."
@@ -203,26 +145,15 @@ def _check_period(file: Path, time: Array, period: float) -> None:
         )
 
 
-def _check_units(file: Path, log: RobotLog, names: Sequence[str]) -> None:
-    far = np.abs(log.q).max(axis=0) * [name.endswith("_rad") for name in names]
-    if np.any(far > 1.05 * TURN):
-        joint = int(np.argmax(far))
-        raise InputError(
-            f"'{file}': {names[joint]} reaches {far[joint]:.4g}, more than a turn. Are these degrees? Give "
-            "radians; of a joint that has turned further subtract whole turns."
-        )
-
-
-def _check_saturation(file: Path, log: RobotLog, names: Sequence[str]) -> None:
-    for name, torque in zip(names, np.abs(log.torque).T, strict=True):
+def _check_saturation(file: Path, torques: Array) -> None:
+    for joint, torque in enumerate(np.abs(torques).T, 1):
+        what = f"'{file}': the torque of joint {joint}"
         if np.ptp(torque) == 0.0:
-            raise InputError(
-                f"'{file}': {name} is {torque[0]:g} in every sample: log the torques the joints took."
-            )
+            raise InputError(f"{what} is {torque[0]:g} in every sample: log the torques the joints took.")
         levels, counts = np.unique(torque, return_counts=True)
         piled = counts[-1] > _PILED * counts[-2]
         if piled and counts[-1] > _FLAT * len(torque):
             raise InputError(
-                f"'{file}': {name} stands at {levels[-1]:.4g} in {100 * counts[-1] / len(torque):.0f}% of "
+                f"{what} stands at {levels[-1]:.4g} in {100 * counts[-1] / len(torque):.0f}% of "
                 "the samples: the drive is saturated there and the model does not hold. Move more slowly."
             )

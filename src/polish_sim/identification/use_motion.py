@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,13 @@ from polish_sim.arrays import Array, joined, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.formats import read_way_points
+from polish_sim.exchange.robot_log import columns_of, read_robot_recording
 from polish_sim.experiments.placement import default_placements
-from polish_sim.identification.log_file import RobotLog, log_columns, spline_states
+from polish_sim.identification.log_file import RobotLog, spline_states
 from polish_sim.identification.regressor import States
 from polish_sim.log import UNREADABLE
-from polish_sim.motion.serial_chain import HINGE
 from polish_sim.planning.toolpath import interpolate
 from polish_sim.smoothing.place import distinct_rows, follow_path
-from polish_sim.tables import Columns
 
 JOINTS = 6
 LOGS = ("log.npz", "trajectory.npz")  #: Files of run folders that hold ``time_s`` and ``q_rad``
@@ -69,15 +69,16 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
             return _from_npz(source / name)
     if source.suffix == ".npz":
         return _from_npz(source)
-    if source.is_file() and source.suffix == ".csv":
-        names = log_columns((HINGE,) * JOINTS)[0]
-        if any(name in source.read_text(encoding="utf-8", errors="replace").lower() for name in names):
-            read = Columns.read(source, "sample", "joint positions over time")
-            read.need(["time_s", *names])
-            columns = read.numbers(["time_s", *names])
-            return columns[:, 0], columns[:, 1:], np.zeros(len(columns))
+    if source.is_file() and source.suffix == ".csv" and _names_joints(source):
+        columns = columns_of((0,) * JOINTS)._replace(wanted=("q_rad",))
+        log = read_robot_recording(source, columns=columns, gap=math.inf)
+        return log.time, log.values["q_rad"], np.zeros(len(log.time))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))
+
+
+def _names_joints(file: Path) -> bool:
+    return "q1_rad" in file.read_text(encoding="utf-8", errors="replace").lower()
 
 
 def _from_npz(file: Path) -> tuple[Array, Array, Array]:
