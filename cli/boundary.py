@@ -48,6 +48,8 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     gc.set_threshold(200_000)
     # More threads would mostly wait for each other: the systems solved here are small.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What a killed command leaves of its processes is cleaned up without a word.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
 
     def invoke() -> Any:
         command = typer.main.get_command(commands)

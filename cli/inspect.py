@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from polish_sim.cli import console
+from polish_sim.cli.finished_plan import check_part, with_plan
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
@@ -18,12 +19,10 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.run import check_part, planned_settings
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
 from polish_sim.row_file import save_plots, write_json
-from polish_sim.scenario_file import merge
 
 InspectedFile = Annotated[
     Path,
@@ -54,7 +53,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     beside = path.with_name("path.json")
     facts = plan_facts(beside if path.name == "path.csv" and beside.exists() else path)
     if facts:
-        base = merge(Scenario(), planned_settings(path, facts, named_options(given)), "")
+        base = with_plan(Scenario(), path, facts, named_options(given))
     elif given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
     else:  # the step-over is guessed unless something sets it

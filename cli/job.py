@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.finished_plan import check_part
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
-from polish_sim.cli.run import check_part
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import Table, save_page

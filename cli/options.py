@@ -515,7 +515,7 @@ def chosen(given: Given, *names: str) -> dict[str, Any]:
 def refuse_without(given: Given, needed: str, *options: str) -> None:
     """Refuse options that change nothing without one of others, named with spaces (InputError)."""
     named = named_options(given)
-    if not named & set(needed.split()):
+    if not named.keys() & set(needed.split()):
         refuse_idle(named, options, f"without {' or '.join(needed.split())}")
 
 
@@ -523,16 +523,19 @@ def refuse_beside(given: Given, chosen: str, *options: str) -> None:
     """Refuse options that change nothing beside another one, by name (InputError)."""
     named = named_options(given)
     if chosen in named:
-        refuse_idle(named, options, f"with {chosen}")
+        refuse_idle(named, options, f"with {named[chosen]}")
 
 
-def named_options(given: Given) -> set[str]:
-    """The options that were given, or whose keys are set by name."""
-    words = {word.partition("=")[0].strip() for word in given.get("--set") or ()}
-    by_key = {
-        key.option.name for key in _keys(Scenario(), "") if f"{key.section}.{key.name}".strip(".") in words
+def named_options(given: Given) -> dict[str, str]:
+    """The options that were given, or whose keys are set or varied by name, each as the user said it."""
+    keys = {f"{key.section}.{key.name}".strip("."): name for name, key in config_keys(Scenario()).items()}
+    said = {
+        keys[name]: f"{by} {name}"
+        for by in ("--vary", "--set")
+        for word in given.get(by) or ()
+        if (name := word.partition("=")[0].strip()) in keys
     }
-    return by_key | {name for name, value in given.items() if value is not None}
+    return said | {name: name for name, value in given.items() if value is not None}
 
 
 def refuse_idle_on_path(plan: PlanConfig, given: Given) -> None:

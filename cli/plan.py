@@ -78,8 +78,8 @@ def plan(part: PartFile, given: Given) -> int:
     given = {**given, "--part": part}
     refuse_taken(given)
     if dual:
-        named = named_options(given) & {*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture", "--part-pose"}
-        refuse_idle_options(experiment("dual"), named)
+        of_plans = (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture", "--part-pose")
+        refuse_idle_options(experiment("dual"), named_options(given), of_plans)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     # Lazy: --help must not wait for the numerical libraries.

@@ -3,8 +3,7 @@ figures."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -16,25 +15,23 @@ from typer.core import TyperGroup
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, Outcome
 from polish_sim.cli.catalogue import PanelledCommand
+from polish_sim.cli.finished_plan import take_plan
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
     Given,
     build_scenario,
-    named_options,
     refuse_beside,
     refuse_idle_on_path,
     refuse_without,
     takes,
-    with_options,
 )
 from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
-from polish_sim.errors import InputError, place_in_mm, refuse_idle
+from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
-    PATH_OPTIONS,
     ROWS,
     Experiment,
     check_experiment,
@@ -48,7 +45,7 @@ from polish_sim.experiments.registry import (
 )
 from polish_sim.page import save_page
 from polish_sim.row_file import METRICS, save_plots, write_json
-from polish_sim.scenario_file import load_scenario, merge
+from polish_sim.scenario_file import merge
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
@@ -103,10 +100,9 @@ class ExperimentCommand(PanelledCommand):
         """Refuse what the experiment takes no notice of, then parse the rest."""
         row = experiment(str(self.name))
         named = {word.partition("=")[0] for word in args if word.startswith("--")} - set(COMMON_OPTIONS)
-        elsewhere = (
-            {option for other in experiments().values() for option in other.options} if named else set()
-        )
-        refuse_idle_options(row, named & elsewhere)
+        others = experiments().values() if named else ()
+        elsewhere = {option for other in others for option in other.options}
+        refuse_idle_options(row, {name: name for name in named}, elsewhere)
         return super().parse_args(ctx, args)
 
 
@@ -376,98 +372,3 @@ def plan_to_run(
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})
     return plan, scenario
-
-
-def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath, Scenario]:
-    """Read a plan folder, path.json, CSV or APT file and make the scenario say what was planned, and on which
-    part.
-
-    Raises:
-        InputError: If the plan cannot be read, belongs to another part, or is asked to be planned
-            differently.
-    """
-    from polish_sim.exchange import plan_facts, read_path
-
-    named = named_options(given)
-    refuse_idle(named, PATH_OPTIONS, "on a finished plan")
-    path = read_path(source)
-    facts = plan_facts(source)
-    file = {"plan": {"file": str(source.resolve()), "begin_m": scenario.plan.begin_m}}
-    if not facts:
-        return path, merge(scenario, file, "")
-    refuse_idle(named, ("--up", "--units"), "on a finished plan")
-    elsewhere = named if "--path" in named else {*named, "--part"}
-    scenario = merge(scenario, planned_settings(source, facts, elsewhere), "")
-    if "--path" not in named:  # the config of a run along the plan, which says all that was run
-        scenario = load_scenario(Path(given["--config"]), scenario)
-    scenario = with_options(scenario, given)
-    check_part(source, scenario.part.file, facts["part"])
-    scenario, proof = merge(scenario, file, ""), facts["proof"] or {}
-    process = scenario.process
-    force, feed = process.contact_force_n != facts["contact_force_n"], process.feed_m_s != facts["feed_m_s"]
-    if (force or feed) and facts["plan"].get("removal"):
-        raise InputError(
-            f"feed and force of the plan '{source}' are those of its removal: plan again for others."
-        )
-    # Where it was eased or slowed it was for the force and the feed it was proven at.
-    if force and proof.get("eased"):
-        path = replace(path, force=None)
-    if feed and proof.get("slowed"):
-        path = replace(path, feed=None)
-    return path, scenario
-
-
-def _planned_file(source: Path, known: Mapping[str, str], how: str, option: str) -> str:
-    for file in (Path(known.get("path", "")), source.parent / known["file"]):
-        if file.is_file() and _hash(file) == known["sha256"]:
-            return str(file)
-    raise InputError(
-        f"the plan '{source}' was made {how} '{known['file']}', which is gone or has changed: say where it "
-        f"is with {option}, or plan again."
-    )
-
-
-def planned_settings(source: Path, facts: Mapping[str, Any], named: Collection[str]) -> dict[str, Any]:
-    """The settings a plan was made with, as a table of the scenario, without the files options name; older
-    plans do not say pad, force and fixture.
-
-    Raises:
-        InputError: A file is gone or has changed.
-    """
-    from polish_sim.geometry.orientation import side_name
-    from polish_sim.models import part_path, workpiece_names
-
-    made_on = facts["part"]
-    part = {"unit": made_on["unit"]}
-    if "--part" not in named:
-        name = made_on["name"]
-        shipped = name in workpiece_names() and _hash(part_path(name)) == made_on["sha256"]
-        part["file"] = name if shipped else _planned_file(source, made_on, "on", "--part")
-    if facts["fixture"] and "--fixture" not in named:
-        part["fixture_file"] = _planned_file(source, facts["fixture"], "with the fixture", "--fixture")
-    if facts["proof"]:
-        part["pose"] = facts["proof"]["pose"]
-    process = {name: facts[name] for name in ("contact_force_n", "feed_m_s") if facts[name]}
-    settings = {"plan": facts["plan"], "part": part, "process": process}
-    if facts["pad"]:
-        part["up"] = side_name(facts["up"])
-        settings["pad"] = {**facts["pad"], "choice": "given"}
-    return settings
-
-
-def check_part(
-    source: Path, name: str, part: Mapping[str, str], again: str = "Plan again on this part."
-) -> None:
-    """Refuse a part that is another file than a plan was made on; ``again`` says what to do."""
-    from polish_sim.models import part_path
-
-    file = part_path(name)
-    if file.is_file() and _hash(file) != part["sha256"]:
-        raise InputError(
-            f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "
-            f"and its content differs). {again}"
-        )
-
-
-def _hash(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

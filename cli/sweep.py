@@ -109,7 +109,7 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
             file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
         )
     elif what in EXPERIMENTS:
-        refuse_idle_options(experiment(what), named_options(given) & set(OF_RUNS))
+        refuse_idle_options(experiment(what), named_options(given), OF_RUNS)
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
         study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from decimal import Decimal
 from errno import EINVAL
 from importlib import import_module
@@ -53,6 +54,15 @@ class ProtectiveStop(PolishSimError):
     """The simulated robot stopped itself; what was recorded up to then is kept."""
 
     exit_code = 3
+
+
+@contextmanager
+def named_place(place: str) -> Iterator[None]:
+    """Put a place, as of a job or a file, before the errors of the block."""
+    try:
+        yield
+    except PolishSimError as error:
+        raise type(error)(f"{place}: {error}") from error
 
 
 def needed(module: str, what: str, extra: str) -> Any:
@@ -137,9 +147,10 @@ def leave_out(names: Sequence[str], why: str) -> str:
     return f"{', '.join(names)} {why}: leave {'it' if len(names) == 1 else 'them'} out."
 
 
-def refuse_idle(named: Collection[str], options: Iterable[str], where: str) -> None:
-    """Refuse those of some options that are named ``where`` they change nothing (InputError)."""
-    if idle := [option for option in options if option in named]:
+def refuse_idle(named: Mapping[str, str], options: Iterable[str], where: str) -> None:
+    """Refuse those of some options that are given ``where`` they change nothing (InputError); ``named``: as
+    the user said each."""
+    if idle := [named[option] for option in options if option in named]:
         raise InputError(leave_out(idle, f"would change nothing {where}"))
 
 

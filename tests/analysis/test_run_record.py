@@ -60,6 +60,7 @@ def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
         ("protective_stop", ["no text"]),
         ("versions", "1.0"),
         ("bad_figures", "x"),
+        ("seed", [1]),
     ],
 )
 def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path, figure, value):

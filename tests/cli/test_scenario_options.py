@@ -5,7 +5,14 @@ from typing import Any
 
 import pytest
 
-from polish_sim.cli.options import OWN, build_scenario, config_keys, refuse_idle_on_path, takes
+from polish_sim.cli.options import (
+    OWN,
+    build_scenario,
+    config_keys,
+    named_options,
+    refuse_idle_on_path,
+    takes,
+)
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
@@ -98,15 +105,20 @@ def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit():
         assert "[" not in str(raised.value)
 
 
+def refuse(row, *options):
+    refuse_idle_options(row, {option: option for option in options}, options)
+
+
 def test_of_the_options_of_a_path_those_pass_that_change_something():
-    refuse_idle_options(experiment("surface"), ["--stepover", "--overlap", "--order", "--lead-in", "--start"])
+    refuse(experiment("surface"), "--stepover", "--overlap", "--order", "--lead-in", "--start")
+    assert "--direction" not in named_options({"--set": ["guide.direction=x"]})
     # Two robots cover a region where an even removal is asked for.
     with pytest.raises(
         InputError, match="--stepover would change nothing without --even-removal or --removal"
     ):
-        refuse_idle_options(experiment("dual"), ["--stepover"])
+        refuse(experiment("dual"), "--stepover")
     for asked in ("--even-removal", "--removal"):
-        refuse_idle_options(experiment("dual"), [asked, "--stepover"])
+        refuse(experiment("dual"), asked, "--stepover")
     # The deviation of axes counts with their smoothing.
     with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
         refuse_idle_on_path(PlanConfig(), {"--axis-deviation": 3.0})

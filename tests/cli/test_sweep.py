@@ -75,8 +75,9 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin8", *SHORT]
     rows, begin = tmp_path / "s" / "rows.jsonl", [*asked, "--out", "s"]
+    said = tmp_path / "err"
     for ended_by, least, where in ((signal.SIGKILL, 2, ONE), (signal.SIGINT, 4, HERE)):
-        with Started(*begin, *where, folder=tmp_path) as command:
+        with said.open("ab") as err, Started(*begin, *where, folder=tmp_path, err=err.fileno()) as command:
             while not rows.exists() or rows.read_bytes().count(b"\n") < least:
                 assert command.poll() is None
                 time.sleep(0.02)
@@ -87,6 +88,7 @@ def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
     assert polish_sim(*asked, *HERE, "--out", "t").code == 0
     assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
     assert len(rows_of(tmp_path / "s")) == 8
+    assert "Warning" not in said.read_text()
 
 
 def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(polish_sim):

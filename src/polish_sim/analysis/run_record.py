@@ -31,6 +31,7 @@ def _is_pose(value: Any) -> bool:
 
 
 FORMS: Mapping[str, Any] = {
+    "seed": float,
     "protective_stop": str,
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
     "T_base_work": _is_pose,

@@ -21,7 +21,7 @@ from polish_sim.exchange.way_points import (
     unit_axes,
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
-from polish_sim.row_file import METRICS, check_forms, package_versions, plain, read_json, whole_file
+from polish_sim.row_file import METRICS, check_forms, fits, package_versions, plain, read_json, whole_file
 from polish_sim.tables import Columns, csv_text, refuse_first
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ FACTS: Mapping[str, Any] = {
     "part": {**_FILE, "name": str, "unit": str},
     "fixture": _FILE,
     "plan": {},
-    "up": (float,) * 3,
+    "up": lambda up: fits(up, (float,) * 3) and any(up),
     "pad": {"radius_m": float, "stiffness_n_m": float},
     "contact_force_n": float,
     "feed_m_s": float,

@@ -7,7 +7,7 @@ needed, so that help answers at once and one experiment never loads another.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
@@ -307,17 +307,17 @@ def setting_rows(records: Records) -> list[list[str]]:
     return [*rows, ["ended", "", *map(ending, records)]]
 
 
-def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:
-    """Refuse options that change nothing in an experiment.
+def refuse_idle_options(row: Experiment, named: Mapping[str, str], of: Collection[str]) -> None:
+    """Refuse options ``of`` some that change nothing in an experiment; ``named``: as the user said each.
 
     Raises:
         InputError: Naming them and why.
     """
-    named = set(given)
+    named = {option: said for option, said in named.items() if option in of}
     for option, others in row.not_with.items():
         if option in named:
-            refuse_idle(named, others, f"with {option}")
+            refuse_idle(named, others, f"with {named[option]}")
     for options, others in row.only_with.items():
-        if not named & set(options):
+        if not named.keys() & set(options):
             refuse_idle(named, others, f"without {' or '.join(options)}")
-    refuse_idle(named, sorted(named - set(row.options)), f"in 'run {row.name}'")
+    refuse_idle(named, sorted(named.keys() - set(row.options)), f"in 'run {row.name}'")

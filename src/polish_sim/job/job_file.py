@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, TypeVar
 
 from polish_sim.config import Checked, Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, unknown_name
+from polish_sim.errors import ConfigError, named_place, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.tools import JobTool, named_place, naming_line, read_tools
+from polish_sim.job.tools import JobTool, naming_line, read_tools
 from polish_sim.scenario_file import merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml
 

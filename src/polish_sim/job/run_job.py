@@ -23,7 +23,7 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked, ProcessConfig
-from polish_sim.errors import InputError, PolishSimError
+from polish_sim.errors import InputError, PolishSimError, named_place
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import plan_removal
@@ -32,7 +32,7 @@ from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
-from polish_sim.job.tools import named_place, naming_line
+from polish_sim.job.tools import naming_line
 from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh

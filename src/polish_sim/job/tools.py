@@ -31,15 +31,6 @@ def naming_line(file: Path) -> Iterator[None]:
         raise type(error)(f"{file}, line {line_of(str(error), text)}: {error}") from error
 
 
-@contextmanager
-def named_place(place: str) -> Iterator[None]:
-    """Put a place of the job before the errors of the block."""
-    try:
-        yield
-    except PolishSimError as error:
-        raise type(error)(f"{place}: {error}") from error
-
-
 def line_of(message: str, text: str) -> int:
     """Where the key or word stands that a message names first; without one, where the table it names
     begins."""
