@@ -15,11 +15,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 
-from tests.kept import share_commands, share_fields, share_parts  # noqa: E402  (imports numpy)
+from tests.kept import share_commands, share_fields, share_parts, share_scenes  # noqa: E402  (imports numpy)
 
 share_fields()
 share_parts()
 share_commands()
+share_scenes()
 
 # What compiles longest comes first. Files are handed out in turn: the loops, which have most of their parts
 # in common, go to one process, so that each part is inferred once; the other compiles the planner meanwhile.

@@ -5,6 +5,7 @@ part on disk. What is kept there is known by its inputs, the package's source an
 libraries that compute. Shipped parts and the surfaces fitted to them are kept in each process.
 """
 
+import copy
 import copyreg
 import hashlib
 import os
@@ -25,6 +26,7 @@ import typer
 
 from polish_sim.geometry import distance_field, fit, mesh
 from polish_sim.models import workpiece_path
+from polish_sim.spatial import wxyz
 from polish_sim.workers import versions_here
 
 try:
@@ -71,6 +73,32 @@ def share_parts() -> None:
         return surfaces[key][1]
 
     mesh.load_part, fit.fit_surface = load_part, fit_surface
+
+
+def share_scenes() -> None:
+    """Compile the scene in which motions of two robots are checked once for each part; its hulls take long.
+
+    To be called last: with the scene come modules that take the other functions by name.
+    """
+    from polish_sim.dual import scene
+
+    made, known = scene.build_pair_scene, dict[Any, Any]()
+
+    def build_pair_scene(scenario: Any, T_follower_master: Any, held: Any, tables: Any = None) -> Any:
+        if held.clearances is None or tables is not None:
+            return made(scenario, T_follower_master, held, tables)
+        robot, mesh = scenario.robot, held.mesh
+        things = robot.arm, robot.payload_error, scenario.head, scenario.pad, scenario.simulation
+        key = *things, mesh.sha256, mesh.vertices.tobytes(), *held._replace(mesh=None, T_flange_part=None)
+        if key not in known:
+            known[key] = made(scenario, T_follower_master, held)
+        model = copy.copy(known[key])
+        for name, T in (("base", T_follower_master), ("part", held.T_flange_part)):
+            body = model.body(f"{scene.MASTER}{name}")
+            body.pos, body.quat = T[:3, 3], wxyz(T[:3, :3])
+        return model
+
+    scene.build_pair_scene = build_pair_scene
 
 
 def share_commands() -> None:

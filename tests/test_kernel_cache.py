@@ -2,19 +2,22 @@
 
 import ast
 import json
+import logging
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from polish_sim import errors, kernel_cache, source_stamp
+from tests.cli.conftest import Started
 
 KERNEL = (
     "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    "
@@ -55,12 +58,35 @@ def _write_gain(package: Path, value: float) -> None:
 
 
 def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
-    """Numbers a script prints in a new process, and what it says on stderr."""
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(
-        command, env=_environment(package) | environment, capture_output=True, text=True, check=True
-    )
-    return [float(word) for word in done.stdout.split()], done.stderr
+    """Numbers a script prints in a process that has nothing of this package yet, and what it says on
+    stderr."""
+    (run,) = _runs(package, script, 1, **environment)
+    return run
+
+
+def _runs(package: Path, script: str, count: int, **environment: str) -> list[tuple[list[float], str]]:
+    """The same of ``count`` processes at once; they are forked, so that numba is not imported anew."""
+
+    def begin() -> None:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "polish_sim"]:
+            del sys.modules[name]
+        os.environ.clear()
+        os.environ.update(_environment(package) | environment)
+        sys.path.insert(0, str(package.parent))
+        logging.root.handlers.clear()  # those of pytest
+        exec(script, {})
+        sys.stdout.flush()
+        os._exit(0)
+
+    with ExitStack() as files:
+        said = [[files.enter_context(tempfile.TemporaryFile("w+")) for _ in "oe"] for _ in range(count)]
+        for run in [
+            Started(folder=package.parent, out=out.fileno(), err=err.fileno(), begin=begin)
+            for out, err in said
+        ]:
+            run.wait()
+        texts = [[(file.seek(0), file.read())[1] for file in both] for both in said]
+    return [([float(word) for word in out.split()], err) for out, err in texts]
 
 
 def _environment(package: Path) -> dict[str, str]:
@@ -137,8 +163,7 @@ def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_r
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
 def test_processes_that_need_the_same_kernels_share_the_compiling(package):
-    with ThreadPoolExecutor() as pool:
-        runs = list(pool.map(lambda _: _run(package)[0], range(3)))
+    runs = [numbers for numbers, _ in _runs(package, SCRIPT, 3)]
     assert [run[:2] for run in runs] == [[20.0, -2.0]] * 3
     assert sum(run[2] for run in runs) == 3
 
@@ -161,12 +186,13 @@ def test_a_killed_process_leaves_its_kernel_to_others(package):
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package with kernels compiled for a common CPU inside it."""
     package = _make_package(tmp_path_factory.mktemp("wheel") / "code" / "polish_sim")
-    common = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    _run(package, POLISH_SIM_KERNELS=str(package / kernel_cache.SHIPPED), **common)
-    made_for = subprocess.run(
-        [sys.executable, "-c", DESCRIBE], env=_environment(package) | common, capture_output=True, check=True
+    for_all = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    folder = {"POLISH_SIM_KERNELS": str(package / kernel_cache.SHIPPED)}
+    command = [sys.executable, "-c", SCRIPT + DESCRIBE]  # numba asks for the CPU once
+    run = subprocess.run(
+        command, env=_environment(package) | for_all | folder, capture_output=True, check=True
     )
-    (package / kernel_cache.SHIPPED / kernel_cache.MADE_FOR).write_bytes(made_for.stdout)
+    (package / kernel_cache.SHIPPED / kernel_cache.MADE_FOR).write_bytes(run.stdout.partition(b"\n")[2])
     return package
 
 
@@ -195,8 +221,9 @@ def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped, monkeypa
         ({"features": ["avx4096"]}, missing := "avx4096, which this one does not have"),
     ):
         assert complaint in str(kernel_cache._misfit(made_for | change))
-    monkeypatch.setattr("numba.config.CPU_NAME", "x86-64")
-    assert "NUMBA_CPU_NAME asks for x86-64" in str(kernel_cache._misfit(made_for))
+    with monkeypatch.context() as asked:
+        asked.setattr("numba.config.CPU_NAME", "x86-64")
+        assert "NUMBA_CPU_NAME asks for x86-64" in str(kernel_cache._misfit(made_for))
     file.write_text(json.dumps(made_for | change))
     numbers, said = _run(shipped)
     assert numbers == [20.0, -2.0, 3]

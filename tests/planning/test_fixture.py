@@ -16,7 +16,7 @@ from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
 from tests.planning.shapes import moved
 from tests.planning.tools import reached_share, volumes_in_part
 
-CLEARANCE, YIELDS = 0.001, 20.0 / 20000.0
+CLEARANCE, YIELDS, RADIUS = 0.001, 20.0 / 20000.0, 0.025
 PLATE = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
 
 
@@ -40,9 +40,9 @@ def asked(folder, fixture) -> PartConfig:
     return PartConfig(str(folder / "plate.stl"), up="z", fixture_file=str(folder / "fixture.stl"))
 
 
-def planned(folder, fixture, pattern="contour", radius=0.025) -> PlanResult:
+def planned(folder, fixture, pattern="contour", choice="auto") -> PlanResult:
     plan = PlanConfig(pattern=pattern, region="point:0,0,0", stepover_m=0.01)
-    return plan_part(asked(folder, fixture), plan, pad=PadConfig(radius_m=radius))
+    return plan_part(asked(folder, fixture), plan, pad=PadConfig(radius_m=RADIUS, choice=choice))
 
 
 @pytest.mark.parametrize(("height", "body"), [(10.0, "pad"), (80.0, "spindle")])
@@ -52,13 +52,13 @@ def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_mus
     """The pad keeps 1 mm; the spindle's wider housing 1 mm and what the part may lie otherwise."""
     result = planned(tmp_path, wall(height))
     spindle = next(known for known in BEHIND_PAD if known.name == body).radius if body == "spindle" else 0.0
-    middle = 0.025 + CLEARANCE if body == "pad" else spindle + CLEARANCE + UNSURE_M
+    middle = RADIUS + CLEARANCE if body == "pad" else spindle + CLEARANCE + UNSURE_M
     x = result.path.positions_work[result.path.process, 0]
     assert x.max() == pytest.approx(0.08 - middle, abs=0.0005 + 0.05 * 0.01)
     assert next(iter(result.area.left_out)) == f"{body} too near the fixture"
     # Its corners are the round pad's as well: up to (1 - pi / 4) r^2 each.
-    strip = 0.12 * (middle - 0.025)
-    assert strip * 0.9 < result.figures["unreachable_area_m2"] < strip * 1.1 + 2 * 0.22 * 0.025**2
+    strip = 0.12 * (middle - RADIUS)
+    assert strip * 0.9 < result.figures["unreachable_area_m2"] < strip * 1.1 + 2 * 0.22 * RADIUS**2
     assert any(note.endswith(f"{body} too near the fixture") for note in result.notes)
 
 
@@ -69,10 +69,9 @@ def test_a_fixture_well_below_the_plate_is_no_hindrance(tmp_path, free):
 
 
 def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan(tmp_path):
-    radius = 0.025
-    result = planned(tmp_path, vice(), "raster", radius)
-    assert max(volumes_in_part(result.path, vice(), radius, -YIELDS).values()) < 0.05
-    assert max(volumes_in_part(result.path, PLATE, radius, YIELDS).values()) < 0.05
+    result = planned(tmp_path, vice(), "raster")
+    assert max(volumes_in_part(result.path, vice(), RADIUS, -YIELDS).values()) < 0.05
+    assert max(volumes_in_part(result.path, PLATE, RADIUS, YIELDS).values()) < 0.05
     assert result.figures["pad_in_part_max_m"] == 0.0
     assert reached_share(result.figures) > 0.95
 
@@ -89,7 +88,7 @@ def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_
 def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
     around = trimesh.creation.box((900, 900, 900))
     with pytest.raises(PlanError, match=r"fixture .* own frame and unit"):
-        planned(tmp_path, around)
+        planned(tmp_path, around, choice="given")
 
 
 def test_part_and_fixture_joined_enclose_the_volume_of_both(tmp_path):
