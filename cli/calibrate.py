@@ -4,7 +4,6 @@ robots."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -84,24 +83,16 @@ def payload(given: Given) -> int:
     poses."""
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration import read_readings
-    from polish_sim.experiments import calibrate_from
+    from polish_sim.experiments import calibrate_from, run_payload_calibration
 
     drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
 
-    def run(seed: int) -> PayloadCalibration:
-        from polish_sim.cell import SILENT
-        from polish_sim.experiments import run_payload_calibration
-
-        with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
-            return run_payload_calibration(replace(scenario, seed=seed), drift, observer)
-
-    def fit(file: Path) -> PayloadCalibration:
-        return calibrate_from(read_readings(file), drift)
-
-    asked = PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
     means = Means(
-        "calibrate-payload", "payload", run, _show_estimate, _write, *asked, fit, "mean", folders=True
-    )
+        "calibrate-payload", "payload",
+        lambda seed, observer: run_payload_calibration(replace(scenario, seed=seed), drift, observer),
+        _show_estimate, _write, PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS,
+        lambda file: calibrate_from(read_readings(file), drift), "mean", folders=True,
+    )  # fmt: skip
     return carry_out(
         given if given["--data"] else {**given, "--seed": scenario.seed}, means, (scenario, drift)
     )

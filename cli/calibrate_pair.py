@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
+    from polish_sim.cell import Observer
     from polish_sim.dual.arms import PairArms
     from polish_sim.dual.calibrate import ArmsFound, BasesFound, TcpCalibration
 
@@ -92,17 +93,17 @@ def tcp(given: Given) -> int:
 
         trial = replace(trial, T_flange_tool=tool_on_flange())
 
-    def run(seed: int) -> TcpCalibration:
+    def run(seed: int, _: Observer) -> TcpCalibration:
         gears = _gears(given, seed)
         return run_tcp_calibration(
             replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1]))
         )
 
-    def fit(file: Path) -> TcpCalibration:
-        return calibrate_tcp_from(read_tool_measurements(file))
-
     claims = CALIBRATIONS["tcp-gears" if _elastic(given) else "tcp"], CALIBRATIONS["tcp-data"]
-    means = Means("calibrate-tcp", "tool frame", run, _tcp_notes, _write_tcp, *claims, fit)
+    means = Means(
+        "calibrate-tcp", "tool frame", run, _tcp_notes, _write_tcp, *claims,
+        lambda file: calibrate_tcp_from(read_tool_measurements(file)),
+    )  # fmt: skip
     return carry_out(given, means, trial)
 
 
@@ -121,16 +122,16 @@ def base(given: Given) -> int:
 
     trial = BaseTrial(**chosen(given, "noise", "points"))
 
-    def run(seed: int) -> BasesFound:
+    def run(seed: int, _: Observer) -> BasesFound:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    def fit(file: Path) -> BasesFound:
-        return calibrate_base_from(read_base_measurements(file))
-
     claims = CALIBRATIONS["base-gears" if _elastic(given) else "base"], CALIBRATIONS["base-data"]
-    write = partial(_write_base, _pair(given))
-    return carry_out(given, Means("calibrate-base", "bases", run, _base_notes, write, *claims, fit), trial)
+    means = Means(
+        "calibrate-base", "bases", run, _base_notes, partial(_write_base, _pair(given)), *claims,
+        lambda file: calibrate_base_from(read_base_measurements(file)),
+    )  # fmt: skip
+    return carry_out(given, means, trial)
 
 
 @takes(
@@ -170,16 +171,15 @@ def arm(given: Given) -> int:
     tolerance = Tolerance()._replace(**{name: error for name, error in errors.items() if error is not None})
     trial = ArmTrial(tolerance, **chosen(given, "noise", "poses"))
 
-    def run(seed: int) -> ArmsFound:
+    def run(seed: int, _: Observer) -> ArmsFound:
         gears = _gears(given, seed)
         return run_arm_calibration(replace(trial, seed=seed, gears=gears and gears[0].gears))
 
-    def fit(file: Path) -> ArmsFound:
-        return calibrate_arm_from(read_tracked(file))
-
-    claims = CALIBRATIONS["arm"], CALIBRATIONS["arm-data"]
-    write = partial(_write_arm, _pair(given))
-    return carry_out(given, Means("calibrate-arm", "arms", run, _arm_notes, write, *claims, fit), trial)
+    means = Means(
+        "calibrate-arm", "arms", run, _arm_notes, partial(_write_arm, _pair(given)), CALIBRATIONS["arm"],
+        CALIBRATIONS["arm-data"], lambda file: calibrate_arm_from(read_tracked(file)),
+    )  # fmt: skip
+    return carry_out(given, means, trial)
 
 
 def _elastic(given: Given) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +24,7 @@ from polish_sim.row_file import write_metrics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from polish_sim.cell import Observer
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
     from polish_sim.identification.log_file import RobotLog
@@ -118,16 +118,14 @@ def _robot(given: Given) -> LoggedRobot:
 
 def simulated(settings: IdentifySettings, given: Given) -> int:
     """Identify simulated arms, for a task if one is given: one, or as many as there are ``--seeds``."""
-    from polish_sim.cell import SILENT
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.use_motion import use_states
 
     use = None if given["--task"] is None else use_states(given["--task"])
 
-    def run(seed: int) -> Identification:
-        with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
-            return run_identification(replace(settings, seed=seed), observer, use)
+    def run(seed: int, observer: Observer) -> Identification:
+        return run_identification(replace(settings, seed=seed), observer, use)
 
     def write(found: Identification, folder: Path) -> None:
         write_folder(folder, found)

@@ -7,8 +7,6 @@ import hashlib
 import json
 import math
 import shutil
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
@@ -23,7 +21,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, refuse_beside, refuse_
 from polish_sim.cli.output_folder import claimed, rows_folder
 from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
 from polish_sim.config import Checked
-from polish_sim.errors import InputError, count_text, number_text
+from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.page import save_page
 from polish_sim.row_file import (
@@ -39,12 +37,12 @@ from polish_sim.row_file import (
 )
 
 if TYPE_CHECKING:
+    from polish_sim.cell import Observer
     from polish_sim.planning import PlanResult, ToolPath
-    from polish_sim.workers import Heard, Runner, Workers
+    from polish_sim.workers import Runner
 
 T = TypeVar("T")
 ASKED = "asked.json"  #: What the rows in the folder are of
-QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
 
 @contextmanager
@@ -90,12 +88,24 @@ def filled(
             )
         )
 
-    from polish_sim.workers import Runner
+    from polish_sim.cli.progress import FIRST_START
+    from polish_sim.kernel_cache import is_warm
+    from polish_sim.workers import Runner, open_workers
 
     begin = begin or {ASKED: json.dumps(asked, indent=1) + "\n"}
     with rows_folder(given["--out"], kind, kind.partition("-")[0], begin, refuse) as folder:
         kept, work = prepare(folder)
-        with at_work(given, stage, files, usual) as (workers, heard):
+        on = given["--on"] or ("local" if given["--workers"] else usual)
+        if not is_warm() and on != "here":
+            console.note(FIRST_START)
+        with open_workers(on, given["--workers"], files) as workers, console.progress() as observer:
+            observer.stage(f"{stage}: {workers.where}")
+
+            def heard(done: int, total: int, trouble: str | None) -> None:
+                if trouble is not None:
+                    console.note(f"warning: {trouble}.")
+                observer.progress(done, total)
+
             runner = Runner(kept, workers, heard)
             done = work(runner)
         # Said before what is shown of them.
@@ -133,52 +143,6 @@ def _difference(begun: Metrics, asked: Metrics) -> str:
 
 def _listed(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-@contextmanager
-def at_work(given: Given, stage: str, files: Sequence[Path], usual: str) -> Iterator[tuple[Workers, Heard]]:
-    """Workers of ``--on`` (``usual`` where it is not given) and ``--workers``, and what shows how far they
-    are.
-
-    ``files``: the user's, which are shipped to other machines.
-    """
-    from polish_sim.cli.progress import FIRST_START
-    from polish_sim.kernel_cache import is_warm
-    from polish_sim.workers import open_workers
-
-    on = given["--on"] or ("local" if given["--workers"] else usual)
-    if not is_warm() and on != "here":
-        console.note(FIRST_START)
-    with open_workers(on, given["--workers"], files) as workers, console.progress() as observer:
-        observer.stage(f"{stage}: {workers.where}")
-        begun = shown = time.monotonic()
-        first = -1
-
-        def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal begun, shown, first
-            if trouble is not None:
-                console.note(f"warning: {trouble}.")
-            first = done + 1 if first < 0 else first
-            now = time.monotonic()
-            if done <= first:  # what comes before the first result is no measure
-                begun = now
-            if sys.stderr.isatty():
-                observer.progress(done, total)
-            elif done == total or (done > first and now - shown >= QUIET_S):
-                shown, left = now, (now - begun) / max(1, done - first) * (total - done)
-                console.note(
-                    f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else "")
-                )
-
-        yield workers, heard
-
-
-def duration(seconds: float) -> str:
-    """A time as people say it."""
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 1.5 * size:
-            return f"{number_text(seconds / size, 2)} {unit}"
-    return f"{max(1, round(seconds))} s"
 
 
 # Many seeds of one work: a row each.
@@ -290,7 +254,7 @@ class Means(NamedTuple):
 
     kind: str  #: Of the folder, e.g. ``calibrate-tcp``
     what: str  #: What is found, for titles
-    run: Callable[[int], Any]  #: Simulates with a seed
+    run: Callable[[int, Observer], Any]  #: Simulates with a seed
     show: Callable[[Any], tuple[str, ...]]  #: Prints its own tables, returns notes
     write: Callable[[Any, Path], None]
     claims: Sequence[Claim]  #: Asked where it is simulated
@@ -312,7 +276,11 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
         many = Many(means.kind, means.what, depends, each, means.claims, means.mean, means.usual)
         return run_seeds(many, given)
     with claimed(given, means.kind) as folder:
-        found = means.fit(data) if data and means.fit else means.run(first)
+        if data and means.fit:
+            found = means.fit(data)
+        else:
+            with console.progress() as observer:
+                found = means.run(first, observer)
         means.write(found, folder.draft)
         title = f"{means.what} from {data.name}" if data else f"{means.what}, seed {first}"
         claims = means.of_data if data else means.claims
@@ -325,7 +293,9 @@ def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
     place = folder.resolve()
 
     def one(seed: int) -> Metrics:
-        found = means.run(seed)
+        from polish_sim.cell import SILENT  # the simulator is slow to import
+
+        found = means.run(seed, SILENT)
         if means.folders:
             with whole_folder(seed_folder(place, seed)) as own:
                 means.write(found, own)

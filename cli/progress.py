@@ -23,6 +23,7 @@ from rich.progress import (
 
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.config import Scenario
+from polish_sim.errors import duration_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.kernel_cache import event, is_warm, kernels_under
 from polish_sim.scenario_file import merge
@@ -176,7 +177,9 @@ class ProgressObserver:
             TimeRemainingColumn(),
         )
         terminal = sys.stderr.isatty()
-        with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
+        with Progress(
+            *columns, console=console, transient=True, get_time=time.monotonic, disable=not terminal
+        ) as bar:
             shown = bar.console.print if terminal else say
             observer = cls(bar, shown, sinks, None if terminal else QUIET_S)
             with compiling_shown(observer.compiled if terminal else now_and_then(say)) as observer.compiling:
@@ -197,10 +200,12 @@ class ProgressObserver:
 
     def progress(self, done: float, total: float) -> None:
         """Say how far the stage is, in any unit; where no bar can be shown, in a line now and then."""
+        self._bar.update(self._task, description=self._stage, completed=done, total=total)
         if self._quiet_s is not None and time.monotonic() - self._told_at >= self._quiet_s and total > 0.0:
             self._told_at = time.monotonic()
-            self._say(f"{self._stage}: {done / total:.0%}")
-        self._bar.update(self._task, description=self._stage, completed=done, total=total)
+            left = self._bar.tasks[0].time_remaining
+            about = f", about {duration_text(left)} left" if left else ""
+            self._say(f"{self._stage}: {done / total:.0%}{about}")
 
     def start(self, cell: Any) -> None:
         """Show the cell that is about to run to those who want to see it."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
-from polish_sim.cli.many import duration, filled
+from polish_sim.cli.many import filled
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OWN,
@@ -26,7 +26,7 @@ from polish_sim.cli.options import (
 )
 from polish_sim.cli.run import checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import count_text, needed, refuse_idle, unknown_name
+from polish_sim.errors import count_text, duration_text, needed, refuse_idle, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
 from polish_sim.page import Table, save_page
@@ -153,7 +153,7 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
     rows += [["done", str(total - missing)]] if total > missing else []
     rows += [["on", f"{on}, on {count_text(share, 'processor')}" if on in ("local", "dask") else on]]
     if run_s is not None:
-        about = duration(run_s * missing / share)
+        about = duration_text(run_s * missing / share)
         rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
     title = f"sweep {study.base.experiment}, {study.base.controller.label}"

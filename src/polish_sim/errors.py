@@ -142,6 +142,14 @@ def count_text(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def duration_text(seconds: float) -> str:
+    """A time as people say it."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{number_text(seconds / size, 2)} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
 def leave_out(names: Sequence[str], why: str) -> str:
     """Name options that have no effect and say to leave them out, singular or plural."""
     return f"{', '.join(names)} {why}: leave {'it' if len(names) == 1 else 'them'} out."

@@ -25,7 +25,11 @@ def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
         for second in range(50):
             now[0] = 100.0 + second
             observer.progress(second, 50.0)
-    assert said == ["plan the path", "plan the path: 40%", "plan the path: 80%"]
+    assert said == [
+        "plan the path",
+        "plan the path: 40%, about 30 s left",
+        "plan the path: 80%, about 10 s left",
+    ]
 
 
 def test_compiling_is_told_once_and_only_when_it_happens():
