@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -52,6 +52,12 @@ def say_folder(folder: Path) -> None:
 def note(text: str) -> None:
     """Print a line about the work (what was assumed, a stage, a warning) on stderr."""
     print(text, file=sys.stderr, flush=True)
+
+
+def notes(texts: Iterable[str]) -> None:
+    """Print what a user should know of the work, a line each, on stderr."""
+    for text in texts:
+        note(f"note: {text}")
 
 
 def fail(message: str, exit_code: int) -> int:

@@ -76,7 +76,6 @@ def inspect(path: InspectedFile, given: Given) -> None:
         write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})
         write_coverage_mesh(folder.draft / "coverage.ply", found)
         save_plots(folder.draft, {"coverage.png": plot_maps(found), "spacing.png": plot_distributions(found)})
-    for note in notes:
-        console.note(f"note: {note}")
+    console.notes(notes)
     console.table(path_table(f"{path.name} on {found.mesh.name}", found.figures))
-    console.say(f"folder: {folder.final}")
+    console.say_folder(folder.final)

@@ -35,7 +35,6 @@ from polish_sim.workers import engine
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
 PURE = Unit("", 1.0)
-_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
 _IN_RUNS: Mapping[str, tuple[str, str]] = {
     "payload": ("payload", "file"),
     "base": ("dual", "bases_file"),
@@ -170,7 +169,8 @@ OWN = {
             "--out",
             OUTPUT,
             "DIR",
-            "Output folder; default results/<command>[-<experiment>]/<date-time>.",
+            "Output folder; default results/<command>[-<experiment>]/<date-time>. Rows begun there are "
+            "continued.",
             Path,
         ),
         Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder.", bool),
@@ -258,12 +258,12 @@ def takes(
         option if isinstance(option, Own) else OWN.get(option) or keys[option].own for option in options
     ]
     chosen.sort(key=lambda option: PANELS.index(option.panel) if option.panel in PANELS else -1)
-    names = {_parameter(option): option.name for option in chosen}
+    names = {f"option_{number}": option.name for number, option in enumerate(chosen)}
 
     def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
         hints = inspect.get_annotations(command, eval_str=True)
         own = [p for p in inspect.signature(command).parameters.values() if p.name != "given"]
-        flat = [p.replace(annotation=hints[p.name]) for p in own] + [_declared(option) for option in chosen]
+        flat = [p.replace(annotation=hints[p.name]) for p in own] + list(map(_declared, names, chosen))
 
         @wraps(command)
         def flattened(**values: Any) -> Any:
@@ -281,11 +281,7 @@ def takes(
     return decorated
 
 
-def _parameter(option: Own) -> str:
-    return "o_" + option.name.strip("-").replace("-", "_")
-
-
-def _declared(option: Own) -> inspect.Parameter:
+def _declared(parameter: str, option: Own) -> inspect.Parameter:
     """An option as a parameter Typer understands."""
     switch = option.kind is bool
     kind: Any = bool if switch else list[str] | None if option.kind is list else str | None
@@ -298,7 +294,7 @@ def _declared(option: Own) -> inspect.Parameter:
         show_default=False,
     )
     return inspect.Parameter(
-        _parameter(option),
+        parameter,
         inspect.Parameter.KEYWORD_ONLY,
         default=False if switch else None,
         annotation=Annotated[kind, declared],
@@ -335,7 +331,7 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
     """Read the text of option ``name`` as a number of a unit, between ``low`` and ``high`` [SI], into SI.
 
     Raises:
-        InputError: It is not a number; says how to write it.
+        InputError: It is not a number; says its unit.
         ConfigError: It is out of range.
     """
     word = str(text).strip()
@@ -344,7 +340,8 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
     try:
         number = float(word)
     except ValueError:
-        raise InputError(f"{name} '{text}' is not a number{_how_to_write(word, unit)}.") from None
+        wanted = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
+        raise InputError(f"{name} '{text}' is not a number{wanted}.") from None
     if not low <= number * unit.si <= high:
         bounds = f"{number_text(low / unit.si, 4)} to {number_text(high / unit.si, 4)} {unit.name}".rstrip()
         message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
@@ -353,24 +350,6 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
             message += f" For {number_text(number)} {metres} write {number_text(1e3 * number)}."
         raise ConfigError(message)
     return number * unit.si
-
-
-def _how_to_write(word: str, unit: Unit) -> str:
-    """How a number with a unit behind it is written without."""
-    found = re.fullmatch(r"([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(\D+)", word)
-    plain = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
-    if not found:
-        return plain
-    try:
-        number = float(found[1])
-        suffix = found[2].strip().lower()
-    except ValueError:
-        return plain
-    if suffix == unit.name.lower():
-        return f": write {number_text(number)}; the unit is {unit.name}"
-    if unit.name == "mm" and suffix in _LENGTHS:
-        return f": write {number_text(number * _LENGTHS[suffix] / 1e-3)}; the unit is mm"
-    return plain
 
 
 def read_count(name: str, text: str, low: float, high: float) -> int:
@@ -385,8 +364,9 @@ def read_count(name: str, text: str, low: float, high: float) -> int:
     except ValueError:
         raise InputError(f"{name} '{text[:40]}' is not a whole number.") from None
     if not low <= number <= high:
-        shown = [number_text(int(bound) if math.isfinite(bound) else bound) for bound in (low, high)]
-        raise ConfigError(f"{name} {number_text(number)} is outside {shown[0]} to {shown[1]}.")
+        raise ConfigError(
+            f"{name} {number_text(number)} is outside {number_text(low)} to {number_text(high)}."
+        )
     return number
 
 
@@ -396,9 +376,7 @@ def _read_list(key: Key, text: str) -> list[float]:
         return []
     count = key.spec["length"]
     unit = key.option.unit
-    units: Sequence[Unit] = (
-        unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
-    )
+    units: Any = POSE if unit == POSE else (unit,) * count
     numbers = numbers_of(text, count)
     direction = not units[0].name
     if not numbers or (direction and not any(numbers)):
@@ -480,21 +458,13 @@ def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
 
 
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
-    """Each file under the key of its kind of calibration; InputError: two of one kind, or not a
-    calibration."""
-    if experiment != "dual":
-        if len(files) > 1:
-            raise InputError(
-                "--calibration is given more than once: a run of one robot takes one, of 'payload'."
-            )
-        section, name = _IN_RUNS["payload"]
-        return {section: {name: files[0]}}
-    # Lazy: only a run of two robots reads a calibration to see its kind.
-    from polish_sim.calibration import calibration_kind
+    """Each file under the key of its kind of calibration; InputError: two of one kind, or none a run
+    takes."""
+    from polish_sim.calibration import calibration_kind  # the numerical libraries are slow to import
 
     taken: dict[str, str] = {}
     for file in files:
-        kind = calibration_kind(Path(file), tuple(_IN_RUNS))
+        kind = calibration_kind(Path(file), tuple(_IN_RUNS) if experiment == "dual" else ("payload",))
         if kind in taken:
             raise InputError(
                 f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
@@ -546,22 +516,13 @@ def refuse_idle_on_path(plan: PlanConfig, given: Given) -> None:
     """
     from polish_sim.planning import PATTERNS  # numpy is slow to import
 
-    listens = {name: pattern.listens for name, pattern in PATTERNS.items()}
-    keys = config_keys(Scenario())
-    some = {name for names in listens.values() for name in names}
-    for option, key in keys.items():
-        if (
-            given.get(option) is None
-            or key.section != "plan"
-            or key.name not in some
-            or plan.pattern not in listens
-        ):
-            continue
-        if key.name not in listens[plan.pattern]:
-            where = ", ".join(sorted(name for name, names in listens.items() if key.name in names))
+    for option, key in config_keys(Scenario()).items():
+        of_plan = key.section == "plan"
+        where = [name for name, pattern in PATTERNS.items() if of_plan and key.name in pattern.listens]
+        if where and given.get(option) is not None and plan.pattern in PATTERNS.keys() - where:
             raise InputError(
                 f"{option} would change nothing with the pattern '{plan.pattern}': leave it out. "
-                f"It counts for: {where}."
+                f"It counts for: {', '.join(sorted(where))}."
             )
     if given.get("--axis-deviation") is not None and plan.axis_smoothing_m == 0.0:
         raise InputError(

@@ -164,8 +164,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     from polish_sim.analysis.metrics import much_left_out
     from polish_sim.planning.quality.figures import path_table
 
-    for note in result.notes:
-        console.note(f"note: {note}")
+    console.notes(result.notes)
     if unreached:
         console.note(f"error: {unreached} The plan is written, unproven.")
     if dual:
@@ -239,8 +238,7 @@ def _missed_notes(missed: Sequence[tuple[Patch, str]]) -> list[str]:
 def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: Sequence[str]) -> None:
     from polish_sim.geometry.orientation import name_direction
 
-    for note in notes:
-        console.note(f"note: {note}")
+    console.notes(notes)
     rows = []
     for number, result in enumerate(done, 1):
         m = result.figures

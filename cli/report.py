@@ -46,6 +46,5 @@ def report(runs: Runs, given: Given) -> None:
         save_page(folder.draft, saved_page(runs, records))
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     console.table(runs_table(records)._replace(title=f"{name}: {count_text(len(records), 'run')}"))
-    for text in notes_of(records):
-        console.note(f"note: {text}")
+    console.notes(notes_of(records))
     console.say_folder(folder.final)

@@ -366,8 +366,7 @@ def plan_to_run(
             else:
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     finally:
-        for text in plan.notes:
-            console.note(f"note: {text}")
+        console.notes(plan.notes)
     if folder is not None:
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, SHORT
 from polish_sim.cli.many import filled
-from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
+from polish_sim.cli.options import Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import put_file
-from polish_sim.config.key import CONFIG, OUTPUT, RUN
+from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import count_text
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
@@ -63,17 +63,7 @@ CONTROLLER_TEXT = (
         1e6,
     ),
     Own("--list", RUN, "", "List the cases and what is run in each.", bool),
-    OWN["--check"],
-    Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config for --controller; may be repeated.", list),
-    OWN["--workers"],
-    OWN["--on"],
-    Own(
-        "--out",
-        OUTPUT,
-        "DIR",
-        "Folder; the same score begun there is continued. Default results/score/...",
-        Path,
-    ),
+    *("--check", "--set", "--workers", "--on", "--out"),
     Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept.", bool),
 )
 def score(given: Given) -> int:

@@ -93,7 +93,6 @@ def smooth(path: PathFile, given: Given) -> None:
 
     with claimed(given, "smooth") as folder, console.progress() as observer:
         figures, notes = smooth_file(path, given, folder.draft, observer)
-    for text in notes:
-        console.note(f"note: {text}")
+    console.notes(notes)
     show_smoothing(path.name, figures)
-    console.say(f"folder: {folder.final}")
+    console.say_folder(folder.final)

@@ -16,7 +16,6 @@ from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import filled
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
-    OWN,
     Given,
     Own,
     argument,
@@ -57,10 +56,7 @@ What = Annotated[
     Own("--seeds", RUN, "N", "Seeds per point, counting up from --seed; default 1.", int, 1, 1e6),
     Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing.", bool),
     Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>.", bool),
-    Own("--out", OUTPUT, "DIR", "Folder; a sweep begun there is continued and added to. Default "
-                                "results/sweep-.../...",
-        Path),
-    "--seed", OWN["--workers"], OWN["--on"], *OF_RUNS, *CONFIG_OPTIONS,
+    *("--seed", "--workers", "--on", *OF_RUNS, *CONFIG_OPTIONS, "--out"),
 )  # fmt: skip
 def sweep(what: What, given: Given) -> int:
     """Run an experiment over many settings and seeds: one folder with runs.parquet, study.toml and a page."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import filled
-from polish_sim.cli.options import OWN, Given, Own, argument, takes
+from polish_sim.cli.options import Given, Own, argument, takes
 from polish_sim.cli.output_folder import put_file
-from polish_sim.config.key import CONFIG, OUTPUT, RUN
+from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, needed, number_text, unknown_name
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
@@ -74,16 +74,7 @@ ControllerName = Annotated[
         1,
         1e3,
     ),
-    OWN["--workers"],
-    OWN["--on"],
-    Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config that stays as it is; may be repeated.", list),
-    Own(
-        "--out",
-        OUTPUT,
-        "DIR",
-        "Folder; the same search begun there is continued. Default results/tune/...",
-        Path,
-    ),
+    *("--workers", "--on", "--set", "--out"),
 )
 def tune(controller: ControllerName, given: Given) -> int:
     """Search the parameters that make a figure of the score small, and write them as tuned.toml.

@@ -41,13 +41,8 @@ class Address(NamedTuple):
 
 
 def asked_address(given: Given) -> Address:
-    """What a command was given, checked before anything starts.
-
-    Raises:
-        InputError: viser is not installed.
-    """
-    needed("viser", "the live view needs viser", "view")
-    return Address(given.get("--live-host") or LOOPBACK, given.get("--live-port") or 0)
+    """Where a command is to serve its page."""
+    return Address(given["--live-host"] or LOOPBACK, given["--live-port"] or 0)
 
 
 def live_address(given: Given) -> Address | None:
@@ -59,6 +54,7 @@ def live_address(given: Given) -> Address | None:
     if not given.get("--live"):
         refuse_without(given, "--live", "--live-port", "--live-host")
         return None
+    needed("viser", "the live view needs viser", "view")
     return asked_address(given)
 
 
@@ -202,7 +198,7 @@ def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], giv
         raise InputError(
             f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again."
         )
-    asked = Address(given["--live-host"] or LOOPBACK, given["--live-port"] or 0)
+    asked = asked_address(given)
     address = free_address(asked)
     with page_server(address, page_html(saved).encode()) as server, contextlib.suppress(KeyboardInterrupt):
         say_address(asked, address)

@@ -7,7 +7,6 @@ axes do not meet) is a row of `ARMS`; docs/new_arm.md says what it needs.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 Six = tuple[float, float, float, float, float, float]
@@ -37,7 +36,7 @@ class ArmTable(NamedTuple):
     damped: Six  #: and by speed [N m s/rad]
     links: tuple[ArmLink, ...] = ()  #: Of joints 1 to 6; empty: those of the model file
     #: Keys of [robot.real] that differ from the defaults
-    gears: Mapping[str, tuple[float, ...]] = MappingProxyType({})
+    gears: Mapping[str, tuple[float, ...]] = {}
 
 
 def _sizes(first: float, second: float, elbow: float, wrist: float) -> Six:
@@ -79,7 +78,7 @@ _UR10E = ArmTable(
         ArmLink(0.615, (0.0, 0.0, -0.026), (0.0003, 0.0004, 0.0003, 0.0, 0.0, 0.0),
                 (0.0, 0.0, -0.04, 0.0, 0.0, -0.02), 0.045),
     ),
-    gears=MappingProxyType({
+    gears={
         "stiffness_1_nm_rad": _sizes(67e3, 67e3, 31e3, 16e3),
         "stiffness_2_nm_rad": _sizes(110e3, 110e3, 50e3, 25e3),
         "stiffness_3_nm_rad": _sizes(120e3, 120e3, 57e3, 29e3),
@@ -90,9 +89,9 @@ _UR10E = ArmTable(
         "gear_error_rad": (4.2e-5, 1.35e-5, 1.65e-5, 2.9e-4, 2.9e-4, 2.9e-4),
         "viscous_nm_s_rad": (23.3, 20.4, 9.0, 3.55, 2.3, 3.2),
         "coulomb_nm": (16.8, 11.8, 5.3, 2.8, 3.3, 2.75),
-    }),
+    },
 )  # fmt: skip
-ARMS: Mapping[str, ArmTable] = MappingProxyType({"ur5e": _UR5E, "ur10e": _UR10E})
+ARMS: Mapping[str, ArmTable] = {"ur5e": _UR5E, "ur10e": _UR10E}
 """By the word of ``robot.arm``; the model file draws the first."""
 IDEAL = "ideal"  #: The first one with rigid gears, exact encoders and an exact table
 FIRST = next(iter(ARMS))

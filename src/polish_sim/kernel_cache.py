@@ -318,38 +318,35 @@ class _Part(_Function):
         return Dispatcher(self._bare)
 
 
-class _Kernel(_Function):
-    """A function compiled at its first call."""
+class _Kept:
+    """What is taken from the cache, or compiled and kept there."""
 
     def __init__(self, function: Any, *arguments: Any, **options: Any) -> None:
-        super().__init__(function, *arguments, **options)
+        super().__init__(function, *arguments, **options)  # type: ignore[call-arg]
         self._cache = KernelCache(function)
 
-    def compile(self, signature: Any) -> Any:
+    def compile(self, *signature: Any) -> Any:
         """Entry point for a signature, from the cache or compiled."""
         try:
-            return super().compile(signature)
+            return super().compile(*signature)  # type: ignore[misc]
         finally:
             self._cache.release()
 
 
-class _Callback(CFunc):  # type: ignore[misc]
+class _Kernel(_Kept, _Function):
+    """A function compiled at its first call."""
+
+
+class _Callback(_Kept, CFunc):  # type: ignore[misc]
     """A C callback, compiled when its address is first asked for."""
 
     _wrapper_address: int | None
-
-    def __init__(self, function: Any, *arguments: Any, **options: Any) -> None:
-        super().__init__(function, *arguments, **options)
-        self._cache = KernelCache(function)
 
     @property
     def address(self) -> int:
         """Address of the C function."""
         if self._wrapper_address is None:
-            try:
-                self.compile()
-            finally:
-                self._cache.release()
+            self.compile()
         assert self._wrapper_address is not None
         return self._wrapper_address
 

@@ -27,59 +27,56 @@ UNREADABLE = (
 PHASES = ("approach", "touch_down", "process", "retract")
 APPROACH_PHASE, TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = range(len(PHASES))  #: Codes in the log
 
-# Shape of one row ("" = scalar) and unit of every column, base frame unless the name says otherwise.
-COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
-    {
-        "time_s": (0, "s"),
-        "q_rad": (6, "rad"),
-        "qd_rad_s": (6, "rad/s"),
-        "torque_nm": (6, "N m"),
-        "tcp_position_m": (3, "m"),
-        "tcp_quaternion_wxyz": (4, "-"),
-        "target_position_m": (3, "m"),
-        "target_quaternion_wxyz": (4, "-"),
-        "tcp_speed_m_s": (0, "m/s"),
-        "command_twist": (6, "m/s, rad/s"),
-        "wrench_measured_tool": (6, "N, N m"),
-        "wrench_raw_sensor": (6, "N, N m"),
-        "wrench_true_tool": (6, "N, N m"),
-        "normal_force_n": (0, "N"),
-        "normal_force_min_n": (0, "N"),
-        "normal_force_max_n": (0, "N"),
-        "pad_travel_m": (0, "m"),
-        "path_s_m": (0, "m"),
-        "pass_index": (0, "-"),
-        "phase": (0, "-"),
-        "host_depth_m": (0, "m"),  # of the tool beyond its target along the target's axis, by the encoders
-    }
-)
+# Numbers in a row of every column, 0 = scalar; base frame unless the name says otherwise; twists and wrenches
+# are (linear; angular) [m/s, rad/s] and (force; torque) [N, N m].
+COLUMNS: Mapping[str, int] = {
+    "time_s": 0,
+    "q_rad": 6,
+    "qd_rad_s": 6,
+    "torque_nm": 6,
+    "tcp_position_m": 3,
+    "tcp_quaternion_wxyz": 4,
+    "target_position_m": 3,
+    "target_quaternion_wxyz": 4,
+    "tcp_speed_m_s": 0,
+    "command_twist": 6,
+    "wrench_measured_tool": 6,
+    "wrench_raw_sensor": 6,
+    "wrench_true_tool": 6,
+    "normal_force_n": 0,
+    "normal_force_min_n": 0,
+    "normal_force_max_n": 0,
+    "pad_travel_m": 0,
+    "path_s_m": 0,
+    "pass_index": 0,
+    "phase": 0,
+    "host_depth_m": 0,  # of the tool beyond its target along the target's axis, by the encoders
+}
 READ_BY_HOST = ("wrench_measured", "wrench_raw", "command", "host", "encoder")
 """Beginnings of the columns that a broken sensor fills with what is no number."""
 NEWER = ("host_depth_m",)  #: Columns that older runs' logs go without
 # Added after the run where they are known; older logs and other experiments go without.
-LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
-    {
-        "exposure_nm": (0, "N m"),
-        "master_q_rad": (6, "rad"),
-        "relative_error_m": (3, "m"),
-        "rule": (0, "-"),
-        "case": (0, "-"),
-        "hand_force_n": (3, "N"),
-        "lent_j": (0, "J"),
-        "encoder_q_rad": (6, "rad"),
-        "target_q_rad": (6, "rad"),
-        "target_qd_rad_s": (6, "rad/s"),
-        "target_qdd_rad_s2": (6, "rad/s^2"),
-        "target_qddd_rad_s3": (6, "rad/s^3"),
-    }
-)
+LATER: Mapping[str, int] = {
+    "exposure_nm": 0,
+    "master_q_rad": 6,
+    "relative_error_m": 3,
+    "rule": 0,
+    "case": 0,
+    "hand_force_n": 3,
+    "lent_j": 0,
+    "encoder_q_rad": 6,
+    "target_q_rad": 6,
+    "target_qd_rad_s": 6,
+    "target_qdd_rad_s2": 6,
+    "target_qddd_rad_s3": 6,
+}
 _INTEGER = {"pass_index": np.int32, "phase": np.int8}
 _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 
 
 @dataclass(frozen=True)
 class RunLog:
-    """Columns of a run, one row per recorded step; see ``COLUMNS`` for names, widths and units."""
+    """Columns of a run, one row per recorded step; see ``COLUMNS`` for names and widths."""
 
     columns: Mapping[str, NDArray[np.generic]]
 
@@ -129,7 +126,7 @@ def with_column(log: RunLog, name: str, values: Array) -> RunLog:
 def row_layout() -> dict[str, tuple[int, int]]:
     """First index and width (0 = scalar) of every column in a packed row."""
     layout, start = {}, 0
-    for name, (width, _unit) in COLUMNS.items():
+    for name, width in COLUMNS.items():
         layout[name] = (start, width)
         start += max(width, 1)
     return layout
@@ -137,15 +134,16 @@ def row_layout() -> dict[str, tuple[int, int]]:
 
 def row_width() -> int:
     """Numbers in one packed row."""
-    return sum(max(width, 1) for width, _unit in COLUMNS.values())
+    return sum(max(width, 1) for width in COLUMNS.values())
 
 
 def write_log(path: Path, log: RunLog) -> None:
     """Write the log; the file appears under its name only when it is whole."""
-    _write_npz(path, log.columns)
+    write_arrays(path, log.columns)
 
 
-def _write_npz(path: Path, columns: Mapping[str, Any]) -> None:
+def write_arrays(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write arrays by name; the file appears under its name only when it is whole."""
     with whole_file(path) as draft, draft.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **columns)
 
@@ -162,7 +160,7 @@ def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
     if missing:
         raise ValueError(f"it lacks the columns {', '.join(missing)}, so it is not a run's log")
     for name, column in columns.items():
-        width, _unit = {**COLUMNS, **LATER}.get(name, (0, ""))
+        width = {**COLUMNS, **LATER}.get(name, 0)
         if column.shape != (columns["time_s"].size, width)[: 1 + (width > 0)]:
             raise ValueError(f"the column {name} has the shape {column.shape}, others have other rows")
         if name.endswith("wxyz") and not column.any(axis=1).all():
@@ -283,7 +281,7 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
         if name in RemovalMap.__dataclass_fields__
     }
     columns["triangles"] = removal.triangles.astype(np.int32)
-    _write_npz(file, columns)
+    write_arrays(file, columns)
 
 
 def read_removal(file: Path) -> RemovalMap:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import shutil
 import warnings
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 ROWS = "rows.jsonl"
 METRICS = "metrics.json"
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
+LONGEST_LINE = 1 << 24  #: Of a row, in bytes
 Row = dict[str, Any]
 Metrics = Mapping[str, Any]  #: By name, as in metrics.json; an undefined one is None or NaN
 
@@ -215,16 +215,8 @@ def _cut_torn_line(file: Path) -> None:
     if not file.exists():
         return
     with file.open("r+b") as opened:
-        end = opened.seek(0, os.SEEK_END)
-        while end > 0:
-            begin = max(0, end - 65536)
-            opened.seek(begin)
-            found = opened.read(end - begin).rfind(b"\n")
-            if found >= 0:
-                end = begin + found + 1
-                break
-            end = begin
-        opened.truncate(end)
+        begin = opened.seek(max(0, file.stat().st_size - LONGEST_LINE))
+        opened.truncate(begin + opened.read().rfind(b"\n") + 1)
 
 
 def _lock(descriptor: int) -> bool:

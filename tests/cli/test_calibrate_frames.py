@@ -77,7 +77,7 @@ def test_a_calibration_of_another_thing_is_refused(made, polish_sim):
     tool = made / "tcp" / "calibration.toml"
     refused(
         polish_sim("run", "force", "--calibration", tool, "--out", "run"),
-        "is not the calibration of a payload",
+        "calibrate payload",
     )
 
 

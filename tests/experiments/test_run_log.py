@@ -20,7 +20,7 @@ def column(result: RunResult, name: str) -> np.ndarray:
 
 
 def test_every_column_of_the_contract_is_there_and_figures_say_what_was_run(freeform):
-    for name, (width, _unit) in COLUMNS.items():
+    for name, width in COLUMNS.items():
         values = freeform.log[name]
         assert values.shape == ((len(freeform.log), width) if width else (len(freeform.log),)), name
         assert np.all(np.isfinite(values)), name

@@ -109,7 +109,7 @@ def test_before_a_slow_place_the_feed_falls_in_time():
     straight = trajectory.build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))
     table = trajectory.with_feed_share(straight, s, np.where(s < 0.1, 1.0, 0.2))
     nodes = np.arange(len(table.positions)) * table.spacing
-    feed = trajectory.slowed_before(table.feed_share, 24.0 * table.spacing)
+    feed = trajectory.slowed_before(table.feed_share, np.full_like(table.feed_share, 24.0 * table.spacing))
     assert np.diff(feed**2).min() >= -24.0 * table.spacing - 1e-12
     before = nodes < 0.1
     wanted = np.sqrt(np.minimum(1.0, 0.04 + 24.0 * np.maximum(0.1 - nodes[before], 0.0)))

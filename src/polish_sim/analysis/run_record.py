@@ -16,7 +16,16 @@ from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
-from polish_sim.log import RemovalMap, RunLog, read_arrays, read_log, read_removal, write_log, write_removal
+from polish_sim.log import (
+    RemovalMap,
+    RunLog,
+    read_arrays,
+    read_log,
+    read_removal,
+    write_arrays,
+    write_log,
+    write_removal,
+)
 from polish_sim.planning.toolpath import ToolPath, interpolate
 from polish_sim.row_file import METRICS, Metrics, check_forms, fits, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
@@ -89,7 +98,7 @@ def write_record(folder: Path, record: RunRecord) -> None:
     write_log(folder / LOG, record.log)
     if record.path is not None:
         columns = {name: column for name, column in vars(record.path).items() if column is not None}
-        np.savez_compressed(folder / PATH, allow_pickle=False, **columns)
+        write_arrays(folder / PATH, columns)
     if record.removal is not None:
         write_removal(folder / REMOVAL, record.removal)
 

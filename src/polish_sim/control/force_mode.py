@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from numba import carray
-
 from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import (
     HybridGains,
@@ -70,11 +68,10 @@ def mode_speed(error: float, dt: float, gains: ForceModeGains, memory: ForceMode
 @cfunc(LAW_SIGNATURE)
 def _force_mode_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Everything but tool z, and before contact tool z too, as ``hybrid-pi`` does it."""
-    c = carray(context, 1, _MODE)[0]
-    m, t, out = records_at(measurement, target, answer)
-    gains, memory, dt = c.gains.hybrid, c.memory, m.cycle
-    position_by_velocity(m, t, gains.position, dt, memory.hybrid, out.twist)
-    turn_and_level(m, t, gains, dt, memory.hybrid, out.twist)
+    c, m, t, out = records_at(context, _MODE, measurement, target, answer)
+    gains, memory = c.gains.hybrid, c.memory
+    position_by_velocity(m, t, gains.position, memory.hybrid, out.twist)
+    turn_and_level(m, t, gains, memory.hybrid, out.twist)
     if not t.contact:
         memory.started = False
         return
@@ -84,7 +81,7 @@ def _force_mode_law(context, _course, measurement, target, answer):  # type: ign
         memory.velocity = along_z(m, m.twist)
         memory.passed = memory.sum = 0.0
         memory.readings = 0
-    replace_along_z(m, mode_speed(t.force - m.wrench[2], dt, c.gains, memory), out.twist)
+    replace_along_z(m, mode_speed(t.force - m.wrench[2], m.cycle, c.gains, memory), out.twist)
 
 
 def force_mode(config: ControllerConfig) -> CompiledController:

@@ -7,8 +7,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from numba import carray
-
 from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import loops
@@ -93,16 +91,16 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
 
 @kernel
 def position_by_velocity(
-    m: Measurement, t: Target, gains: loops.VelocityGains, dt: float, memory: HybridMemory, out: Array
+    m: Measurement, t: Target, gains: loops.VelocityGains, memory: HybridMemory, out: Array
 ) -> None:
     """Linear part of the twist by eq. 6: PD on the velocity error, position through the look-ahead."""
     loops.velocity_toward(m.position, t.position, t.twist[0:3], gains.look_ahead, memory.wanted)
-    loops.velocity_pid(memory.wanted, m.twist[0:3], gains, dt, memory.position, out[0:3])
+    loops.velocity_pid(memory.wanted, m.twist[0:3], gains, m.cycle, memory.position, out[0:3])
 
 
 @kernel
 def turn_to_target(
-    m: Measurement, R_wanted: Array, planned: Array, gains: loops.VelocityGains, dt: float, free_y: bool,
+    m: Measurement, R_wanted: Array, planned: Array, gains: loops.VelocityGains, free_y: bool,
     memory: HybridMemory, out: Array,
 ) -> None:  # fmt: skip
     """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool
@@ -119,7 +117,14 @@ def turn_to_target(
     if free_y:
         for i in range(3):
             memory.wanted[i] -= surplus * m.rotation[i, 1]
-    loops.velocity_pid(memory.wanted, m.twist[3:6], gains, dt, memory.orientation, out[3:6])
+    loops.velocity_pid(memory.wanted, m.twist[3:6], gains, m.cycle, memory.orientation, out[3:6])
+
+
+@kernel
+def follow_plan(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
+    """All of the twist by eq. 6 and 7, no force control."""
+    position_by_velocity(m, t, gains.position, memory, out)
+    turn_to_target(m, t.rotation, t.twist, gains.orientation, False, memory, out)
 
 
 @kernel
@@ -137,9 +142,7 @@ def replace_along_z(m: Measurement, rate: float, out: Array) -> None:
 
 
 @kernel
-def level_about_y(
-    m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array
-) -> None:
+def level_about_y(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
     """Replace the twist's part about tool y by the moment loop: f' = f_xz + f_Fy y (fig. 11).
 
     The loop works about the planned turning rate: from the moment alone the tool would lag behind every bend
@@ -147,7 +150,7 @@ def level_about_y(
     part the pad's moment would otherwise roll the tool over the edge.
     """
     y, look_ahead = m.rotation[:, 1], gains.position.look_ahead
-    rate = loops.force_pi(t.moment, m.wrench[4], gains.moment.limit, gains.moment, dt, memory.moment)
+    rate = loops.force_pi(t.moment, m.wrench[4], gains.moment.limit, gains.moment, m.cycle, memory.moment)
     tilt = along = planned = 0.0
     for i in range(3):
         tilt += y[i] * memory.error[i]
@@ -161,14 +164,12 @@ def level_about_y(
 
 
 @kernel
-def turn_and_level(
-    m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array
-) -> None:
+def turn_and_level(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
     """Angular part of the twist: eq. 7, and in contact the moment loop about tool y."""
     pressing = t.contact
-    turn_to_target(m, t.rotation, t.twist, gains.orientation, dt, pressing, memory, out)
+    turn_to_target(m, t.rotation, t.twist, gains.orientation, pressing, memory, out)
     if pressing:
-        level_about_y(m, t, gains, dt, memory, out)
+        level_about_y(m, t, gains, memory, out)
     else:
         _forget(memory.moment)
 
@@ -185,7 +186,7 @@ def press_hybrid(m: Measurement, t: Target, gains: HybridGains, memory: HybridMe
     The loop's speed into the part stays below that at which the stiffest springs would be struck, and its
     gains are lowered on what it felt to be stiffer than drawn while it landed.
     """
-    turn_and_level(m, t, gains, m.cycle, memory, out)
+    turn_and_level(m, t, gains, memory, out)
     if t.contact:
         speed = along_z(m, m.twist)
         unseen = (gains.strike.delay + m.cycle) * max(speed, memory.pressed)
@@ -210,17 +211,15 @@ _CONTEXT = HybridContext.dtype
 @cfunc(LAW_SIGNATURE)
 def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Eq. 6 and 7 with force along tool z and moment about tool y in contact."""
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = records_at(measurement, target, answer)
-    position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
+    c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
+    position_by_velocity(m, t, c.gains.position, c.memory, out.twist)
     press_hybrid(m, t, c.gains, c.memory, out.twist)
 
 
 @cfunc(LAW_SIGNATURE)
 def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """As ``hybrid-pi`` with the position loop of eq. 5."""
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = records_at(measurement, target, answer)
+    c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
     loops.position_pd(
         m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3]
     )
@@ -230,10 +229,8 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
 @cfunc(LAW_SIGNATURE)
 def _position_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """Eq. 6 and 7 on all six axes, no force control."""
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = records_at(measurement, target, answer)
-    position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
-    turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
+    c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
+    follow_plan(m, t, c.gains, c.memory, out.twist)
 
 
 def _composed(law: Any, text: str) -> Callable[[ControllerConfig], CompiledController]:

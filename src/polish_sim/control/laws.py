@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
@@ -21,17 +21,15 @@ from polish_sim.errors import ConfigError, InputError, number_text, unknown_name
 from polish_sim.lazy import FunctionOnUse
 from polish_sim.workers import local_copy
 
-CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
-    {
-        "hybrid-pi": hybrid_pi,
-        "hybrid-adaptive": FunctionOnUse("polish_sim.control.adaptive.law", "hybrid_adaptive"),
-        "hybrid-pi-position": hybrid_pi_position,
-        "position": position,
-        "force-mode": force_mode,
-    }
-)
+CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = {
+    "hybrid-pi": hybrid_pi,
+    "hybrid-adaptive": FunctionOnUse("polish_sim.control.adaptive.law", "hybrid_adaptive"),
+    "hybrid-pi-position": hybrid_pi_position,
+    "position": position,
+    "force-mode": force_mode,
+}
 
-POLICIES: Mapping[str, str] = MappingProxyType({"linear": ".npz", "sb3": ".zip"})
+POLICIES: Mapping[str, str] = {"linear": ".npz", "sb3": ".zip"}
 """Kinds of policy files, ``FILE:KIND``, with their suffix."""
 _load_policy: Callable[[ControllerConfig], Controller] = FunctionOnUse(
     "polish_sim.envs.policy", "load_policy"

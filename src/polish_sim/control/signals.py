@@ -64,9 +64,10 @@ LAW_SIGNATURE = types.void(*[types.voidptr] * 5)
 
 
 @njit(inline="always")
-def records_at(measurement, target, answer):  # type: ignore[no-untyped-def]
-    """What a law reads and writes, behind the pointers it gets."""
-    return carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0], carray(answer, 1, ANSWER)[0]
+def records_at(context, kind, measurement, target, answer):  # type: ignore[no-untyped-def]
+    """What a law reads and writes, behind the pointers it gets; ``kind``: the type of its context."""
+    m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
+    return carray(context, 1, kind)[0], m, t, carray(answer, 1, ANSWER)[0]
 
 
 CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)

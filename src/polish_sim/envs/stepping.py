@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from numba import carray, types
+from numba import types
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -84,8 +84,7 @@ def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Ar
 
 @cfunc(signals.LAW_SIGNATURE)
 def _twist_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c = carray(context, 1, _CONTEXT)[0]
-    m, _, out = signals.records_at(measurement, target, answer)
+    c, m, _, out = signals.records_at(context, _CONTEXT, measurement, target, answer)
     set_to(out.twist[0:3], matvec(m.rotation, c.command[0:3]))
     set_to(out.twist[3:6], matvec(m.rotation, c.command[3:6]))
     out.feed = c.feed
@@ -93,23 +92,20 @@ def _twist_law(context, _course, measurement, target, answer):  # type: ignore[n
 
 @cfunc(signals.LAW_SIGNATURE)
 def _servo_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = signals.records_at(measurement, target, answer)
+    c, m, t, out = signals.records_at(context, _CONTEXT, measurement, target, answer)
     _offset_plan(c, t, c.command[0:3], t.twist[0:3])
     _offset_plan(c, t, c.command[3:6], t.twist[3:6])
-    hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
-    hybrid.turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
+    hybrid.follow_plan(m, t, c.gains, c.memory, out.twist)
     out.feed = c.feed
 
 
 @cfunc(signals.LAW_SIGNATURE)
 def _force_and_feed_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = signals.records_at(measurement, target, answer)
+    c, m, t, out = signals.records_at(context, _CONTEXT, measurement, target, answer)
     planned = t.force
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
     t.force = max(planned + c.command[0], 0.0)
-    hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
+    hybrid.position_by_velocity(m, t, c.gains.position, c.memory, out.twist)
     hybrid.press_hybrid(m, t, c.gains, c.memory, out.twist)
     out.feed, t.force = c.feed, planned  # the guards go by the plan
 
@@ -164,10 +160,10 @@ def observe(m: signals.Measurement, t: signals.Target, c: ActionContext) -> None
 
 
 @cfunc(signals.LAW_SIGNATURE)
-def observe_law(context, _course, measurement, target, _answer):  # type: ignore[no-untyped-def]
+def observe_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     """`observe` for a controller: it answers nothing."""
-    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
-    observe(m, t, carray(context, 1, _CONTEXT)[0])
+    c, m, t, _ = signals.records_at(context, _CONTEXT, measurement, target, answer)
+    observe(m, t, c)
 
 
 # A step of an environment: the loop from one action to the next.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -110,9 +109,7 @@ HOME = (
     -0.269863625049,
 )
 """Joint angles the hand's moves are centred on, the model file's home [rad]."""
-DIRECTIONS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
-    {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
-)
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 """Unit vectors in the base frame."""
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -195,15 +194,13 @@ class Mode(NamedTuple):
     assist: float = 0.0
 
 
-MODES: Mapping[str, Mode] = MappingProxyType(
-    {
-        "none": Mode("nothing: the hand carries the arm"),
-        "gravity": Mode("gravity", 1.0),
-        "classical": Mode("gravity and friction (paper 3)", 1.0, 1.0),
-        "inertia": Mode("and inertia (paper 3, improved)", 1.0, 1.0, 1.0),
-        "assist": Mode("and start-up assist", 1.0, 1.0, 1.0, 1.0),
-    }
-)
+MODES: Mapping[str, Mode] = {
+    "none": Mode("nothing: the hand carries the arm"),
+    "gravity": Mode("gravity", 1.0),
+    "classical": Mode("gravity and friction (paper 3)", 1.0, 1.0),
+    "inertia": Mode("and inertia (paper 3, improved)", 1.0, 1.0, 1.0),
+    "assist": Mode("and start-up assist", 1.0, 1.0, 1.0, 1.0),
+}
 
 
 def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
@@ -230,17 +227,14 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
 
 
 JOINT_SPEED, TOOL_SPEED, ENERGY, UNSTABLE, TOUCH, JOINT_END = 1, 2, 3, 4, 5, 6
-GUARDS: Mapping[int, str] = MappingProxyType(
-    {
-        JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s: move the hand more slowly",
-        TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s: move the hand more slowly",
-        ENERGY: "the compensation has lent more energy than guide.energy_limit_j: it drives the arm by "
-        "itself",
-        UNSTABLE: "the simulation is unstable: lower simulation.timestep_s",
-        TOUCH: "links touch",
-        JOINT_END: "a joint is at its end",
-    }
-)
+GUARDS: Mapping[int, str] = {
+    JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s: move the hand more slowly",
+    TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s: move the hand more slowly",
+    ENERGY: "the compensation has lent more energy than guide.energy_limit_j: it drives the arm by itself",
+    UNSTABLE: "the simulation is unstable: lower simulation.timestep_s",
+    TOUCH: "links touch",
+    JOINT_END: "a joint is at its end",
+}
 """Reasons of a protective stop, by code."""
 #: Share of a speed limit from which compensation fades: the joints' own friction brakes [-]
 FADE_FROM = 0.9

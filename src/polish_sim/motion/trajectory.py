@@ -87,12 +87,12 @@ def with_feed_share(table: PathTable, s: Array, feed_share: Array) -> PathTable:
 
 
 @njit
-def slowed_before(speeds: Array, gain: float) -> Array:
-    """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` from row to
-    row."""
+def slowed_before(speeds: Array, gain: Array) -> Array:
+    """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` (n,) from row
+    to row."""
     out = speeds.copy()
     for row in range(len(out) - 2, -1, -1):
-        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
+        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain[row]))
     return out
 
 
@@ -262,7 +262,8 @@ def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
     The rate falls by ``rate_change`` [1/s] at most; before a slow place it falls early enough.
     """
     rates = np.minimum(1.0, feed / np.maximum(motion.speeds, 1e-12))
-    return motion._replace(rates=slowed_before(rates, 2.0 * rate_change * motion.spacing))
+    gain = np.full_like(rates, 2.0 * rate_change * motion.spacing)
+    return motion._replace(rates=slowed_before(rates, gain))
 
 
 def row_times(duration: float) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,35 +34,33 @@ LEAST_ALLOWED_N = 2.0  #: The amplitude allowed at small forces [N]
 LARGEST_GROWTH = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]
 QUIET_N = 0.5  #: Growth below this amplitude is noise [N]
 
-DEFINITIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "force": "exact contact force along the tool axis, in the tool frame, at every physics step; error "
-        "= force minus the force wanted at that place",
-        "window": "hold cases: from 0.5 s after first contact (force above 0.5 N) to the end of the hold; "
-        "path cases: phase 2, from the start of the feed at the first process point to the last",
-        "settling_1n_s": "hold cases: from first contact to the moment after which the error stays inside "
-        "+-1 N to the end of the hold; null if it never does, and in path cases",
-        "overshoot_n": "largest force above the wanted one from first contact to the end of the hold; in "
-        "path cases to the start of the feed; 0 if none",
-        "rms_error_n": "root mean square of the error in the window",
-        "p95_error_n": "95th percentile of the error's magnitude in the window",
-        "max_error_n": "largest magnitude of the error in the window",
-        "peak_force_n": "largest force from first contact to the retract",
-        "largest_force_n": "largest force of the whole run, the retract and what follows a stop included",
-        "contact_lost_s": "time with a force of at most 0.5 N between touch-down (phase 2) and the retract",
-        "stable": "no protective stop, the job done to its end, no contact lost, and no oscillation: the "
-        "force minus its moving mean over 0.25 s has in the last half of the window an amplitude "
-        "(rms times sqrt 2) of at most 10% of the wanted force or 2 N, whichever is larger, and "
-        "in the last quarter at most twice that of the quarter before it or 0.5 N",
-        "duration": "simulated time of the run [s]",
-        "mean_error_n": "mean of the error in the window",
-        "std_n": "standard deviation of the error in the window",
-        "oscillation_n": "the amplitude by which `stable` judges",
-        "slowed": "path cases: share of the wanted feed the controller did not drive, ramps included [-]",
-        "peaks_error_n": "path cases: mean over the curvature peaks of the path of the largest error within "
-        "15 mm",
-    }
-)
+DEFINITIONS: Mapping[str, str] = {
+    "force": "exact contact force along the tool axis, in the tool frame, at every physics step; error "
+    "= force minus the force wanted at that place",
+    "window": "hold cases: from 0.5 s after first contact (force above 0.5 N) to the end of the hold; "
+    "path cases: phase 2, from the start of the feed at the first process point to the last",
+    "settling_1n_s": "hold cases: from first contact to the moment after which the error stays inside "
+    "+-1 N to the end of the hold; null if it never does, and in path cases",
+    "overshoot_n": "largest force above the wanted one from first contact to the end of the hold; in "
+    "path cases to the start of the feed; 0 if none",
+    "rms_error_n": "root mean square of the error in the window",
+    "p95_error_n": "95th percentile of the error's magnitude in the window",
+    "max_error_n": "largest magnitude of the error in the window",
+    "peak_force_n": "largest force from first contact to the retract",
+    "largest_force_n": "largest force of the whole run, the retract and what follows a stop included",
+    "contact_lost_s": "time with a force of at most 0.5 N between touch-down (phase 2) and the retract",
+    "stable": "no protective stop, the job done to its end, no contact lost, and no oscillation: the "
+    "force minus its moving mean over 0.25 s has in the last half of the window an amplitude "
+    "(rms times sqrt 2) of at most 10% of the wanted force or 2 N, whichever is larger, and "
+    "in the last quarter at most twice that of the quarter before it or 0.5 N",
+    "duration": "simulated time of the run [s]",
+    "mean_error_n": "mean of the error in the window",
+    "std_n": "standard deviation of the error in the window",
+    "oscillation_n": "the amplitude by which `stable` judges",
+    "slowed": "path cases: share of the wanted feed the controller did not drive, ramps included [-]",
+    "peaks_error_n": "path cases: mean over the curvature peaks of the path of the largest error within "
+    "15 mm",
+}
 """What each figure of a row means."""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from polish_sim.arrays import Array, Figures, Indices, in_groups, norms
 from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
+from polish_sim.log import write_arrays
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, near
@@ -235,5 +236,5 @@ def write_trajectory(folder: Path, motions: Iterable[SampledMotion]) -> int:
         name: np.concatenate(parts) for name, parts in zip(names, zip(*blocks, strict=True), strict=True)
     }
     kept = {name: column for name, column in columns.items() if column.size}
-    np.savez_compressed(folder / NPZ, allow_pickle=False, **kept)
+    write_arrays(folder / NPZ, kept)
     return len(columns["time_s"])

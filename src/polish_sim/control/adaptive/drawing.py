@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.arrays import Array, norms
 from polish_sim.control.signals import Course, Measurement, Target
-from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel
+from polish_sim.motion.trajectory import slowed_before
 
 SMOOTHING_M = 0.002  # of the planned depth before its slope is taken: the pad is far wider [m]
 
@@ -197,18 +197,9 @@ def followable_share(course: Course, can: Abilities) -> Array:
         ])  # fmt: skip
     speed, top = np.maximum(course.feed, 1e-6), max(float(course.feed.max()), 1e-6)
     rise = max(0.05 / top, 2.0)  # of the share, the sequence's own ramp [1/s]
-    return _eased(np.minimum(limits.min(axis=0) / speed, 1.0), 2.0 * rise * course.spacing / speed)
-
-
-@njit(cache=True)
-def _eased(share: Array, gain: Array) -> Array:
-    """Lower shares so that their square changes by no more than ``gain`` from row to row."""
-    out = share.copy()
-    for row in range(len(out) - 2, -1, -1):
-        out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain[row]))
-    for row in range(1, len(out)):
-        out[row] = min(out[row], math.sqrt(out[row - 1] ** 2 + gain[row]))
-    return out
+    gain = 2.0 * rise * course.spacing / speed
+    before = slowed_before(np.minimum(limits.min(axis=0) / speed, 1.0), gain)
+    return slowed_before(before[::-1].copy(), gain[::-1].copy())[::-1].copy()
 
 
 @kernel

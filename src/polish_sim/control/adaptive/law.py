@@ -70,12 +70,11 @@ _CONTEXT, _ROW = AdaptiveContext.dtype, drawing.AheadRow.dtype
 
 @cfunc(LAW_SIGNATURE)
 def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type: ignore[no-untyped-def]
-    c = carray(context, 1, _CONTEXT)[0]
-    m, t, out = records_at(measurement, target, answer)
+    c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
     ahead = Ahead(c.spacing, carray(course, c.rows, _ROW))
     g, p, press_memory, path, dt = c.press, c.path, c.memory.press, c.memory.path, m.cycle
     force, twist = press_memory.force, out.twist
-    position_by_velocity(m, t, c.hybrid.position, dt, c.memory.hybrid, twist)
+    position_by_velocity(m, t, c.hybrid.position, c.memory.hybrid, twist)
     turn(c.hybrid, p, ahead, path, m, t, c.memory.hybrid, dt, twist)
     by_position = along_z(m, twist)
     ratio = g.stiffness / force.stiffness if force.stiffness > 0.0 else 1.0
@@ -105,9 +104,9 @@ def turn(
     level_by_moment(ahead, m, t, p.normal, dt, path.normal)
     tilted_target(t, path.normal, path.wanted)
     if p.normal.on:
-        turn_to_target(m, path.wanted, t.twist, h.orientation, dt, False, hybrid, twist)
+        turn_to_target(m, path.wanted, t.twist, h.orientation, False, hybrid, twist)
     else:
-        turn_and_level(m, t, h, dt, hybrid, twist)
+        turn_and_level(m, t, h, hybrid, twist)
     drawing.lead_turning(ahead, t, p.forward, twist)
 
 
