@@ -23,7 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.metrics import CONTACT_N
+from polish_sim.analysis.claim import FOLLOW_BAND_N
+from polish_sim.analysis.metrics import CONTACT_N, MOST_FORCE
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.arrays import Bools, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
@@ -43,8 +44,8 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.part_pose import PartPlacing
-from polish_sim.experiments.placement import Reach, check_whole_path
-from polish_sim.experiments.proof_play import DRAWN_MARGIN, DYNAMIC, Failure, Play
+from polish_sim.experiments.placement import check_whole_path
+from polish_sim.experiments.proof_play import ASTRAY, DRAWN_MARGIN, DYNAMIC, SHAKEN, Failure, Play
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.planning import PlanResult
@@ -72,6 +73,7 @@ LOOKED_M = 1e-3  #: Places of the path at which that is looked at are so far apa
 MUCH = 0.05  #: Share of the region from which a smaller pad is tried, by `_lost`
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
 LEAST_POLISHED = 0.1  #: Share of the region below which a plan is refused
+MOST_FAILED = 0.5  #: Share of the path at which neither feed nor force helps, above which it is refused
 WORTH_A_PAD = 1.02  #: Times as much it has to polish
 EASIER = 0.5  #: A stretch that fails is pressed with this share of its force
 EASIEST = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
@@ -80,13 +82,17 @@ AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place
 AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
 #: What all pads together may play and time, in times the path's time in contact as it was planned, and at
-#: least so long [s]; then no margin is kept, after twice that what fails is left out, and after three times
-#: the plan is refused
+#: least so long [s]; then no margin is kept, and after twice that the plan is refused
 MOST_WORK, LEAST_WORK_S = 8.0, 8000.0
 SAME_WAY = 0.1  #: At the start of a path joints differ by less in the same configuration of the arm [rad]
-SPENT = ", and the proof's time was used up"
+FORCE_FAILS = (NO_STOP, *DYNAMIC)
+"""What a pad of another size does not help where neither feed nor force does."""
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
+
+
+class _Hopeless(PlanError):
+    """What no mend and no other pad helps."""
 
 
 class Work:
@@ -136,6 +142,7 @@ def prove(
         PlanError: Nothing of the path can be polished, or no mend helps; says why and where.
         PolishSimError: As of `prepare_surface`.
     """
+    _refuse_drift(scenario, plan)
     prover = _Prover(scenario, plan, observer, work or Work(plan))
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario.safety.proof))
     begun = prover.pass_drawn(seeds[0]) if seeds else None
@@ -171,6 +178,8 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
             if pad is scenario.pad and not isinstance(error, PlanError):
                 raise
             failed.append(error)
+            if isinstance(error, _Hopeless):
+                break
             continue
         if best is None or _pressed(found.plan) > WORTH_A_PAD * _pressed(best.plan):
             best = found
@@ -218,10 +227,8 @@ def _lost(plan: PlanResult) -> float:
 
 def _pressed(plan: PlanResult) -> float:
     """What of the region is polished, by the share of the force it is polished with [m^2]."""
-    process = plan.path.process
-    length = float(np.diff(plan.path.s)[process[1:] & process[:-1]].sum())
     eased = sum(mend.length_m * (1.0 - mend.share) for mend in plan.mends if mend.what == EASED)
-    return plan.area.polished_m2 * (1.0 - eased / length)
+    return plan.area.polished_m2 * (1.0 - eased / plan.path.length_along(plan.path.process))
 
 
 class _Prover:
@@ -238,11 +245,12 @@ class _Prover:
         #: Feed an even removal keeps below where the path was slowed [m/s], by rows of the path
         self.most = np.full(len(plan.path.s), math.inf)
         self.easiest = EASIEST if scenario.plan.removal else EASIER  #: Share of the force, at least
+        self.cut = False  #: Since the path was placed
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
         self.kept_until = 0.0
-        self.late = 0  #: Rounds of mending since what fails is left out
+        self.failed_m = 0.0  #: Length that was left out since neither feed nor force helped [m]
         self._leave_out_what_sinks()
 
     def _leave_out_what_sinks(self) -> None:
@@ -288,9 +296,21 @@ class _Prover:
             self._leave_out(gone, f"{SINKS_OFF}: of {size}, {1e3 * aside:.2g} mm aside")
 
     def _keep(self, remaining: Remaining) -> None:
-        """Continue with what is left of the path."""
-        self.path, source = remaining.path, remaining.source
+        """Continue with what is left of the path, from the joints the arm had there. Where it cannot do that,
+        another place is looked for, and all is played anew."""
+        whole, reach, source = self.path, self.place.reach, remaining.source
+        self.path, self.cut = remaining.path, True
         self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
+        first = norms(whole.positions_work - self.path.positions_work[0]).argmin()
+        try:
+            for path, row in ((whole, first), (self.path, 0)):
+                q = check_whole_path(reach, path.positions_work, path.axes_work, tool_on_flange()).q
+                reach = reach._replace(q_start=np.array(q[row]))
+        except ReachError:
+            self.kept_until = -math.inf
+            self._place_anew(self.scenario)
+        else:
+            self.place = self.place.along(self.path, reach)
 
     def pass_drawn(self, first: int) -> Play | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
@@ -327,7 +347,7 @@ class _Prover:
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""
-        if self.work.used > 3.0:
+        if self.work.used > 2.0:
             raise PlanError(
                 f"the plan could not be proven: after {self.work.done_s:.0f} s of the cell's time it still "
                 f"fails because {why}. Set a lower --feed or --contact-force, a smaller --pad-diameter or "
@@ -351,18 +371,17 @@ class _Prover:
     def _moves_as_a_run(self) -> bool:
         """Whether the arm does a path that was cut in the same configuration as a run, which looks for one
         anew in this pose; from here on it does."""
-        if self.path.positions_work is self.place.path.positions_work:
+        if not self.cut:
             return True
-        before, scenario = self._reach_now(), self.scenario
-        asked = replace(scenario, part=replace(scenario.part, pose=to_pose(before.T_base_work)))
-        reach = self._place_anew(asked)
-        return float(np.abs(reach.q_start - before.q_start).max()) < SAME_WAY
+        before, scenario = self.place.reach, self.scenario
+        pose = to_pose(before.T_base_work)
+        self._place_anew(replace(scenario, part=replace(scenario.part, pose=pose)))
+        self.cut = False
+        return float(np.abs(self.place.reach.q_start - before.q_start).max()) < SAME_WAY
 
-    def _place_anew(self, asked: Checked) -> Reach:
+    def _place_anew(self, asked: Checked) -> None:
         """Place the path as it is mended so far as a run of a scenario does."""
-        reach = PartPlacing(asked, *self.plan.standing, self.path).reach()
-        self.place = self.place.along(self.path, reach)
-        return reach
+        self.place = self.place.along(self.path, PartPlacing(asked, *self.plan.standing, self.path).reach())
 
     def pass_through(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
@@ -376,7 +395,6 @@ class _Prover:
             if work.used > 1.0 and play.margin:
                 play.margin, self.kept_until = 0.0, math.inf
             else:
-                self.late += work.used > 2.0
                 self._mend(found)
             play.go_back(self.place_now(), self.kept_until)
             found = play.play_on(self.observer)
@@ -408,23 +426,7 @@ class _Prover:
             feed = self.share * (process.feed_m_s if feed is None else feed)
         if (self.pressed < 1.0).any():
             force = self.pressed * path.force_at(path.s, process.contact_force_n)
-        return self.place.along(replace(path, feed=feed, force=force), self._reach_now())
-
-    def _reach_now(self) -> Reach:
-        """How the arm does the path as it is mended so far: with its first stroke cut, it starts elsewhere.
-        Where it cannot do what is left so, another place is looked for, and all is played anew."""
-        path, whole, reach = self.path, self.place.path, self.place.reach
-        if path.positions_work is whole.positions_work:
-            return reach
-        joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
-        nearest = np.linalg.norm(whole.positions_work - path.positions_work[0], axis=1).argmin()
-        near = reach._replace(q_start=joints[nearest])
-        try:
-            follows = check_whole_path(near, path.positions_work, path.axes_work, tool_on_flange())
-        except ReachError:
-            self.kept_until = -math.inf
-            return self._place_anew(self.scenario)
-        return reach._replace(q_start=np.array(follows.q[0]))
+        return self.place.along(replace(path, feed=feed, force=force), self.place.reach)
 
     def _row(self, failure: Failure) -> int:
         """Row of the path in contact that is nearest to a failure."""
@@ -446,11 +448,15 @@ class _Prover:
         """
         self.kept_until = math.inf
         groups: dict[tuple[str, float, str], tuple[str, Bools]] = {}
+        failed = np.zeros(len(self.path.s), dtype=bool)
         for failure in found:
             what, share, rows = self._remedy(failure)
+            if what == LEFT_OUT and failure.code in FORCE_FAILS:
+                failed |= rows
             key = what, share, failure.why.partition(":")[0]
             why, before = groups.get(key, (failure.why, rows))
             groups[key] = why, rows | before
+        self._refuse_when_it_fails_everywhere(failed, found[-1].why)
         kept = np.arange(len(self.path.s))  # rows of the path as it was played
         for (what, share, _), (why, rows) in groups.items():
             rows = rows[kept] & self.path.process
@@ -461,6 +467,18 @@ class _Prover:
             else:
                 (self._slow if what == SLOWED else self._ease)(rows, why, share)
 
+    def _refuse_when_it_fails_everywhere(self, failed: Bools, why: str) -> None:
+        """End with a PlanError where most of the path fails at any feed and force; ``failed`` are further
+        rows."""
+        self.failed_m += self.path.length_along(failed)
+        share = self.failed_m / self.plan.path.length_along(self.plan.path.process)
+        if share > MOST_FAILED:
+            raise _Hopeless(
+                f"played in the cell, {share:.0%} of the path fails at any feed and with less force: {why}. "
+                "Set another --contact-force, --controller or, where noise or drift of the sensor is the "
+                "cause, sensor.model; --proof none plans it all the same."
+            )
+
     def _remedy(self, failure: Failure) -> tuple[str, float, Bools]:
         """What is changed because of a failure: to which share of feed or force, and in which rows.
 
@@ -470,13 +488,11 @@ class _Prover:
         path, s, row, pad = self.path, self.path.s, self._row(failure), self.scenario.pad.radius_m
         code, pressed, slower = failure.code, float(self.pressed[row]), SLOWER * float(self.share[row])
         if code in HOPELESS:
-            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
+            raise _Hopeless(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
         what, share, reach = LEFT_OUT, 0.0, 0.5 * pad
         less = EASIER if pressed > EASIER else self.easiest
         usual = path.force_at(s, self.scenario.process.contact_force_n)[row]
-        if self.late:
-            reach *= 2.0 * self.late
-        elif code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
+        if code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
             what, share = SLOWED, slower
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
         elif (
@@ -528,8 +544,7 @@ class _Prover:
                 "smaller --pad-diameter, a lower --contact-force or another --region."
             )
         lost = remaining.lost
-        why = why.partition(":")[0] + SPENT * bool(self.late)
-        self.mends.append(mend_of(LEFT_OUT, why, 0.0, path, lost))
+        self.mends.append(mend_of(LEFT_OUT, why.partition(":")[0], 0.0, path, lost))
         self.kept_until = min(self.kept_until, path.s[lost].min() - SLOWING_S * self._feed_at(first))
         self._keep(remaining)
         return remaining.source
@@ -578,14 +593,18 @@ class _Prover:
 
 def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     """What was played, how near it came to its limits, and what was mended, for the user."""
-    name, worst = max(proof["limits"].items(), key=lambda item: item[1]["share"])
+    limits = proof["limits"]
+    name = max(limits, key=lambda name: limits[name]["share"])
+    share, at_m = limits[name]["share"], limits[name]["at_m"]
     notes = [
         f"proven: played in the cell with {proof['controller']} at up to {1e3 * proof['feed_m_s']:.4g} mm/s "
         f"and up to {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: "
-        f"{name}, {100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
+        f"{name}, {100.0 * share:.0f}% at {1e3 * at_m:.4g} mm of the path"
     ]
-    if worst["share"] > 1.0 - DRAWN_MARGIN:
-        fails = "this fails" if worst["share"] > 1.0 else "on other arms and parts this may fail"
+    if share <= 1.0 - DRAWN_MARGIN and limits.get(ASTRAY, {"share": 0.0})["share"] > 1.0 / SHAKEN:
+        name, share = ASTRAY, 1.0  # other arms stray by up to as much more
+    if share > 1.0 - DRAWN_MARGIN:
+        fails = "this fails" if share > 1.0 else "on other arms and parts this may fail"
         notes.append(
             f"{fails} run --check: {name}; a lower --contact-force helps, and robot.compensation=tracker"
         )
@@ -608,18 +627,46 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     return notes
 
 
+def _drift_n(scenario: Checked, time: float) -> tuple[float, float]:
+    """How far the sensor's zero walks in a time in contact [s]: the most by warming up with the rms of its
+    random walk, and what half of all sensors exceed at least [N]."""
+    sensor = scenario.sensor
+    warmed = -sensor.warm_up_force_n * math.expm1(-time / sensor.warm_up_s)
+    return warmed + sensor.force_drift_n_s * math.sqrt(time), 0.5 * warmed
+
+
 def drift_notes(scenario: Checked, plan: PlanResult) -> list[str]:
     """What helps where the sensor's zero walks further than what counts as contact before the path ends."""
-    sensor, process, time = scenario.sensor, scenario.process, plan.figures["time_in_contact_s"]
-    warmed = -sensor.warm_up_force_n * math.expm1(-time / sensor.warm_up_s)
-    drift = warmed + sensor.force_drift_n_s * math.sqrt(time)
-    alone = process.tare != "start" or len(stretches(plan.path.process)) < 2
-    if alone or drift < process.contact_threshold_n:
+    drift, _ = _drift_n(scenario, plan.figures["time_in_contact_s"])
+    alone = scenario.process.tare != "start" or len(stretches(plan.path.process)) < 2
+    if alone or drift < scenario.process.contact_threshold_n:
         return []
     return [
         f"the sensor's zero may drift by {drift:.1f} N on the path, more than counts as contact: runs "
         "differ, and may stop. --set process.tare=strokes zeroes it before every stroke"
     ]
+
+
+def _refuse_drift(scenario: Checked, plan: PlanResult) -> None:
+    """Refuse a path on which the zero of half of all sensors drifts by more than the force may be off.
+
+    Raises:
+        PlanError: It does before the sensor is zeroed again.
+    """
+    path, process = plan.path, scenario.process
+    force = path.largest_force(process.contact_force_n)
+    alone = [path.s[last] - path.s[first] for first, last in stretches(path.process)]
+    share = max(alone) / sum(alone) if process.tare == "strokes" else 1.0
+    time = share * plan.figures["time_in_contact_s"]
+    _, drift = _drift_n(scenario, time)
+    band = min(FOLLOW_BAND_N, (MOST_FORCE - 1.0) * force)
+    if drift > band:
+        strokes = "" if share < 1.0 or len(alone) < 2 else "process.tare=strokes, "
+        raise _Hopeless(
+            f"half of all sensors drift by more than {drift:.2g} N in the {time:.0f} s before they are "
+            f"zeroed again, and {force:.3g} N may be off by {band:.2g} N: set {strokes}another sensor.model, "
+            "a larger --contact-force or a faster --feed; --proof none plans it all the same."
+        )
 
 
 def path_key(path: ToolPath) -> str:

@@ -78,8 +78,7 @@ class Mend(NamedTuple):
 
 def mend_of(what: str, why: str, share: float, path: ToolPath, rows: Bools) -> Mend:
     """What is changed about some rows of a path (n,)."""
-    length = np.diff(path.s)[rows[1:] & rows[:-1]].sum()
-    return Mend(what, why, share, length, path.positions_work[rows])
+    return Mend(what, why, share, path.length_along(rows), path.positions_work[rows])
 
 
 @dataclass(frozen=True, eq=False)

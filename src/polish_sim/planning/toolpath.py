@@ -67,6 +67,10 @@ class ToolPath:
         """Mask of the points at which the tool is pressed on the part, shape (n,)."""
         return (self.segment == PROCESS) | (self.segment == LINK)
 
+    def length_along(self, rows: Bools) -> float:
+        """Length along some of its points, mask (n,): of the chords between two of them [m]."""
+        return np.diff(self.s)[rows[1:] & rows[:-1]].sum()
+
     @property
     def length_m(self) -> float:
         """Length from the first point to the last [m]."""
