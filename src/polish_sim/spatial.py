@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools, crosses, dots, norms
 from polish_sim.kernel_cache import njit
 
+GRAVITY = 9.81  #: MuJoCo's default and the model's, along -z of the base [m/s^2]
+
 
 def transform(R: Array, p: Array) -> Array:
     """Homogeneous transform from a rotation (3, 3) and a translation (3,) [m]; stacks broadcast."""

@@ -196,6 +196,9 @@ def test_a_programme_is_refused_with_line_and_column(body, line, column, words):
     assert (refused.value.line, refused.value.column) == (line, column) or "unexpected" in words
 
 
+SIX = "p[0, 0, 0, 0, 0, 0]"
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -212,6 +215,15 @@ def test_a_programme_is_refused_with_line_and_column(body, line, column, words):
         ('socket_open("10.0.0.1", 80)', "reach the sender"),
         ("thread g():\n while True:\n  sync()\n end\nend\nwhile True:\n t = run g()\nend", "64 threads"),
         ("if False:\n y = 1\nend\nx = y", "no value yet"),
+        ("x = pose_inv(p[1e300, 0, 0, 1, 0, 1e300])", "finite number"),
+        ("x = pose_add(p[1e308, 0, 0, 0, 0, 0], p[1e308, 0, 0, 0, 0, 0])", "finite number"),
+        ("x = wrench_trans(p[0, 0, 0, 1e300, 0, 0], p[0, 0, 1, 0, 0, 0])", "finite number"),
+        ("x = rotvec2rpy([1e300, 0, 0])", "finite number"),
+        ('servoj([0, 0, 0, 0, 0, 0], gain="high")', "finite number"),
+        ("servoj([0, 0, 0, 0, 0, 0], lookahead_time=[0.1])", "finite number"),
+        (f"force_mode({SIX}, {SIX}, {SIX}, [2], {SIX})", "finite number"),
+        ('ft_rtde_input_enable("True")', "finite number"),
+        ("ft_rtde_input_enable(True, 0.5, [0, 0], [0, 0, 0])", "3 numbers are needed"),
     ],
 )
 def test_a_failing_programme_stops_with_its_place(body, words):

@@ -19,9 +19,8 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, crosses, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
 from polish_sim.errors import CalibrationError
-from polish_sim.spatial import no_rotations
+from polish_sim.spatial import GRAVITY, no_rotations
 
-GRAVITY = 9.81  # [m/s^2], the model's
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3
 #: Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere

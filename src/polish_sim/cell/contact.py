@@ -16,12 +16,11 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import HEAD, EngineViews
 from polish_sim.cell.gears import slip
-from polish_sim.cell.wrist_sensor import GRAVITY
 from polish_sim.config import HeadConfig, PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel, matvec, minus, set_to
-from polish_sim.spatial import directions_at
+from polish_sim.spatial import GRAVITY, directions_at
 
 
 class PadMaterial(Record):

@@ -16,8 +16,8 @@ from polish_sim.arrays import Array
 from polish_sim.config import SensorConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, cross, kernel, minus, scaled, set_to
+from polish_sim.spatial import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2], MuJoCo's default and the model's
 DRAWS = 12  # standard normal numbers a sample takes: noise and drift of six axes
 
 

@@ -3,12 +3,11 @@ and the line to its clients, on which at times nothing passes."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import struct
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,13 +15,11 @@ from polish_sim.arrays import Array
 from polish_sim.motion import link_frames
 from polish_sim.motion.makes import used_arm
 from polish_sim.ur.physics import TICK_S
-from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, SAFETY_MODE, TEXT, message
 from polish_sim.ur.robot import (
     IDLE,
     NORMAL,
     PAUSED,
     PLAYING,
-    POWER_OFF,
     PROTECTIVE,
     RUNNING,
     STOPPED,
@@ -70,6 +67,20 @@ class Link:
         self.silent = tick >= self._gap
         while self._coming and not self.silent:
             self._coming.popleft()()
+
+
+ROBOT_MESSAGE = 20
+TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
+
+
+def framed(kind: int, body: bytes) -> bytes:
+    """A package of the primary port."""
+    return struct.pack(">IB", 5 + len(body), kind) + body
+
+
+def message(kind: int, time_s: float, body: bytes) -> bytes:
+    """A robot message of a kind."""
+    return framed(ROBOT_MESSAGE, struct.pack(">QbB", int(1e6 * time_s), -2, kind) + body)
 
 
 VERSIONS = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 26, 0, 130000)}
@@ -153,7 +164,7 @@ class RobotController:
                 robot.runtime = PAUSED
 
     def _tell(self, kind: int, body: bytes) -> None:
-        self.messages.append(message(kind, int(1e6 * self.robot.time_s), body))
+        self.messages.append(message(kind, self.robot.time_s, body))
 
     def note(self, text: str) -> None:
         """Keep a line of the controller's log."""
@@ -332,62 +343,3 @@ class RobotController:
 
 def _beside(source: str) -> bool:
     return source.lstrip().startswith("sec ")
-
-
-class Programs:
-    """Programmes and commands in the text a client sends to a script port, in pieces of any size.
-
-    A programme starts with ``def`` or ``sec`` in the first column and ends with ``end`` there; a line outside
-    is a command to the controller, or a programme of one line.
-    """
-
-    LONGEST: Final = 2_000_000  #: Characters of a programme
-    _number = itertools.count(1)
-
-    def __init__(self, controller: RobotController, client: str) -> None:
-        self._controller = controller
-        self._client = client
-        self._buffer = b""
-        self._lines = list[str]()
-        self._size = 0
-
-    def feed(self, data: bytes) -> bool:
-        """Take text; False where a programme is too long and the client is to be dropped."""
-        *lines, self._buffer = (self._buffer + data).split(b"\n")
-        for raw in lines:
-            self._take(raw.decode("utf-8", "replace").rstrip("\r"))
-        return len(self._buffer) + self._size <= self.LONGEST
-
-    def close(self) -> None:
-        """The client sends no more: a last line without an end counts."""
-        self.feed(b"\n")
-
-    def _take(self, line: str) -> None:
-        if self._lines or line.startswith(("def ", "sec ")):
-            self._lines.append(line)
-            self._size += len(line)
-            if line.rstrip() == "end":
-                source = "\n".join(self._lines) + "\n"
-                self._lines = []
-                self._size = 0
-                self._controller.run(source, self._client)
-        elif line.strip() and not line.lstrip().startswith("#") and not self._command(line.strip().lower()):
-            name = f"unnamed_program_{next(self._number)}"
-            self._controller.run(f"def {name}():\n  {line.strip()}\nend\n", self._client)
-
-    def _command(self, line: str) -> bool:
-        controller = self._controller
-        commands: dict[str, Callable[[], Any]] = {
-            "power on": lambda: controller.power(IDLE),
-            "power off": lambda: controller.power(POWER_OFF),
-            "set robotmode run": lambda: controller.power(RUNNING),
-            "set unlock protective stop": controller.unlock,
-            "stop program": lambda: controller.stop("asked for"),
-            "pause program": controller.pause,
-            "resume program": controller.play,
-            "close popup": controller.close_popup,
-        }
-        if line not in commands:
-            return False
-        commands[line]()
-        return True

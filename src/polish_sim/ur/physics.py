@@ -37,8 +37,8 @@ from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE, row_layout
+from polish_sim.ur.script.sockets import TICK_S
 
-TICK_S = 0.002  #: Cycle of the robot's controller
 SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S = 1.0  #: A gap in the contact at least so long is a lift [s]
 FAR_M = 10.0  #: Below its place a part that is not there is kept [m]

@@ -4,33 +4,24 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import used_arm
+from polish_sim.ur.controller import VERSION, RobotController, framed, message
 from polish_sim.ur.rtde import output_numbers
 
-if TYPE_CHECKING:
-    from polish_sim.ur.controller import RobotController
-
-ROBOT_STATE, ROBOT_MESSAGE = 16, 20
-TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
+ROBOT_STATE = 16
 STATE_HZ = 10.0
 BOX, SUB_TYPE = 7, 1  #: Controller of an e-Series
-
-
-def message(kind: int, stamp_us: int, body: bytes) -> bytes:
-    """A robot message of a kind."""
-    return _framed(ROBOT_MESSAGE, struct.pack(">QbB", stamp_us, -2, kind) + body)
 
 
 def version_message(controller: RobotController) -> bytes:
     """The first message a client receives."""
     body = struct.pack(">B9sBBii10s", 9, b"URControl", *controller.version, b"01-01-2026")
-    return message(VERSION, int(1e6 * controller.robot.time_s), body)
+    return message(VERSION, controller.robot.time_s, body)
 
 
 def robot_state(controller: RobotController, configuration: bool) -> bytes:
@@ -114,14 +105,14 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
                 0,
             )
         )
-    return _framed(ROBOT_STATE, b"".join(parts))
+    return framed(ROBOT_STATE, b"".join(parts))
 
 
 def _joints(controller: RobotController) -> bytes:
     r = controller.robot
     columns = zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques / 10.0, strict=True)
     joints = (struct.pack(">3d4fB", *column, 48.0, 30.0, 30.0, controller.joint_mode) for column in columns)
-    return _framed(1, b"".join(joints))
+    return framed(1, b"".join(joints))
 
 
 REALTIME: Sequence[str | int] = [
@@ -146,8 +137,4 @@ def realtime_state(controller: RobotController) -> bytes:
 
 
 def _part(kind: int, form: str, *values: float) -> bytes:
-    return _framed(kind, struct.pack(form, *values))
-
-
-def _framed(kind: int, body: bytes) -> bytes:
-    return struct.pack(">IB", 5 + len(body), kind) + body
+    return framed(kind, struct.pack(form, *values))

@@ -17,7 +17,7 @@ from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
-from polish_sim.spatial import inverse, place_of, transform, unit
+from polish_sim.spatial import GRAVITY, inverse, place_of, transform, unit
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
 from polish_sim.ur.motion import (
     FIXED,
@@ -364,7 +364,7 @@ class SimulatedRobot:
         torque = tau.copy()
         on = float(friction_comp)
         for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
-            torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, 9.81 * mass])
+            torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, GRAVITY * mass])
         torque += self._friction(on if viscous is None else viscous, on if coulomb is None else coulomb)
         if not np.isfinite(torque).all():
             raise ValueError("direct_torque: a torque is not a number")
@@ -434,9 +434,9 @@ class SimulatedRobot:
         Raises:
             ValueError: It is another.
         """
-        if abs(abs(g[2]) - 9.81) > 0.05 or np.abs(g[:2]).max() > 0.05:
+        if abs(abs(g[2]) - GRAVITY) > 0.05 or np.abs(g[:2]).max() > 0.05:
             raise ValueError(
-                "set_gravity: the cell's robot stands upright, gravity is 9.81 m/s^2 along its z axis"
+                f"set_gravity: the cell's robot stands upright, gravity is {GRAVITY} m/s^2 along its z axis"
             )
 
     # Safety.

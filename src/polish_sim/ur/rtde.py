@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from polish_sim.spatial import GRAVITY
+from polish_sim.ur.controller import RobotController
 from polish_sim.ur.robot import PINS
-
-if TYPE_CHECKING:
-    from polish_sim.ur.controller import RobotController
 
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
@@ -83,7 +82,7 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
             0.0,
         ),
     },
-    "VECTOR3D": {"actual_tool_accelerometer": [0.0, 0.0, 9.81]},
+    "VECTOR3D": {"actual_tool_accelerometer": [0.0, 0.0, GRAVITY]},
     "UINT32": {"euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_analog_input_types": 0},
     "UINT8": {"tool_output_mode": 0, "tool_digital_output0_mode": 1, "tool_digital_output1_mode": 1},
     "INT32": {"time_scale_source": 0},

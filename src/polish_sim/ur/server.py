@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import selectors
 import socket
 import time
@@ -10,11 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from polish_sim.errors import InputError
-from polish_sim.ur.controller import Programs, RobotController
+from polish_sim.ur.controller import RobotController
 from polish_sim.ur.dashboard import BYE, GREETING, LONGEST, answer
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import STATE_HZ, realtime_state, robot_state, version_message
+from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING
 from polish_sim.ur.rtde import UNSENT, ProtocolError, RtdeSession
+from polish_sim.ur.script.parse import LONGEST_PROGRAM
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 CLIENTS = 64  #: Of one port
@@ -36,38 +39,86 @@ class Session:
         """It has gone."""
 
 
-class _Dashboard(Session):
+class _Lines(Session):
+    """A client that sends lines, in pieces of any size."""
+
+    longest = LONGEST
+
     def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
-        self._controller = controller
-        self._send = send
+        self._controller, self._send, self._client = controller, send, client
         self._buffer = b""
+        self._size = 0  #: Of what was taken and is not whole
+
+    def feed(self, data: bytes) -> bool:
+        """Take text; False where the client is to be dropped."""
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        on = all(self._take(line.decode("utf-8", "replace").rstrip("\r")) for line in lines)
+        return on and len(self._buffer) + self._size <= self.longest
+
+    def _take(self, line: str) -> bool:
+        """Whether the client stays."""
+        raise NotImplementedError
+
+
+class _Dashboard(_Lines):
+    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
+        super().__init__(controller, send, client)
         send(GREETING.encode() + b"\n")
 
-    def feed(self, data: bytes) -> bool:
-        """Lines."""
-        *lines, self._buffer = (self._buffer + data).split(b"\n")
-        for line in lines:
-            said = answer(self._controller, line.decode("utf-8", "replace").strip())
-            self._send(said.encode() + b"\n")
-            if said == BYE:
-                return False
-        return len(self._buffer) <= LONGEST
+    def _take(self, line: str) -> bool:
+        said = answer(self._controller, line.strip())
+        self._send(said.encode() + b"\n")
+        return said != BYE
 
 
-class _Script(Session):
-    """A port that takes programmes."""
+class _Script(_Lines):
+    """A port that takes programmes and commands.
+
+    A programme starts with ``def`` or ``sec`` in the first column and ends with ``end`` there; a line outside
+    is a command to the controller, or a programme of one line.
+    """
+
+    longest = LONGEST_PROGRAM
+    _number = itertools.count(1)
 
     def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
-        self._controller = controller
-        self._programs = Programs(controller, client)
-
-    def feed(self, data: bytes) -> bool:
-        """Programmes."""
-        return self._programs.feed(data)
+        super().__init__(controller, send, client)
+        self._lines = list[str]()
 
     def close(self) -> None:
-        """A last line."""
-        self._programs.close()
+        """The client sends no more: a last line without an end counts."""
+        self.feed(b"\n")
+
+    def _take(self, line: str) -> bool:
+        if self._lines or line.startswith(("def ", "sec ")):
+            self._lines.append(line)
+            self._size += len(line)
+            if line.rstrip() == "end":
+                source = "\n".join(self._lines) + "\n"
+                self._lines = []
+                self._size = 0
+                self._controller.run(source, self._client)
+        elif line.strip() and not line.lstrip().startswith("#") and not self._command(line.strip().lower()):
+            name = f"unnamed_program_{next(self._number)}"
+            self._controller.run(f"def {name}():\n  {line.strip()}\nend\n", self._client)
+        return True
+
+    def _command(self, line: str) -> bool:
+        controller = self._controller
+        commands: dict[str, Callable[[], Any]] = {
+            "power on": lambda: controller.power(IDLE),
+            "power off": lambda: controller.power(POWER_OFF),
+            "set robotmode run": lambda: controller.power(RUNNING),
+            "set unlock protective stop": controller.unlock,
+            "stop program": lambda: controller.stop("asked for"),
+            "pause program": controller.pause,
+            "resume program": controller.play,
+            "close popup": controller.close_popup,
+        }
+        if line not in commands:
+            return False
+        commands[line]()
+        return True
 
 
 class _Primary(_Script):
@@ -118,7 +169,6 @@ class _Client:
     session: Any = None
     unsent: bytearray = field(default_factory=bytearray)
     held: bytearray = field(default_factory=bytearray)  #: Until the line is no longer silent
-    ending: bool = False
 
 
 @dataclass

@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from operator import call
-from typing import TYPE_CHECKING, Any
+from random import Random
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.ur.script import values
-from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
+from polish_sim.ur.script.sockets import TICK_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
     from polish_sim.ur.robot import SignalType, SimulatedRobot
-    from polish_sim.ur.script.machine import Machine
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
@@ -58,7 +58,7 @@ CALLS = {
 REGISTERS: Mapping[str, SignalType] = {"integer": "int", "float": "double", "boolean": "bool"}
 """Kinds of registers, by their words in URScript."""
 PLAIN: Mapping[str, Callable[..., Any]] = {
-    "get_steptime": lambda: STEP_S,
+    "get_steptime": lambda: TICK_S,
     "str_cat": lambda op1, op2: to_text(to_text(op1) + to_text(op2)),
     "to_str": lambda val: to_text(val),
     "str_len": lambda str: len(str),
@@ -89,13 +89,37 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
 """What needs no robot, with its parameters as a programme names them."""
 
 
-class BuiltIns(Sockets):
-    """The functions by their names in URScript."""
+class Listener(Protocol):
+    """Who hears what a programme says."""
 
-    def __init__(self, machine: Any = None) -> None:
-        """Without a machine its functions can be named, not called."""
+    def text(self, text: str) -> None:
+        """A line."""
+
+    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
+        """A message."""
+
+    def started(self, name: str) -> None:
+        """It began."""
+
+    def stopped(self, name: str) -> None:
+        """It ended."""
+
+    def runtime_exception(self, line: int, column: int, text: str) -> None:
+        """It failed, and where."""
+
+
+class BuiltIns(Sockets):
+    """The functions by their names in URScript; without robot and listener they can be named, not called."""
+
+    robot: SimulatedRobot
+    listener: Listener
+
+    def __init__(self) -> None:
         super().__init__()
-        self._machine: Machine = machine
+        self.popup_open = False
+        self.random = Random(0)
+        self.mover: Any = None  #: The thread that moves the robot now
+        self._current: Any = None  #: And the one that runs
         self._waypoint = Pose((0.0,) * 6)
         self._flags: dict[int, bool] = {}
 
@@ -122,33 +146,33 @@ class BuiltIns(Sockets):
     def _passed_on(self) -> dict[str, Callable[..., Any]]:
         """What only asks or sets something, with its parameters as a programme names them."""
         return {
-            "textmsg": lambda s1, s2="": self._machine.listener.text(to_text(s1) + to_text(s2)),
-            "random": lambda: self._machine.random.random(),
-            "rtde_set_watchdog": lambda variable_name, min_frequency, action="pause": (
-                self._robot.set_watchdog(str(variable_name), number(min_frequency), str(action))
+            "textmsg": lambda s1, s2="": self.listener.text(to_text(s1) + to_text(s2)),
+            "random": lambda: self.random.random(),
+            "rtde_set_watchdog": lambda variable_name, min_frequency, action="pause": self.robot.set_watchdog(
+                str(variable_name), number(min_frequency), str(action)
             ),
             "set_flag": lambda n, b: self._flags.update({int(n) % 32: bool(b)}),
             "get_flag": lambda n: self._flags.get(int(n) % 32, False),
-            "force_mode_set_damping": lambda damping: self._robot.force_mode_set_damping(number(damping)),
-            "force_mode_set_gain_scaling": lambda scaling: self._robot.force_mode_set_gain_scaling(
+            "force_mode_set_damping": lambda damping: self.robot.force_mode_set_damping(number(damping)),
+            "force_mode_set_gain_scaling": lambda scaling: self.robot.force_mode_set_gain_scaling(
                 number(scaling)
             ),
             "teach_mode": lambda: self.freedrive_mode(),
-            "force": lambda: float(np.linalg.norm(self._robot.tcp_force[:3])),
-            "tool_contact": lambda direction=None: self._robot.tool_contact(_or(direction, np.zeros(3))),
-            "set_tcp": lambda pose, tcp_name="": self._robot.set_tcp(array(pose)),
-            "set_gravity": lambda d: self._robot.set_gravity(array(d, 3)),
-            "is_within_safety_limits": lambda pose: self._robot.within_safety_limits(
+            "force": lambda: float(np.linalg.norm(self.robot.tcp_force[:3])),
+            "tool_contact": lambda direction=None: self.robot.tool_contact(_or(direction, np.zeros(3))),
+            "set_tcp": lambda pose, tcp_name="": self.robot.set_tcp(array(pose)),
+            "set_gravity": lambda d: self.robot.set_gravity(array(d, 3)),
+            "is_within_safety_limits": lambda pose: self.robot.within_safety_limits(
                 array(pose), isinstance(pose, Pose)
             ),
-            "get_actual_joint_positions_history": lambda steps=0: as_list(self._robot.q_history(int(steps))),
+            "get_actual_joint_positions_history": lambda steps=0: as_list(self.robot.q_history(int(steps))),
             "get_target_waypoint": lambda: self._waypoint,
             "get_actual_tool_flange_pose": lambda: as_pose(
-                self._robot.forward_kin(self._robot.actual_q, np.zeros(6))
+                self.robot.forward_kin(self.robot.actual_q, np.zeros(6))
             ),
-            "get_target_payload": lambda: float(self._robot.payload_mass),
+            "get_target_payload": lambda: float(self.robot.payload_mass),
             "get_forward_kin": lambda q=None, tcp=None: as_pose(
-                self._robot.forward_kin(self._at(q), self._tcp(tcp))
+                self.robot.forward_kin(self._at(q), self._tcp(tcp))
             ),
             # The solution is exact, whatever the errors allowed.
             "get_inverse_kin": lambda x, qnear=None, maxPositionError=0, maxOrientationError=0, tcp=None: (
@@ -156,43 +180,39 @@ class BuiltIns(Sockets):
             ),
             "get_inverse_kin_has_solution": (
                 lambda pose, qnear=None, maxPositionError=0, maxOrientationError=0, tcp=None: (
-                    self._robot.inverse_kin(array(pose), self._at(qnear), self._tcp(tcp)) is not None
+                    self.robot.inverse_kin(array(pose), self._at(qnear), self._tcp(tcp)) is not None
                 )
             ),
             "get_jacobian": lambda pos=None, tcp=None: as_list(
-                self._robot.jacobian(self._at(pos), self._tcp(tcp))
+                self.robot.jacobian(self._at(pos), self._tcp(tcp))
             ),
             "get_jacobian_time_derivative": lambda pos=None, vel=None, tcp=None: as_list(
-                self._robot.jacobian_dot(self._at(pos), _or(vel, self._robot.actual_qd), self._tcp(tcp))
+                self.robot.jacobian_dot(self._at(pos), _or(vel, self.robot.actual_qd), self._tcp(tcp))
             ),
             "get_mass_matrix": lambda pos=None, include_rotors_inertia=False: as_list(
-                self._robot.mass_matrix(self._at(pos), bool(include_rotors_inertia))
+                self.robot.mass_matrix(self._at(pos), bool(include_rotors_inertia))
             ),
             "get_coriolis_and_centrifugal_torques": lambda pos=None, vel=None: as_list(
-                self._robot.coriolis(self._at(pos), _or(vel, self._robot.actual_qd))
+                self.robot.coriolis(self._at(pos), _or(vel, self.robot.actual_qd))
             ),
         }
 
     def _reader(self, convert: Callable[[Any], Any], of: str) -> Callable[[], Any]:
-        return lambda: convert(getattr(self._robot, of))
-
-    @property
-    def _robot(self) -> SimulatedRobot:
-        return self._machine.robot
+        return lambda: convert(getattr(self.robot, of))
 
     def _pins(self, group: str, kind: Callable[[Any], float | bool]) -> dict[str, Callable[..., Any]]:
         return {
-            f"get_{group}_in": lambda n: self._robot.input_output(f"{group}_in", int(n)),
-            f"get_{group}_out": lambda n: self._robot.input_output(f"{group}_out", int(n)),
-            f"set_{group}_out": lambda n, b: self._robot.input_output(f"{group}_out", int(n), kind(b)),
+            f"get_{group}_in": lambda n: self.robot.input_output(f"{group}_in", int(n)),
+            f"get_{group}_out": lambda n: self.robot.input_output(f"{group}_out", int(n)),
+            f"set_{group}_out": lambda n, b: self.robot.input_output(f"{group}_out", int(n), kind(b)),
         }
 
     def _registers(self, word: str, kind: SignalType) -> dict[str, Callable[..., Any]]:
         """Registers of RTDE, 0 to 47; bits to 127."""
         return {
-            f"read_input_{word}_register": lambda address: self._robot.register("in", kind, int(address)),
-            f"read_output_{word}_register": lambda address: self._robot.register("out", kind, int(address)),
-            f"write_output_{word}_register": lambda address, value: self._robot.set_register(
+            f"read_input_{word}_register": lambda address: self.robot.register("in", kind, int(address)),
+            f"read_output_{word}_register": lambda address: self.robot.register("out", kind, int(address)),
+            f"write_output_{word}_register": lambda address, value: self.robot.set_register(
                 kind, int(address), number(value)
             ),
         }
@@ -217,9 +237,9 @@ class BuiltIns(Sockets):
         self, s: Any, title: Any = "Popup", warning: Any = False, error: Any = False, blocking: Any = False
     ) -> Waiting:
         """Show a message; a blocking one holds the thread until it is closed."""
-        self._machine.listener.popup(to_text(s), to_text(title), bool(warning), bool(error), bool(blocking))
-        self._machine.popup_open = bool(blocking)
-        while blocking and self._machine.popup_open:
+        self.listener.popup(to_text(s), to_text(title), bool(warning), bool(error), bool(blocking))
+        self.popup_open = bool(blocking)
+        while blocking and self.popup_open:
             yield
 
     def to_num(self, val: Any) -> float | int:
@@ -229,21 +249,23 @@ class BuiltIns(Sockets):
     # Moves.
 
     def _taken(self) -> SimulatedRobot:
-        """The robot, for the thread that moves it from now on."""
-        self._machine.take_robot()
-        return self._robot
+        """The robot, for the thread that moves it from now on; another that moves it is refused."""
+        if self.mover is not None and self.mover is not self._current:
+            raise ValueError("another thread is already moving the robot")
+        self.mover = self._current
+        return self.robot
 
     def _until(self, done: Callable[[], bool] | None = None) -> Waiting:
         """Wait for a motion of the thread that has the robot; one that is killed stops it."""
         try:
             yield
-            while not (done or self._robot.move_done)():
+            while not (done or self.robot.move_done)():
                 yield
         except GeneratorExit:
-            self._robot.stopj(STOP_A)
+            self.robot.stopj(STOP_A)
             raise
         finally:
-            self._machine.mover = None
+            self.mover = None
 
     def _for(self, steps: int) -> Waiting:
         left = iter(range(steps - 1))
@@ -256,18 +278,18 @@ class BuiltIns(Sockets):
     def _joints(self, target: Any) -> Array:
         if not isinstance(target, Pose):
             return array(target)
-        return self._solved(array(target), self._robot.target_q, self._robot.tcp_offset)
+        return self._solved(array(target), self.robot.target_q, self.robot.tcp_offset)
 
     def _pose(self, target: Any) -> Array:
         if isinstance(target, Pose):
             goal = array(target)
         else:
-            goal = self._robot.forward_kin(array(target), self._robot.tcp_offset)
+            goal = self.robot.forward_kin(array(target), self.robot.tcp_offset)
         self._waypoint = as_pose(goal)
         return goal
 
     def _solved(self, pose: Array, near: Array, tcp: Array) -> Array:
-        q = self._robot.inverse_kin(pose, near, tcp)
+        q = self.robot.inverse_kin(pose, near, tcp)
         if q is None:
             raise ValueError(f"no inverse kinematics for {to_text(as_pose(pose))}")
         return q
@@ -310,11 +332,12 @@ class BuiltIns(Sockets):
         yield from self.movel(pose, OPTIMAL_A_M * number(a), OPTIMAL_V_M * number(v), 0, r)
 
     def servoj(
-        self, q: Any, a: Any = 0, v: Any = 0, t: Any = 0.002, lookahead_time: Any = 0.1, gain: Any = 300
+        self, q: Any, a: Any = 0, v: Any = 0, t: Any = TICK_S, lookahead_time: Any = 0.1, gain: Any = 300
     ) -> Waiting:
         """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot, nor here the gain."""
         robot = self._taken()
-        robot.servoj(self._joints(q), number(lookahead_time))
+        lookahead, *_ = map(number, (lookahead_time, a, v, gain))
+        robot.servoj(self._joints(q), lookahead)
         yield from self._for(max(_steps(t), 1))
 
     def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0) -> Waiting:
@@ -359,17 +382,20 @@ class BuiltIns(Sockets):
     def force_mode(self, task_frame: Any, selection_vector: Any, wrench: Any, type: Any, limits: Any) -> None:
         """Comply along chosen axes."""
         lists = array(task_frame), array(selection_vector), array(wrench)
-        self._robot.force_mode(*lists, int(type), array(limits))
+        self.robot.force_mode(*lists, int(number(type)), array(limits))
 
     def freedrive_mode(self, freeAxes: Any = None, feature: Any = None) -> None:
         """Let the arm be led by hand."""
-        self._robot.freedrive(_or(freeAxes, np.ones(6)), _or(feature, np.zeros(6)))
+        self.robot.freedrive(_or(freeAxes, np.ones(6)), _or(feature, np.zeros(6)))
 
     def ft_rtde_input_enable(
         self, enable: Any, sensor_mass: Any = 0, sensor_measuring_offset: Any = None, sensor_cog: Any = None
     ) -> None:
         """Take the wrench from RTDE; what is said of the sensor has no effect."""
-        self._robot.ft_input(bool(enable))
+        number(sensor_mass)
+        for place in (sensor_measuring_offset, sensor_cog):
+            _or(place, None, 3)
+        self.robot.ft_input(bool(number(enable)))
 
     enable_external_ft_sensor = ft_rtde_input_enable
 
@@ -377,17 +403,17 @@ class BuiltIns(Sockets):
 
     def set_payload(self, m: Any, cog: Any = None) -> None:
         """Set the payload."""
-        self._robot.set_payload(number(m), _or(cog, None, 3))
+        self.robot.set_payload(number(m), _or(cog, None, 3))
 
     def set_target_payload(self, m: Any, cog: Any, inertia: Any = None, transition_time: Any = 0) -> None:
         """Set the payload with its inertia."""
-        self._robot.set_payload(number(m), array(cog, 3), _or(inertia, None))
+        self.robot.set_payload(number(m), array(cog, 3), _or(inertia, None))
 
     def _tcp(self, tcp: Any) -> Array:
-        return self._robot.tcp_offset if tcp is None or tcp == "active_tcp" else array(tcp)
+        return self.robot.tcp_offset if tcp is None or tcp == "active_tcp" else array(tcp)
 
     def _at(self, q: Any) -> Array:
-        return _or(q, self._robot.actual_q)
+        return _or(q, self.robot.actual_q)
 
 
 def _or(value: Any, usual: Any, size: int = 6) -> Any:
@@ -401,4 +427,4 @@ def _of_number(of: Callable[[float], float]) -> Callable[[Any], float]:
 
 def _steps(t: Any) -> int:
     """Steps in a time [s]."""
-    return min(max(math.ceil(number(t) / STEP_S - 1e-6), 0), MOST_STEPS)
+    return min(max(math.ceil(number(t) / TICK_S - 1e-6), 0), MOST_STEPS)

@@ -6,16 +6,14 @@ import re
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass
-from random import Random
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.ur.script import values
-from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
+from polish_sim.ur.script.built_ins import STOP_A, BuiltIns, Listener
 from polish_sim.ur.script.translate import FILE, Program, translate
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.robot import SimulatedRobot
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
@@ -41,7 +39,7 @@ class _Thread:
             self.steps.close()
 
 
-class Machine:
+class Machine(BuiltIns):
     """Runs one programme, given as text; ``tick`` comes from the clock, the rest from the ports, all in one
     thread.
 
@@ -54,27 +52,22 @@ class Machine:
         ScriptError: It cannot be run; says where.
     """
 
-    robot: SimulatedRobot
-
-    def __init__(self, source: str | Program, listener: RobotController, client: str = "") -> None:
+    def __init__(self, source: str | Program, listener: Listener, client: str = "") -> None:
+        super().__init__()
         self.program = translate(source) if isinstance(source, str) else source
         self.listener = listener
         self.running = True
-        self.popup_open = False
-        self.random = Random(0)
-        self.mover: _Thread | None = None  #: The thread that moves the robot now
-        self._built_ins = BuiltIns(self)
-        self._built_ins.client = client
+        self.client = client
         space: dict[str, Any] = {"__builtins__": {}, "Halt": Halt, "List": values.List, "pose": values.pose}
         for word in ("add", "sub", "mul", "mod", "xor", "element", "replaced", "checked"):
             space[word] = getattr(values, word)
         space |= {"spend": self._spend, "run": self._run, "join": self._join, "kill": self._kill}
-        space |= {f"b_{name}": built_in for name, built_in in self._built_ins.table().items()}
+        space |= {f"b_{name}": built_in for name, built_in in self.table().items()}
         exec(self.program.code, space)
         self._threads = [_Thread(space["main"]())]
         self._current = self._threads[0]
         self._left = 0
-        self._until = 0.0
+        self._deadline = 0.0
         if not self.program.secondary:
             listener.started(self.program.name)
 
@@ -85,7 +78,7 @@ class Machine:
         self.running = False
         for thread in self._threads:
             thread.close()
-        self._built_ins.close_all()
+        self.close_all()
         if self.program.secondary:
             return
         if hasattr(self, "robot"):
@@ -100,7 +93,7 @@ class Machine:
     def tick(self, robot: SimulatedRobot) -> None:
         """Run each thread to its next wait: once in 2 ms, before the robot's step."""
         self.robot = robot
-        self._until = thread_time() + MOST_S
+        self._deadline = thread_time() + MOST_S
         for thread in self._threads:  # a thread that starts another lets it run in the same step
             if thread.alive:
                 self._advance(thread)
@@ -124,15 +117,9 @@ class Machine:
             self.listener.runtime_exception(*_place(error, self.program), _said(error))
             self.stop()
 
-    def take_robot(self) -> None:
-        """Refuse a move while another thread moves the robot."""
-        if self.mover is not None and self.mover is not self._current:
-            raise ValueError("another thread is already moving the robot")
-        self.mover = self._current
-
     def _spend(self, work: int) -> None:
         self._left -= work
-        if self._left < 0 or thread_time() > self._until:
+        if self._left < 0 or thread_time() > self._deadline:
             raise ValueError("an endless loop: nothing in it waits, such as sync()")
 
     def _run(self, steps: Generator[None, None, Any]) -> _Thread:

@@ -12,7 +12,7 @@ from typing import Any
 
 from polish_sim.ur.script.values import List, number, to_text
 
-STEP_S = 0.002
+TICK_S = 0.002  #: Cycle of the robot's controller
 CONNECT_S = 2.0
 MOST_SOCKETS = 16
 MOST_BYTES = 65_536  #: Kept unread of a socket
@@ -68,7 +68,7 @@ class Sockets:
         self.lines[socket_name] = line
         with suppress(OSError, OverflowError):
             line.socket.connect_ex((self.client, int(number(port))))
-            for _ in range(round(CONNECT_S / STEP_S)):
+            for _ in range(round(CONNECT_S / TICK_S)):
                 if select.select([], [line.socket], [], 0.0)[1]:
                     break
                 yield
@@ -112,7 +112,7 @@ class Sockets:
     def _read(self, name: Any, timeout: Any, cut: Callable[[bytearray], int]) -> Waiting:
         """Wait for as many bytes as ``cut`` finds (0: not yet); None if time runs out or the line is dead."""
         line = self.lines.get(name)
-        steps = round(min(number(timeout), 1e6) / STEP_S)
+        steps = round(min(number(timeout), 1e6) / TICK_S)
         waited = 0
         while line is not None:
             line.receive()

@@ -137,8 +137,8 @@ def as_list(values: Iterable[float] | Array) -> List:
 
 
 def as_pose(values: Array) -> Pose:
-    """A pose from an array."""
-    return Pose(values.tolist())
+    """A pose from an array of finite numbers."""
+    return Pose(map(number, values.tolist()))
 
 
 def numbers(values: Any, size: int) -> list[float]:
@@ -175,7 +175,9 @@ def to_text(value: Any) -> str:
 
 
 def _matrix(pose: Any) -> Array:
-    return matrix_of(array(pose))
+    T = matrix_of(array(pose))
+    number(float(T.sum()))  # rotation vectors can be too long for numbers
+    return T
 
 
 def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
@@ -236,7 +238,7 @@ def rpy2rotvec(rpy: Any) -> List:
 
 def rotvec2rpy(rotation: Any) -> List:
     """The inverse of ``rpy2rotvec``."""
-    x, y, z = matrix_of(np.append(np.zeros(3), array(rotation, 3)))[:3, :3].T.tolist()
+    x, y, z = _matrix((0.0, 0.0, 0.0, *array(rotation, 3)))[:3, :3].T.tolist()
     level = hypot(y[2], z[2])
     if level < 1e-9:  # straight up or down: roll and yaw are about one axis
         return List((0.0, atan2(-x[2], level), atan2(-y[0], y[1])))
