@@ -7,6 +7,7 @@ import pytest
 
 from polish_sim.cell import Cell
 from polish_sim.cell.cell import CellRun, Played
+from polish_sim.cell.snapshot import restore_cell, save_cell, use_strokes
 from polish_sim.experiments import default_scenario, prepare_surface
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import planned
@@ -41,9 +42,9 @@ def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
     whole, one = cell(*settings).run(), cell(*settings)
     assert whole.trace.phase.max() >= 2
     before = [one.play(1000), one.play(777)]
-    saved = one.save()
+    saved = save_cell(one)
     same_bytes(one.result([*before, *play_to_the_end(one, 301)]), whole)
-    one.restore(saved)
+    restore_cell(one, saved)
     same_bytes(one.result([*before, *play_to_the_end(one, 500)]), whole)
 
 
@@ -51,14 +52,14 @@ def test_strokes_and_course_can_be_exchanged_on_the_way():
     """Exchanged for equal ones nothing changes; for slower ones the rest of the run takes longer."""
     one = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2")
     before = [one.play(3000)]
-    saved = one.save()
+    saved = save_cell(one)
     first = one.result([*before, *play_to_the_end(one, 500)])
-    one.restore(saved)
-    one.use_strokes(one.strokes, one.course)
+    restore_cell(one, saved)
+    use_strokes(one, one.strokes, one.course)
     same_bytes(one.result([*before, *play_to_the_end(one, 500)]), first)
-    one.restore(saved)
+    restore_cell(one, saved)
     slow = [s._replace(motion=s.motion._replace(rates=0.5 * s.motion.rates)) for s in one.strokes]
-    one.use_strokes(slow, one.course)
+    use_strokes(one, slow, one.course)
     slower = one.result([*before, *play_to_the_end(one, 500)])
     fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in (first, slower))
     assert 0.5 < fed_slowly / fed < 0.75

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -34,9 +34,6 @@ from polish_sim.cell.kernel import (
     LawMemory,
     Lesson,
     SetPoints,
-    cell_memory,
-    restore_cell,
-    save_cell,
 )
 from polish_sim.cell.limits import (
     check_contact_settings,
@@ -391,24 +388,14 @@ class Cell:
         self.stroke_number = number
         self.kernel = self.kernel._replace(stroke=self.set_points.begin(self.strokes[number]))
 
-    def use_strokes(self, strokes: Sequence[Stroke], course: Course | None = None) -> None:
-        """Continue with other strokes on the same part, and their ``course`` for a controller that prepares
-        for it.
-
-        The one under way is replaced by that of its number; its time and place are kept.
-        """
-        self.strokes = tuple(strokes)
-        self.course = course
-        self.begin_stroke(min(self.stroke_number, len(self.strokes) - 1))
-        if course is not None and isinstance(self.controller, CompiledController):
-            saved = self.save()
-            self.use_controller(self.controller)
-            self.restore(saved)
-
-    memory = cell_memory
-    save = save_cell
-    #: Run on from there, it gives the same bytes
-    restore = restore_cell
+    def memory(self) -> list[NDArray[Any]]:
+        """What its compiled loop remembers outside the engine's state and the law's memory."""
+        k = self.kernel
+        return [
+            *map(memory_of, (k.state, k.pad.material, self.recorder.filled, self.real_arm)), k.samples,
+            *k.requests, k.part.position, k.part.rotation, k.engine.speeds_before, k.engine.sensordata,
+            k.engine.dof_damping,
+        ]  # fmt: skip
 
     def _set_joints(self, q_start: Array) -> None:
         """Positions and controls at the start."""

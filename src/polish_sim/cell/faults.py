@@ -13,18 +13,15 @@ from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from polish_sim.cell.guards import MEASURED, NO_STOP
-from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, SetPoints
+from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, CellState, SetPoints
 from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.config import FaultsConfig, ProcessConfig, Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
-
-if TYPE_CHECKING:
-    from polish_sim.cell.cell import Cell
 
 JUMP_N = 20.0
 DRIFT_N_S = 3.0
@@ -34,7 +31,20 @@ LATENCY_S = 0.040
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 NO_PART = "no part to press on"
 _AWAY_M = 10.0  # where a missing part goes: out of reach
-Inject = Callable[["Cell"], None]
+
+
+class FaultyCell(Protocol):
+    """What a fault changes."""
+
+    kernel: CellKernel
+    fault_table: Mapping[str, Fault]
+
+    @property
+    def state(self) -> CellState:
+        """Of the kernel."""
+
+
+Inject = Callable[[FaultyCell], None]
 
 
 class Fault(NamedTuple):
@@ -51,45 +61,45 @@ def set_field(record: str, field: str, value: float) -> Inject:
     return lambda cell: setattr(attrgetter(record)(cell), field, value)
 
 
-def _bias(newton: float, cell: Cell) -> None:
+def _bias(newton: float, cell: FaultyCell) -> None:
     cell.state.sensor.errors.bias[2] += newton
 
 
-def _drift(cell: Cell) -> None:
+def _drift(cell: FaultyCell) -> None:
     cell.state.sensor.errors.creep[2] -= DRIFT_N_S * cell.state.sensor.period
 
 
-def _sensor_noise(cell: Cell) -> None:
+def _sensor_noise(cell: FaultyCell) -> None:
     cell.state.sensor.errors.noise *= NOISE_TIMES
 
 
-def _latency_jump(cell: Cell) -> None:
+def _latency_jump(cell: FaultyCell) -> None:
     robot, room = cell.state.speedl, len(cell.kernel.requests.numbers) - 1
     robot.latency = min(robot.latency + round(LATENCY_S / cell.kernel.engine.dt), room)
 
 
-def _part_missing(cell: Cell) -> None:
+def _part_missing(cell: FaultyCell) -> None:
     motion = cell.state.motion
     motion.shift = motion.goal = -_AWAY_M * motion.axis
 
 
-def _lift(metres: float, cell: Cell) -> None:
+def _lift(metres: float, cell: FaultyCell) -> None:
     cell.state.motion.goal += metres * cell.state.motion.axis
 
 
-def _part_across(cell: Cell) -> None:
+def _part_across(cell: FaultyCell) -> None:
     axis = cell.state.motion.axis
     across = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
     cell.state.motion.goal += PART_M * across / np.linalg.norm(across)
 
 
-def _part_loose(cell: Cell) -> None:
+def _part_loose(cell: FaultyCell) -> None:
     motion = cell.state.motion
     motion.amplitude, motion.frequency = SHAKE_M, 2.0 * math.pi * SHAKE_HZ
     motion.start = cell.state.status.steps * cell.kernel.engine.dt
 
 
-def _friction_jump(cell: Cell) -> None:
+def _friction_jump(cell: FaultyCell) -> None:
     cell.kernel.pad.material.friction *= FRICTION_TIMES
 
 
@@ -283,7 +293,7 @@ class FaultClock:
         self.first_time: float | None = None
         """When the first fault happened [s]."""
 
-    def inject_due(self, cell: Cell) -> None:
+    def inject_due(self, cell: FaultyCell) -> None:
         """Let everything happen that is due now."""
         dt, status = cell.kernel.engine.dt, cell.state.status
         now = float(status.steps) * dt

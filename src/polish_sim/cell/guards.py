@@ -10,24 +10,21 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.kernel import CellState, CrashPoints, Guards
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
 from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
-from polish_sim.kernels import Record, Vector3, dot, kernel, matvec, minus, plus
+from polish_sim.kernels import dot, kernel, matvec, minus, plus
 from polish_sim.models import robot_model_path
-
-if TYPE_CHECKING:
-    from polish_sim.cell.kernel import CellState
 
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
@@ -35,7 +32,6 @@ ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, 
     11, 21
 )
 FIXTURE, OVERLOAD, STROKE = range(21, 24)
-CODES = 24  #: The first code free for what a branch adds
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something "
@@ -137,35 +133,6 @@ _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this m
 _DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]
 
 
-class Guards(Record):
-    """Limits, and what is remembered to check them."""
-
-    force: float  #: [N]
-    torque: float  #: [N m]
-    contact_lost: float  #: [s]
-    sensor_timeout: float  #: [s]
-    jump: float  #: Of the force, at once [N]; infinite for none
-    jump_share: float  #: Of such a jump that the reading against itself smoothed shows [-]
-    singular_value: float  #: [-]
-    offset: float  #: Of the surface from where it was planned [m]
-    stroke: float  #: Of a flange from mid stroke, as a share of it [-]
-    lost: float  #: Time without contact so far [s]
-    smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
-    swing: float  #: The most the force has jumped in this window of ``SEEN_S`` [N]
-    swung: float  #: And in those before, ever less [N]
-    window: float  #: When this one ends [s]
-    holding: float  #: Time the force has been held [s]
-    depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
-    was_held: bool  #: Whether the force has been held since contact
-    missing: float  #: Share of the force wanted that is not there, smoothed [-]
-    found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
-    shares: Annotated[Array, (CODES,)]
-    """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least
-    allowed value."""
-    places: Annotated[Array, (CODES,)]  #: Arc length of the path there [m]
-    times: Annotated[Array, (CODES,)]  #: And when [s]
-
-
 class GuardShare(NamedTuple):
     """How near a guard was to its limit."""
 
@@ -199,14 +166,6 @@ def _exceeds(state: CellState, code: int, found: float, limit: float, t: float) 
     state.guards.found = found
     _note(state, code, found / limit, t)
     return found > limit
-
-
-class CrashPoints(NamedTuple):
-    """Points on shaft, spindle, sensor, wrist and forearm that must stay out of part and fixture."""
-
-    points: Array  #: In their bodies' frames [m], shape (k, 3)
-    bodies: NDArray[np.int64]  #: Body of each point, shape (k,)
-    pad: int  #: How many of them, the last ones, are on the pad's rim: it may touch the part
 
 
 def build_guards(safety: SafetyConfig, sensor: SensorConfig, dt: float, mode_hz: float) -> Guards:

@@ -1,34 +1,27 @@
 """What the compiled loop works on: the engine's memory, the strokes' tables, one record of all that changes.
 
-A cell is saved by it, to run on from there once more, and force and feed are set anew in it while it runs.
+Force and feed are set anew in it while it runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import Flange, Pad, RealPart, Spindle
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.guards import CrashPoints, Guards
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import RequestLine, Speedl, StopMotion
 from polish_sim.cell.stroke import Sequence, Stroke
 from polish_sim.cell.wrist_sensor import Payload, WristSensor
 from polish_sim.config import ProcessConfig
-from polish_sim.control.signals import Answer, CompiledController, Measurement, Target
-from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, memory_of
-
-if TYPE_CHECKING:
-    from polish_sim.cell.cell import Cell
-    from polish_sim.cell.faults import FaultEvent
+from polish_sim.control.signals import Answer, Measurement, Target
+from polish_sim.kernels import Matrix6, Record, Vector3, Vector6
 
 
 class Status(Record):
@@ -51,6 +44,38 @@ class Status(Record):
     poisoned: bool  #: A fault: the controller's answer is not a number
     tares: int  #: Samples the sensor is zeroed from
     spread: float  #: Sum of squares of their normal force [N^2]
+
+
+CODES = 24  #: Of protective stops, see ``guards``; the first one free for what a branch adds
+
+
+class Guards(Record):
+    """Limits, and what is remembered to check them."""
+
+    force: float  #: [N]
+    torque: float  #: [N m]
+    contact_lost: float  #: [s]
+    sensor_timeout: float  #: [s]
+    jump: float  #: Of the force, at once [N]; infinite for none
+    jump_share: float  #: Of such a jump that the reading against itself smoothed shows [-]
+    singular_value: float  #: [-]
+    offset: float  #: Of the surface from where it was planned [m]
+    stroke: float  #: Of a flange from mid stroke, as a share of it [-]
+    lost: float  #: Time without contact so far [s]
+    smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
+    swing: float  #: The most the force has jumped in this window of ``SEEN_S`` [N]
+    swung: float  #: And in those before, ever less [N]
+    window: float  #: When this one ends [s]
+    holding: float  #: Time the force has been held [s]
+    depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
+    was_held: bool  #: Whether the force has been held since contact
+    missing: float  #: Share of the force wanted that is not there, smoothed [-]
+    found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
+    shares: Annotated[Array, (CODES,)]
+    """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least
+    allowed value."""
+    places: Annotated[Array, (CODES,)]  #: Arc length of the path there [m]
+    times: Annotated[Array, (CODES,)]  #: And when [s]
 
 
 class CellState(Record):
@@ -94,6 +119,14 @@ class LawMemory(NamedTuple):
     answer: NDArray[np.uint8]
 
 
+class CrashPoints(NamedTuple):
+    """Points on shaft, spindle, sensor, wrist and forearm that must stay out of part and fixture."""
+
+    points: Array  #: In their bodies' frames [m], shape (k, 3)
+    bodies: NDArray[np.int64]  #: Body of each point, shape (k,)
+    pad: int  #: How many of them, the last ones, are on the pad's rim: it may touch the part
+
+
 class CellKernel(NamedTuple):
     """Everything the compiled loop works on."""
 
@@ -109,102 +142,6 @@ class CellKernel(NamedTuple):
     lesson: Lesson
     control_every: int  #: Physics steps a control cycle
     state: CellState
-
-
-_ENGINE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-_LEARNED = ("learned", "known")  # what a law writes into the rows of its course
-
-
-class CellSnapshot(NamedTuple):
-    """A cell between two steps; it belongs to that cell, whatever strokes it then has."""
-
-    stroke: int  #: Number of the one under way
-    engine: Array  #: MuJoCo's state of integration
-    memory: tuple[NDArray[Any], ...]  #: Records and lines of the cell, see `cell_memory`
-    controller: Any  #: Memory of its law, or the attributes of a controller in Python
-    learned: dict[str, NDArray[Any]]  #: What it learned along its course, by row
-    rng: Any  #: State of the sensor's generator
-    draws: Array  #: Numbers drawn and not yet used, shape (k, 12)
-    waiting: tuple[FaultEvent, ...]  #: Faults and changes to come
-    asked: tuple[FaultEvent, ...]
-    first_fault: float | None
-    set_points: dict[str, float]
-    touched: str | None
-
-
-def cell_memory(cell: Cell) -> list[NDArray[Any]]:
-    """What a cell's compiled loop remembers outside the engine's state and the law's memory."""
-    k = cell.kernel
-    records = [
-        k.state,
-        k.pad.material,
-        cell.recorder.filled,
-        cell.real_arm,
-    ]
-    return [
-        *map(memory_of, records),
-        k.samples,
-        *k.requests,
-        k.part.position,
-        k.part.rotation,
-        k.engine.speeds_before,
-        k.engine.sensordata,
-        k.engine.dof_damping,
-    ]
-
-
-def save_cell(cell: Cell) -> CellSnapshot:
-    """Copy what changes while a cell runs; between two calls of `Cell.play`."""
-    controller = cell.controller
-    memory: Any
-    course: Any = None
-    if isinstance(controller, CompiledController):
-        memory = _memory_of_law(controller).copy()
-        course = controller.course
-    else:
-        memory = deepcopy(vars(controller))
-    names = () if course is None else course.dtype.names or ()
-    engine = np.empty(mujoco.mj_stateSize(cell.model, _ENGINE))
-    mujoco.mj_getState(cell.model, cell.data, engine, _ENGINE)
-    return CellSnapshot(
-        cell.stroke_number, engine, tuple(array.copy() for array in cell.memory()), memory,
-        {name: course[name].copy() for name in _LEARNED if name in names}, cell.rng.bit_generator.state,
-        cell.draws.copy(), tuple(cell.faults.waiting), tuple(cell.asked), cell.faults.first_time,
-        dict(cell.set_points.now), cell.touched,
-    )  # fmt: skip
-
-
-def restore_cell(cell: Cell, saved: CellSnapshot) -> None:
-    """Bring a cell back to where it was saved; its strokes and its course stay those it has now."""
-    controller = cell.controller
-    if isinstance(controller, CompiledController):
-        _memory_of_law(controller)[...] = saved.controller
-        for name, values in saved.learned.items():
-            rows = min(len(values), len(controller.course))
-            controller.course[name] = 0
-            controller.course[name][:rows] = values[:rows]
-    else:
-        vars(controller).update(deepcopy(saved.controller))
-    cell.rng.bit_generator.state = saved.rng
-    cell.draws, cell.touched, cell.asked = saved.draws.copy(), saved.touched, list(saved.asked)
-    cell.faults.waiting[:], cell.faults.first_time = saved.waiting, saved.first_fault
-    cell.set_points.now.update(saved.set_points)
-    cell.begin_stroke(saved.stroke)
-    _write(cell, saved)
-    # What follows from the state, for those who look on; the loop computes it again.
-    mujoco.mj_forward(cell.model, cell.data)
-    _write(cell, saved)
-
-
-def _write(cell: Cell, saved: CellSnapshot) -> None:
-    mujoco.mj_setState(cell.model, cell.data, saved.engine, _ENGINE)
-    for array, values in zip(cell.memory(), saved.memory, strict=True):
-        array[...] = values
-
-
-def _memory_of_law(controller: CompiledController) -> NDArray[np.void]:
-    """The memory of a compiled law, the same memory, shape ()."""
-    return np.asarray(controller.context)["memory"]  # type: ignore[no-any-return]
 
 
 FORCE, FEED = "force_n", "feed_m_s"

@@ -13,8 +13,8 @@ from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
 from polish_sim.cell.gears import HostArm, RealArm, compensate, hear_joints, host_hears, read_encoders
-from polish_sim.cell.guards import CODES, REASONS
-from polish_sim.cell.kernel import CellKernel, CellState
+from polish_sim.cell.guards import REASONS
+from polish_sim.cell.kernel import CODES, CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,
     command,

@@ -17,7 +17,7 @@ from polish_sim.analysis.metrics import force_shares
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
-from polish_sim.cell.kernel import CellSnapshot
+from polish_sim.cell.snapshot import CellSnapshot, restore_cell, save_cell, use_strokes
 from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, course_for, strokes_for
@@ -120,8 +120,8 @@ class Play:
             return
         self.place, cell, scenario = place, self.cell, self.scenario
         strokes = self._strokes()
-        cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
-        cell.restore(self._saved[-1].state)
+        use_strokes(cell, strokes, course_for(cell.controller, scenario, place, strokes))
+        restore_cell(cell, self._saved[-1].state)
         sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
         if sequence.stage == FEEDING:
             # The motion may have been timed anew: the clock is that of the place.
@@ -153,7 +153,7 @@ class Play:
                     break
                 stroke = cell.stroke_number
             elif not found and (t >= next_save or status.arrived):
-                saved.append(_Saved(_done_until(cell), cell.save()))
+                saved.append(_Saved(_done_until(cell), save_cell(cell)))
                 next_save = t + SAVE_EVERY_S
                 del saved[:-SAVED]
         return found
