@@ -70,7 +70,11 @@ def _least_time(most: Array, joint: Array, tool: Array) -> Array:
             kept = ((q1 * V <= joint[0]) & (q2 * V**2 + q1 * A <= joint[1])).all(axis=2) & (J > 0.0)
             V, A = np.broadcast_to(V[..., 0], kept.shape), np.broadcast_to(A[:, 0], kept.shape)
             time = np.where(
-                kept, stop_triples(*(np.where(kept, each, 1.0) for each in (V, A, J))).sum(axis=1), np.inf
+                kept,
+                stop_triples(*(np.where(kept, each, 1.0).ravel() for each in (V, A, J)))
+                .sum(axis=1)
+                .reshape(kept.shape),
+                np.inf,
             )
             i = np.unravel_index(time.argmin(), time.shape)
             if not np.isfinite(time[i]):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.errors import InputError, SmoothingError
+from polish_sim.errors import SmoothingError
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.regressor import TorqueModel, random_states
 from polish_sim.identification.robot_model import read_chain
@@ -94,6 +94,10 @@ def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses(
     np.testing.assert_array_equal(torque, still)
 
 
-def test_a_slide_is_refused_by_name():
-    with pytest.raises(InputError, match="'head_slide' is a slide"):
-        chain_model(read_chain(ROBOT))
+def test_torques_of_a_chain_with_a_slide_are_those_of_the_regressor():
+    chain = read_chain(ROBOT)
+    rigid, states = TorqueModel(chain, ("armature",)), random_states(7, 20, np.random.default_rng(2))
+    wanted, torque = rigid.torque(states, rigid.truth()), np.zeros(7)
+    for row in range(20):
+        chain_torque(chain_model(chain), states.q[row], states.qd[row], states.qdd[row], 1.0, torque)
+        np.testing.assert_allclose(torque, wanted[row], atol=1e-11)

@@ -17,6 +17,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.engine import HEAD, EngineViews
 from polish_sim.cell.gears import slip
 from polish_sim.config import HeadConfig, PadConfig, SpindleConfig
+from polish_sim.control.loops import low_pass_share
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel, matvec, minus, set_to
@@ -262,7 +263,7 @@ def build_flange(head: HeadConfig, dt: float) -> Flange:
     """A flange in the air, or none; ``dt``: physics step [s]."""
     flange = head.flange
     return Flange(
-        share=1.0 - math.exp(-2.0 * math.pi * flange.bandwidth_hz * dt),
+        share=low_pass_share(flange.bandwidth_hz, dt),
         stiffness=head.stiffness_n_m * head.spring_scale,
         stroke=head.travel_m,
         start=flange.start_force_n,

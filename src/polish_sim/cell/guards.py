@@ -22,6 +22,7 @@ from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellState, CrashPoints, Guards
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
 from polish_sim.config import SafetyConfig, SensorConfig
+from polish_sim.control.loops import low_pass_share
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import dot, kernel, matvec, minus, plus
 from polish_sim.models import robot_model_path
@@ -200,9 +201,7 @@ def _jump_share(sensor: SensorConfig, dt: float, mode_hz: float) -> float:
 def _most_seen(sensor: SensorConfig, dt: float, force: Array) -> float:
     """The largest difference [N] between a reading and itself smoothed, of a ``force`` (n,) that begins at a
     time 0."""
-    blend = (
-        1.0 - math.exp(-2.0 * math.pi * sensor.bandwidth_hz / sensor.rate_hz) if sensor.bandwidth_hz else 1.0
-    )
+    blend = low_pass_share(sensor.bandwidth_hz, 1.0 / sensor.rate_hz) or 1.0
     reading = smooth = most = due = 0.0
     for k, value in enumerate(force):
         if k * dt >= due:

@@ -14,6 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import SensorConfig
+from polish_sim.control.loops import low_pass_share
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, cross, kernel, minus, scaled, set_to
 from polish_sim.spatial import GRAVITY
@@ -81,10 +82,9 @@ def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
         quantum=_per_axis(config.force_quantum_n, config.torque_quantum_nm),
         range=full, overload=config.overload, reach=1.0,
     )  # fmt: skip
-    blend = 1.0 - math.exp(-2.0 * math.pi * config.bandwidth_hz * period) if config.bandwidth_hz else 1.0
-    return WristSensor(
-        errors=errors, blend=blend, period=period, delay=max(0, round(config.latency_s / period) - 1)
-    )
+    blend = low_pass_share(config.bandwidth_hz, period) or 1.0
+    delay = max(0, round(config.latency_s / period) - 1)
+    return WristSensor(errors=errors, blend=blend, period=period, delay=delay)
 
 
 def build_sample_line(sensor: WristSensor) -> Array:

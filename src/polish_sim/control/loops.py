@@ -11,10 +11,18 @@ from polish_sim.kernels import Record, Vector3, add_to, cross, dot, kernel, scal
 # First-order low-pass, in the exact discrete form.
 
 
+def low_pass_share(corner_hz: float, dt: float) -> float:
+    """Share of the way to its input that a first-order low-pass goes in a step [s]."""
+    return 1.0 - math.exp(-2.0 * math.pi * corner_hz * dt)
+
+
+_share = kernel(low_pass_share)
+
+
 @kernel
 def low_pass_step(state: float, value: float, corner_hz: float, dt: float) -> float:
     """Next output of a first-order low-pass whose input is held over the step ``dt`` [s]."""
-    return state + (1.0 - math.exp(-2.0 * math.pi * corner_hz * dt)) * (value - state)
+    return state + _share(corner_hz, dt) * (value - state)
 
 
 class VelocityGains(Record):

@@ -17,6 +17,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig
+from polish_sim.control.loops import low_pass_share
 from polish_sim.errors import unknown_name
 from polish_sim.kernels import Record, kernel
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
@@ -220,7 +221,7 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
         threshold=guide.assist_threshold,
         onset=1.0 / guide.assist_memory_s,
         felt=m.assist * guide.hand_felt,
-        acceleration_blend=1.0 - math.exp(-2.0 * math.pi * guide.acceleration_filter_hz * dt),
+        acceleration_blend=low_pass_share(guide.acceleration_filter_hz, dt),
         observer=2.0 * math.pi * guide.observer_hz,
         encoder=guide.encoder_rad,
     )

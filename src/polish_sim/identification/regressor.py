@@ -19,20 +19,14 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import (
-    add_to,
-    cross,
-    dot,
-    matvec,
-    minus,
-    plus,
-    plus_cross,
-    scaled,
-    second_by_turning,
-    set_to,
-    turn_about,
+from polish_sim.motion.serial_chain import (
+    LINK_PARAMETERS,
+    LINK_UNITS,
+    ChainGeometry,
+    SerialChain,
+    fill_block,
+    step_outward,
 )
-from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
 STEP = 1e-30  #: Size of the complex step: its square vanishes beside one
 PIECE = 2000  #: Samples whose regressors are held at once
@@ -81,68 +75,9 @@ def _fill_regressors(  # type: ignore[no-untyped-def]
             dw[x] = 0.0 * q[row, 0]
             a[x] = -chain.gravity[x] + 0.0 * q[row, 0]
         for j in range(q.shape[1]):
-            _step_outward(chain, j, q[row, j], qd[row, j], qdd[row, j], motion, screws)
+            step_outward(chain, j, q[row, j], qd[row, j], qdd[row, j], motion, screws)
             for k in range(j + 1):
-                _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[row, k], 10 * j)
-
-
-@njit(_nrt=False)
-def _step_outward(  # type: ignore[no-untyped-def]
-    chain: ChainGeometry, j: int, q, qd, qdd, motion, screws
-) -> None:
-    """Carry motion and the joints' screws from link j - 1 to link j."""
-    w, dw, a = motion[0], motion[1], motion[2]
-    hinge = chain.kind[j] == HINGE
-    z = chain.axis[j]
-    fixed = chain.rotation[j]
-    # Where the new origin lies, seen from the old one, in the old axes.
-    p = plus(chain.position[j], scaled(0.0 * q if hinge else q, matvec(fixed, z)))
-    # Acceleration of the new origin.
-    add_to(a, second_by_turning(w, dw, p))
-    # Turn back, v -> R^T v: a row of R is that of the fixed turn, turned back about the axis.
-    c, s = (np.cos(q), np.sin(q)) if hinge else (1.0 + 0.0 * q, 0.0 * q)
-    for x in range(3):
-        set_to(motion[3 + x], turn_about(z, c, -s, 1.0 - c, fixed[x]))
-    back = motion[3:6].T
-    for x in range(3):
-        set_to(motion[x], matvec(back, motion[x]))
-    for k in range(j):
-        add_to(screws[1, k], p)
-        for x in range(2):
-            set_to(screws[x, k], matvec(back, screws[x, k]))
-    set_to(screws[0, j], z)
-    set_to(screws[1, j], (0.0, 0.0, 0.0))
-    # What the joint's own motion adds.
-    across = cross(w, z)
-    if hinge:
-        add_to(dw, plus(scaled(qd, across), scaled(qdd, z)))
-        add_to(w, scaled(qd, z))
-    else:
-        add_to(a, plus(scaled(2.0 * qd, across), scaled(qdd, z)))
-
-
-@njit(forceinline=True, _nrt=False)
-def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
-    """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
-    if kind == HINGE:
-        n = scaled(1.0, z)
-        lever = cross(z, arm)
-    else:
-        n = scaled(0.0, z)
-        lever = scaled(1.0, z)
-    Y[first] = dot(lever, a)
-    # First moment: lever . (dw x c + w x (w x c)) - n . (a x c).
-    turned = minus(plus(cross(lever, dw), scaled(dot(lever, w), w)), scaled(dot(w, w), lever))
-    set_to(Y[first + 1 :], plus_cross(turned, a, n))
-    # Inertia: n . (I dw + w x I w) = n . I dw + (n x w) . I w.
-    nx, ny, nz = n
-    px, py, pz = cross(n, w)
-    Y[first + 4] = nx * dw[0] + px * w[0]
-    Y[first + 5] = nx * dw[1] + ny * dw[0] + px * w[1] + py * w[0]
-    Y[first + 6] = ny * dw[1] + py * w[1]
-    Y[first + 7] = nx * dw[2] + nz * dw[0] + px * w[2] + pz * w[0]
-    Y[first + 8] = ny * dw[2] + nz * dw[1] + py * w[2] + pz * w[1]
-    Y[first + 9] = nz * dw[2] + pz * w[2]
+                fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[row, k], 10 * j)
 
 
 class States(NamedTuple):

@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
     add_to,
     cross,
     dot,
-    kernel,
     matvec,
+    minus,
     plus,
     plus_cross,
     scaled,
+    second_by_turning,
     set_to,
     turn_about,
 )
@@ -81,100 +81,99 @@ def inertia_at_origin(parameters: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-# Joint torques of a chain of hinges for a motion, by Newton-Euler: out and back along the links.
-#
-# Paper 3's recursion; the same sums as the regressor's, but of one set of parameters and without forming the
-# matrix.
+# A chain's motion carried outwards, and the torque of its joints by each link's parameters (paper 3).
+
+
+@njit(_nrt=False)
+def step_outward(  # type: ignore[no-untyped-def]
+    chain: ChainGeometry, j: int, q, qd, qdd, motion, screws
+) -> None:
+    """Carry motion and the joints' screws from link j - 1 to link j."""
+    w, dw, a = motion[0], motion[1], motion[2]
+    hinge = chain.kind[j] == HINGE
+    z = chain.axis[j]
+    fixed = chain.rotation[j]
+    # Where the new origin lies, seen from the old one, in the old axes.
+    p = plus(chain.position[j], scaled(0.0 * q if hinge else q, matvec(fixed, z)))
+    # Acceleration of the new origin.
+    add_to(a, second_by_turning(w, dw, p))
+    # Turn back, v -> R^T v: a row of R is that of the fixed turn, turned back about the axis.
+    c, s = (np.cos(q), np.sin(q)) if hinge else (1.0 + 0.0 * q, 0.0 * q)
+    for x in range(3):
+        set_to(motion[3 + x], turn_about(z, c, -s, 1.0 - c, fixed[x]))
+    back = motion[3:6].T
+    for x in range(3):
+        set_to(motion[x], matvec(back, motion[x]))
+    for k in range(j):
+        add_to(screws[1, k], p)
+        for x in range(2):
+            set_to(screws[x, k], matvec(back, screws[x, k]))
+    set_to(screws[0, j], z)
+    set_to(screws[1, j], (0.0, 0.0, 0.0))
+    # What the joint's own motion adds.
+    across = cross(w, z)
+    if hinge:
+        add_to(dw, plus(scaled(qd, across), scaled(qdd, z)))
+        add_to(w, scaled(qd, z))
+    else:
+        add_to(a, plus(scaled(2.0 * qd, across), scaled(qdd, z)))
+
+
+@njit(forceinline=True, _nrt=False)
+def fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
+    """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
+    if kind == HINGE:
+        n = scaled(1.0, z)
+        lever = cross(z, arm)
+    else:
+        n = scaled(0.0, z)
+        lever = scaled(1.0, z)
+    Y[first] = dot(lever, a)
+    # First moment: lever . (dw x c + w x (w x c)) - n . (a x c).
+    turned = minus(plus(cross(lever, dw), scaled(dot(lever, w), w)), scaled(dot(w, w), lever))
+    set_to(Y[first + 1 :], plus_cross(turned, a, n))
+    # Inertia: n . (I dw + w x I w) = n . I dw + (n x w) . I w.
+    nx, ny, nz = n
+    px, py, pz = cross(n, w)
+    Y[first + 4] = nx * dw[0] + px * w[0]
+    Y[first + 5] = nx * dw[1] + ny * dw[0] + px * w[1] + py * w[0]
+    Y[first + 6] = ny * dw[1] + py * w[1]
+    Y[first + 7] = nx * dw[2] + nz * dw[0] + px * w[2] + pz * w[0]
+    Y[first + 8] = ny * dw[2] + nz * dw[1] + py * w[2] + pz * w[1]
+    Y[first + 9] = nz * dw[2] + pz * w[2]
 
 
 class ChainModel(NamedTuple):
-    """A chain as the recursion takes it, with its room to work in: one for each thread."""
+    """A chain whose torques are computed, with its room to work in: one for each thread."""
 
     geometry: ChainGeometry
     parameters: Array  #: Ten a link about its origin, shape (n, 10)
     armature: Array  #: Inertia of the rotors on the joints' side [kg m^2], shape (n,)
-    turns: Array  #: Frame i in frame i - 1, shape (n, 3, 3)
-    #: Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)
-    motion: Array
-    wrench: Array  #: Force and moment of a link about its origin, shape (n + 1, 2, 3)
+    motion: Array  #: Room of `step_outward`, shape (6, 3)
+    screws: Array  #: The same, shape (2, n, 3)
+    block: Array  #: Of `fill_block`, shape (10,)
 
 
 def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
-    """Set a chain of hinges up for the recursion, masses, inertias and rotors times ``scale``.
-
-    Raises:
-        InputError: A joint is no hinge; names it.
-    """
-    for name, kind in zip(chain.joints, chain.geometry.kind, strict=True):
-        if kind != HINGE:
-            raise InputError(f"joint '{name}' is a slide: torques are computed for chains of hinges.")
-    n = len(chain.joints)
-    return ChainModel(
-        chain.geometry, scale * chain.parameters, scale * chain.armature,
-        np.zeros((n, 3, 3)), np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 2, 3)),
-    )  # fmt: skip
+    """Set a chain up for its torques, masses, inertias and rotors times ``scale``."""
+    room = (np.zeros(shape) for shape in ((6, 3), (2, len(chain.joints), 3), 10))
+    return ChainModel(chain.geometry, scale * chain.parameters, scale * chain.armature, *room)
 
 
 @njit
 def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: float, out: Array) -> None:
-    """Write the torques [N m] that move the chain at q, qd, qdd, shape (n,) each, into ``out``.
+    """Write the torques [N m], of slides [N], that move the chain at q, qd, qdd, (n,) each, into ``out``.
 
     ``gravity`` is its share: 1, or 0 for the torques of inertia alone.
     """
-    n = q.shape[0]
-    for x in range(3):
-        model.motion[0, 0, x] = model.motion[0, 1, x] = 0.0
-        model.motion[0, 2, x] = -gravity * model.geometry.gravity[x]
-    for j in range(n):
-        _turn_link(model, j, q[j])
-        _carry_motion(model, j, qd[j], qdd[j])
-        _link_wrench(model.parameters[j], model.motion[j + 1], model.wrench[j + 1])
-    for j in range(n - 1, -1, -1):
-        z, moment = model.geometry.axis[j], model.wrench[j + 1, 1]
-        out[j] = dot(z, moment) + model.armature[j] * qdd[j]
-        if j:
-            _carry_wrench(model, j)
-
-
-@kernel
-def _turn_link(model: ChainModel, j: int, angle: float) -> None:
-    """R_{j-1,j}: the fixed turn, then that of the joint (Rodrigues)."""
-    z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
-    c, s = np.cos(angle), np.sin(angle)
-    for i in range(3):
-        set_to(R[i], turn_about(z, c, -s, 1.0 - c, fixed[i]))
-
-
-@kernel
-def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
-    """Carry the motion from link j - 1 to link j."""
-    before, after = model.motion[j], model.motion[j + 1]
-    R, z, p = model.turns[j].T, model.geometry.axis[j], model.geometry.position[j]
-    w, dw, a = before[0], before[1], before[2]
-    set_to(after[0], matvec(R, w))
-    set_to(after[1], matvec(R, dw))
-    set_to(after[2], matvec(R, plus_cross(plus(a, cross(dw, p)), w, cross(w, p))))
-    add_to(after[1], plus(scaled(qd, cross(after[0], z)), scaled(qdd, z)))
-    add_to(after[0], scaled(qd, z))
-
-
-@kernel
-def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
-    """Wrench of a link about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
-    w, dw, a, mc = motion[0], motion[1], motion[2], parameters[1:4]
-    xx, xy, yy, xz, yz, zz = (
-        parameters[4], parameters[5], parameters[6], parameters[7], parameters[8], parameters[9],
-    )  # fmt: skip
-    inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-    set_to(wrench[0], plus(plus(scaled(parameters[0], a), cross(dw, mc)), cross(w, cross(w, mc))))
-    set_to(wrench[1], plus(cross(mc, a), plus_cross(matvec(inertia, dw), w, matvec(inertia, w))))
-
-
-@kernel
-def _carry_wrench(model: ChainModel, j: int) -> None:
-    """Add the wrench of link j to that of link j - 1."""
-    R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
-    force = matvec(R, need[0])
-    add_to(below[0], force)
-    add_to(below[1], matvec(R, need[1]))
-    add_to(below[1], cross(p, force))
+    motion, screws = model.motion, model.screws
+    motion[:2] = 0.0
+    set_to(motion[2], scaled(-gravity, model.geometry.gravity))
+    for j in range(q.shape[0]):
+        out[j] = model.armature[j] * qdd[j]
+        step_outward(model.geometry, j, q[j], qd[j], qdd[j], motion, screws)
+        for k in range(j + 1):
+            z, arm = screws[0, k], screws[1, k]
+            fill_block(model.geometry.kind[k], z, arm, motion[0], motion[1], motion[2], model.block, 0)
+            for x in range(10):
+                out[k] += model.block[x] * model.parameters[j, x]

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, running_sums
+from polish_sim.arrays import Array, Bools, Indices, next_corners, running_sums
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
-from polish_sim.geometry.cut import ALIKE, CutFacets, halve_edges, whole_facets
+from polish_sim.geometry.cut import ALIKE, CutFacets, find_edges, halve_edges, whole_facets
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.topology import counting_order, facets_at_edges, label_within
 
@@ -34,12 +34,13 @@ class Triangulation:
     @cached_property
     def edges(self) -> Indices:
         """Every edge once, shape (e, 2)."""
-        return each_once(half_edges(self.triangles), len(self.vertices))
+        return find_edges(self.triangles).ends
 
     @cached_property
     def border(self) -> Indices:
         """Directed edges with a triangle on their left only, shape (b, 2)."""
-        return half_edges(self.triangles)[(facets_at_edges(self.triangles) == 1).T.ravel()]
+        ends = np.stack([self.triangles, next_corners(self.triangles)], axis=2).swapaxes(0, 1)
+        return ends[(facets_at_edges(self.triangles) == 1).T]
 
     @cached_property
     def around(self) -> tuple[Indices, Indices]:
@@ -96,19 +97,6 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
         split[row, corner] = len(vertices) + which
         cut, vertices = halve_edges(surface, cut, vertices, split, row[first], corner[first])
     return _finish(surface, vertices, cut)
-
-
-def half_edges(triangles: Indices) -> Indices:
-    """Edges from corner k to k + 1, all first ones, then all second ones, then all third ones, (3 m, 2)."""
-    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-
-
-def each_once(edges: Indices, count: int) -> Indices:
-    """Edges (k, 2) between ``count`` vertices without doubles, whichever way they run, in order, shape (e,
-    2)."""
-    ends = np.sort(edges, axis=1)
-    keys = np.sort(ends[:, 0] * count + ends[:, 1])  # np.unique hashes, which takes longer
-    return np.stack(np.divmod(keys[np.diff(keys, prepend=-1) > 0], count), axis=1)
 
 
 def _long_edges(vertices: Array, triangles: Indices, longest_edge: float) -> Bools:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import JointsAbout, joints_about, motion_matrices
 from polish_sim.config import Scenario
+from polish_sim.control.loops import low_pass_share
 
 Complex = NDArray[np.complex128]
 
@@ -117,7 +118,7 @@ def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
         dt,
         round(scenario.robot.command_latency_s / dt),
         max(0, round(sensor.latency_s / dt) - 1),
-        1.0 - math.exp(-2.0 * math.pi * sensor.bandwidth_hz * dt) if sensor.bandwidth_hz else 1.0,
+        low_pass_share(sensor.bandwidth_hz, dt) or 1.0,
     )
 
 

@@ -66,7 +66,7 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
         "actual_robot_current": 0.5,
         "tool_temperature": 30.0,
         **dict.fromkeys(
-            (
+            [
                 "actual_momentum",
                 "standard_analog_input0",
                 "standard_analog_input1",
@@ -78,7 +78,7 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
                 "tool_output_current",
                 "joint_position_deviation_ratio",
                 "collision_detection_ratio",
-            ),
+            ],
             0.0,
         ),
     },
@@ -94,26 +94,20 @@ def _still(value: Any) -> Callable[[RobotController], Any]:
     return lambda c: value
 
 
+OWN = {
+    "VECTOR6D": "target_q target_qd target_qdd actual_q actual_qd actual_TCP_pose actual_TCP_speed "
+    "target_TCP_pose target_TCP_speed tcp_offset payload_inertia",
+    "VECTOR3D": "payload_cog",
+}
+"""What the robot has by the same name in small letters, by type."""
 READ: Mapping[str, Mapping[str, str]] = {
     "VECTOR6D": {
-        "target_q": "robot.target_q",
-        "target_qd": "robot.target_qd",
-        "target_qdd": "robot.target_qdd",
         "target_moment": "robot.joint_torques",
-        "actual_q": "robot.actual_q",
-        "actual_qd": "robot.actual_qd",
         "actual_current_as_torque": "robot.joint_torques",
-        "actual_TCP_pose": "robot.actual_tcp_pose",
-        "actual_TCP_speed": "robot.actual_tcp_speed",
         "actual_TCP_force": "robot.tcp_force",
-        "target_TCP_pose": "robot.target_tcp_pose",
-        "target_TCP_speed": "robot.target_tcp_speed",
-        "tcp_offset": "robot.tcp_offset",
-        "payload_inertia": "robot.payload_inertia",
         "ft_raw_wrench": "robot.raw_wrench",
         "wrench_calc_from_currents": "robot.tcp_force",
     },
-    "VECTOR3D": {"payload_cog": "robot.payload_cog"},
     "DOUBLE": {
         "timestamp": "robot.time_s",
         "target_speed_fraction": "robot.speed_fraction",
@@ -152,6 +146,11 @@ FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
         ("target_current", "actual_current", "joint_control_output"),
         ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
     ),
+    **{
+        name: (kind, attrgetter(f"robot.{name.lower()}"))
+        for kind, some in OWN.items()
+        for name in some.split()
+    },
     **{name: (kind, attrgetter(at)) for kind, some in READ.items() for name, at in some.items()},
     **{name: (kind, _still(value)) for kind, some in RESTING.items() for name, value in some.items()},
     **_registers("in"),

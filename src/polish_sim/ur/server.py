@@ -47,7 +47,7 @@ class _Lines(Session):
     def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
         self._controller, self._send, self._client = controller, send, client
         self._buffer = b""
-        self._size = 0  #: Of what was taken and is not whole
+        self._size = 0  #: Of a programme without its end yet
 
     def feed(self, data: bytes) -> bool:
         """Take text; False where the client is to be dropped."""

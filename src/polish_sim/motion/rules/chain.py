@@ -10,7 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus, scaled, set_to
+from polish_sim.kernels import cross, dot, minus, scaled, set_to, turn_about
 from polish_sim.spatial import no_rotations, steady_rotations, unit
 
 
@@ -193,21 +193,11 @@ def _fill_turn(chain: Chain, k: int) -> None:
 def _roll(chain: Chain, k: int) -> float:
     """Turn about the tool axis left to the next frame once the axis is there [rad]."""
     n, angle = chain.turn_axes[k], chain.angles[k]
+    start, end = chain.rotations[k], chain.rotations[k + 1]
     cosine, sine = math.cos(angle), math.sin(angle)
-    along_x = along_y = 0.0
-    for j in range(2):
-        v = chain.rotations[k, :, j]
-        along = dot(n, v)
-        for i in range(3):
-            across = n[(i + 1) % 3] * v[(i + 2) % 3] - n[(i + 2) % 3] * v[(i + 1) % 3]
-            turned = v[i] * cosine + across * sine + n[i] * along * (1.0 - cosine)
-            if j == 0:
-                along_x += turned * chain.rotations[k + 1, i, 0]
-                along_y -= turned * chain.rotations[k + 1, i, 1]
-            else:
-                along_x += turned * chain.rotations[k + 1, i, 1]
-                along_y += turned * chain.rotations[k + 1, i, 0]
-    return math.atan2(along_y, along_x)
+    x = turn_about(n, cosine, sine, 1.0 - cosine, start[:, 0])
+    y = turn_about(n, cosine, sine, 1.0 - cosine, start[:, 1])
+    return math.atan2(dot(y, end[:, 0]) - dot(x, end[:, 1]), dot(x, end[:, 0]) + dot(y, end[:, 1]))
 
 
 @njit

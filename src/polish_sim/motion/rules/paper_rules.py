@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, Indices, running_sums
 from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, part_of
-from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
+from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times, stop_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, near
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
@@ -132,13 +132,8 @@ def singular_segment(k: int) -> SmoothingError:
 
 def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
     """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        finite = np.isfinite(jerk)
-        ramp = np.where(finite, acceleration / jerk, 0.0)
-        c = np.where(finite, np.minimum(ramp, np.minimum(np.sqrt(speed / jerk), np.cbrt(0.5 / jerk))), 0.0)
-        held = np.minimum(speed / acceleration, 0.5 * (np.sqrt(c * c + 4.0 / acceleration) - c))
-        b = np.where(c == ramp, np.maximum(c, held), c)
-    return np.stack([np.maximum(1.0 / speed, b + c), b, c], axis=1)
+    limits = np.column_stack([speed, acceleration, jerk]).tolist()
+    return np.array([stop_times(1.0, *row) for row in limits]).reshape(-1, 3)
 
 
 # From filter times to a schedule: neighbours overlap as far as the tolerances let them (paper 4, eq. 12-14).

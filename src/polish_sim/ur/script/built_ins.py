@@ -90,7 +90,7 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
 
 
 class Listener(Protocol):
-    """Who hears what a programme says."""
+    """Receives what a programme says."""
 
     def text(self, text: str) -> None:
         """A line."""
