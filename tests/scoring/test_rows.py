@@ -16,10 +16,12 @@ from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, ru
 from polish_sim.scoring.battery import BATTERY, Case
 from polish_sim.scoring.score import keys_of
 from polish_sim.workers import Runner, open_workers
+from tests.kept import plate_file
 
 PI = Entry("hybrid-pi", "hybrid-pi")
-SHORT = Case("short", "a short hold", "force", ("process.hold_s=1.5",))
-OTHER = Case("other", "a short hold of 10 N", "force", ("process.hold_s=1.5", "process.contact_force_n=10"))
+HOLD = (f"part.file={plate_file()}", "process.hold_s=1.5")
+SHORT = Case("short", "a short hold", "force", HOLD)
+OTHER = Case("other", "a short hold of 10 N", "force", (*HOLD, "process.contact_force_n=10"))
 
 
 CONTROLLER = """
