@@ -58,6 +58,11 @@ def longest_side(points: Array) -> float:
     return float(np.ptp(points, axis=0).max())
 
 
+def box_middle(points: Array) -> Array:
+    """Middle of the box around points (n, k), shape (k,)."""
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+
 def next_corners(corners: Any) -> Any:
     """What facets (m, 3, ...) have at each corner's successor: where their edges end."""
     return np.roll(corners, -1, axis=1)

@@ -172,3 +172,11 @@ def set_to(out: Array, v: Vector) -> None:
 def add_to(out: Array, v: Vector) -> None:
     """Add a vector to an array (3,)."""
     out[0], out[1], out[2] = out[0] + v[0], out[1] + v[1], out[2] + v[2]
+
+
+@kernel
+def set_product(out: Array, A: Array, B: Array) -> None:
+    """Write the product of two poses, (3, 4) or (4, 4), into another one's first three rows."""
+    for j in range(4):
+        set_to(out[:, j], matvec(A, B[:, j]))
+    add_to(out[:, 3], A[:, 3])

@@ -98,16 +98,14 @@ def solve(problem: Problem[X], start: X, weights: Array | float = 1.0) -> X:
     """
     root = np.broadcast_to(np.sqrt(weights), problem.residuals(start).shape)
 
-    def residuals(step: Array) -> Array:
-        return (root * problem.residuals(problem.moved(start, step))).ravel()
+    def at(step: Array) -> X:
+        return problem.moved(start, step)
 
-    def slopes(step: Array) -> Array:
-        J = problem.slopes(problem.moved(start, step))
-        return (root[:, :, None] * J).reshape(-1, J.shape[2])
-
-    none = np.zeros(problem.slopes(start).shape[2])
-    found = least_squares(residuals, none, slopes, method="lm", max_nfev=_EVALUATIONS)
-    x = problem.moved(start, found.x)
+    found = least_squares(
+        lambda step: _left(problem, at(step), root), np.zeros(problem.slopes(start).shape[2]),
+        lambda step: _rows(problem, at(step), root), method="lm", max_nfev=_EVALUATIONS,
+    )  # fmt: skip
+    x = at(found.x)
     for _ in range(_ROUNDS):
         step = _gauss_newton(problem, x, root)
         x = problem.moved(x, step)
@@ -116,11 +114,20 @@ def solve(problem: Problem[X], start: X, weights: Array | float = 1.0) -> X:
     return x
 
 
+def _left(problem: Problem[X], x: X, root: Array) -> Array:
+    """Residuals weighted by ``root`` (n, k), in a row."""
+    return (root * problem.residuals(x)).ravel()
+
+
+def _rows(problem: Problem[X], x: X, root: Array) -> Array:
+    """Their slopes, shape (n k, p)."""
+    J = problem.slopes(x)
+    return (root[:, :, None] * J).reshape(-1, J.shape[2])
+
+
 def _gauss_newton(problem: Problem[X], x: X, root: Array) -> Array:
     """The step (p,) to the least squares of the linearised problem, rows weighted by ``root`` (n, k)."""
-    J = problem.slopes(x)
-    rows = (root[:, :, None] * J).reshape(-1, J.shape[2])
-    return np.asarray(np.linalg.lstsq(rows, -(root * problem.residuals(x)).ravel(), rcond=1e-14)[0])
+    return np.asarray(np.linalg.lstsq(_rows(problem, x, root), -_left(problem, x, root), rcond=1e-14)[0])
 
 
 def _covariance(rows: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
-from polish_sim.cell.scene import bend_links, tool_on_flange
+from polish_sim.cell.scene import bend_links, links_of, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import ConfigError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
@@ -240,7 +240,7 @@ def build_real_arm(
 ) -> RealArm:
     """The one robot of a scene, bent as built; ``host``: one that knows its arm, None: it has the nominal
     table and its tool; see `build_joints`."""
-    links = [model.body(f"link_{number}") for number in range(1, 7)]
+    links = links_of(model)
     bend_links(
         links, [model.joint(int(link.jntadr[0])) for link in links], built_table(real, seed, model, q_start)
     )

@@ -23,7 +23,7 @@ from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, Trace
-from polish_sim.planning.points import build_point_grid
+from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.toolpath import interpolate
 from polish_sim.planning.triangulation import Triangulation, triangulate
 from polish_sim.spatial import unit
@@ -331,8 +331,7 @@ def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no
     for d in range(3):
         # A disc's half width, and the way up.
         reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + up * abs(axis[d])
-        low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
-        high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
+        low[d], high[d] = cells_between(grid, d, center[d] - reach, center[d] + reach)
     number = 0
     if low[2] < high[2]:
         for i in range(low[0], high[0]):

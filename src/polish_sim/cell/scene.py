@@ -138,8 +138,13 @@ def _build_joint(spec: Any, joint: str, servo: str, arm: ArmTable, j: int) -> No
 
 def bend_arm(spec: Any, table: Array) -> None:
     """Make the arm of a spec one with this table of Denavit-Hartenberg parameters, shape (4, 6)."""
-    links = [spec.body(f"link_{number}") for number in range(1, 7)]
+    links = links_of(spec)
     bend_links(links, [link.joints[0] for link in links], table)
+
+
+def links_of(arm: Any) -> list[Any]:
+    """The six links of a spec or a model."""
+    return [arm.body(f"link_{number}") for number in range(1, 7)]
 
 
 def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> None:
@@ -257,15 +262,20 @@ def touching_at(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> str:
     return touching(model, data)
 
 
+def on_flange(data: mujoco.MjData, site: str) -> Array:
+    """Pose of a site on the flange, shape (4, 4)."""
+    flange, there = (
+        transform(each.xmat.reshape(3, 3), each.xpos) for each in map(data.site, ("flange", site))
+    )
+    return inverse(flange) @ there
+
+
 @cache
 def tool_on_flange() -> Array:
     """Pose of the tool frame on the flange, read from the compiled robot, shape (4, 4)."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    flange, tool = data.site("flange"), data.site("tool")
-    T_base_flange = transform(flange.xmat.reshape(3, 3), flange.xpos)
-    T_base_tool = transform(tool.xmat.reshape(3, 3), tool.xpos)
-    T_flange_tool = inverse(T_base_flange) @ T_base_tool
+    T_flange_tool = on_flange(data, "tool")
     T_flange_tool.setflags(write=False)
     return T_flange_tool

@@ -229,20 +229,23 @@ def _play(motion: TimedPath, state: Sequence, dt: float, target: Target) -> None
     sample_motion(
         motion, state.clock, target.position, state.tangent, state.quaternion, state.turning, state.place
     )
+    _turn_and_move(state, target, rate)
+    state.s, state.speed = state.place[0], state.place[1] * rate
+
+
+@kernel
+def _turn_and_move(state: Sequence, target: Target, rate: float) -> None:
+    """Frame and twist of the target from what was sampled, its motion at a rate."""
     rotation_from_quaternion(state.quaternion, target.rotation)
     for i in range(3):
         target.twist[i] = state.tangent[i] * rate
         target.twist[3 + i] = state.turning[i] * rate
-    state.s, state.speed = state.place[0], state.place[1] * rate
 
 
 @kernel
 def _follow(table: PathTable, state: Sequence, target: Target) -> None:
     sample_path(table, state.s, target.position, state.tangent, state.quaternion, state.turning)
-    rotation_from_quaternion(state.quaternion, target.rotation)
-    for i in range(3):
-        target.twist[i] = state.tangent[i] * state.speed
-        target.twist[3 + i] = state.turning[i] * state.speed
+    _turn_and_move(state, target, state.speed)
 
 
 @kernel

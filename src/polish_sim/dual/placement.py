@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, box_middle
 from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
 from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
 from polish_sim.dual.strokes import Visits
@@ -50,8 +50,7 @@ class PairWork(NamedTuple):
     @property
     def middle(self) -> Array:
         """How far the middle of the part's way is from its start, base of the master [m], shape (3,)."""
-        shifts = self.way.shift(self.visits.clock)
-        return 0.5 * (shifts.min(axis=0) + shifts.max(axis=0))
+        return box_middle(self.way.shift(self.visits.clock))
 
 
 class PairReach(NamedTuple):
@@ -256,5 +255,5 @@ def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
     reached = joints.q[~np.isnan(joints.q[:, 0])]
     if not len(reached):
         return joints
-    turns = np.round(0.5 * (reached.min(axis=0) + reached.max(axis=0)) / (2.0 * np.pi))
+    turns = np.round(box_middle(reached) / (2.0 * np.pi))
     return track(poses, T_flange_end, reached[0] - 2.0 * np.pi * turns) if turns.any() else joints

@@ -256,7 +256,7 @@ def drawn_nodes(plan: PlanResult) -> Nodes:
     """Nodes as of `place_nodes`, on the part as drawn."""
     path, radius = plan.path, plan.tool.pad.radius_m
     mesh = triangulate(plan.region.surface, NODES * radius)
-    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], radius)
+    touch = Touch(*path.in_contact, radius)
     beside = surroundings(plan.surface, plan.region, touch, NODES * radius)
     own = PressedNodes(mesh.vertices, mesh.normals, mesh.vertex_areas)
     return Nodes(mesh, PressedNodes(*joined([own, beside])))

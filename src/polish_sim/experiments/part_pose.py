@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, box_middle
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.guards import crash_points
 from polish_sim.cell.scene import (
@@ -57,7 +57,7 @@ def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
     """What is in the way of a part at a pose (4, 4), or that it is beside the table; empty if it can stand
     there."""
     corners = apply(T_base_work, mesh.vertices)
-    low, middle = corners.min(axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    low, middle = corners.min(axis=0), box_middle(corners)
     if low[2] < _BASE_AXIS[0, 2] - _SUNK_M:
         return f"it would be {1e3 * (_BASE_AXIS[0, 2] - low[2]):.0f} mm below the floor"
     if signed_distances(surface, apply(inverse(T_base_work), _BASE_AXIS)).min() < BASE_RADIUS_M:

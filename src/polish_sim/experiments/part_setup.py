@@ -248,7 +248,7 @@ def real_shape(
         return RealShape(mesh, surface, given=False)
     actual = load_part(part_path(config.real_file), mesh.unit, config.up)
     shape = RealShape(actual, fit_surface(actual, angle), given=True)
-    _check_place(shape, mesh, config, path.positions_work[path.process])
+    _check_place(shape, mesh, config, path.in_contact[0])
     return shape
 
 
@@ -257,7 +257,7 @@ def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -
 
     The part is to be modelled ``depth`` [m] deep.
     """
-    positions, axes = path.positions_work[path.process], path.axes_work[path.process]
+    positions, axes = path.in_contact
     if not shape.given:
         return Touch(positions, axes, pad_radius, depth)
     there = shape.surface.closest(positions).positions
@@ -272,7 +272,7 @@ def shape_figures(shape: RealShape, path: ToolPath) -> Figures:
     """
     if not shape.given:
         return {}
-    positions, axes = path.positions_work[path.process], path.axes_work[path.process]
+    positions, axes = path.in_contact
     above = dots(shape.surface.closest(positions).positions - positions, axes)
     facts = {"lowest_m": above.min(), "highest_m": above.max(), "notes": list(shape.mesh.notes)}
     return {"real_part": facts}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, box_middle, norms
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
@@ -189,7 +189,7 @@ def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[A
     of the part along ``up`` at its lowest.
     """
     R = upright(up)
-    middle = R @ (0.5 * (positions.min(axis=0) + positions.max(axis=0)))
+    middle = R @ box_middle(positions)
     for height in HEIGHTS:
         for distance in DISTANCES:
             yield transform(R, np.array([-middle[0], -distance - middle[1], height - lowest]))

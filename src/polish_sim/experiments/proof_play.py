@@ -105,7 +105,7 @@ class Play:
         guards, part, path = self.cell.state.guards, self.usual.part, self.place.path
         kept = 1.0 - self.margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
-        extent = float(np.linalg.norm(np.ptp(path.positions_work[path.process], axis=0)))
+        extent = float(np.linalg.norm(np.ptp(path.in_contact[0], axis=0)))
         # From where the force is first held: how far the part lies off there counts no more.
         drawn = part.rotation_rad * extent + part.form_error_m
         less = drawn if self.nominal else self.margin * guards.offset

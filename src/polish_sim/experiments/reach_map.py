@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Indices, box_middle, norms
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
@@ -73,7 +73,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
     """
     R_up, rows = upright(up), outermost(positions, axes)
     high, out = positions @ R_up.T, axes[rows] @ R_up.T
-    middle = 0.5 * (high.min(axis=0) + high.max(axis=0))
+    middle = box_middle(high)
     points = high[rows] - [*middle[:2], lowest]
     grid = np.meshgrid(HEIGHTS, DISTANCES, indexing="ij")
     shifts = np.stack([np.zeros(grid[0].size), -grid[1].ravel(), grid[0].ravel()], axis=1)

@@ -14,7 +14,7 @@ import numpy as np
 from polish_sim.arms import ARMS
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.scene import arm_spec, bend_links, build_scene
+from polish_sim.cell.scene import arm_spec, bend_links, build_scene, links_of
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.elastic import KnownArm, SprungHead
@@ -116,7 +116,7 @@ def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ..
     sizes = np.repeat(
         [real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad], 6
     )
-    links = [model.body(f"link_{number}") for number in range(1, 7)]
+    links = links_of(model)
     joints = [model.joint(name) for name in ARM_JOINTS]
     chains = []
     for step in np.diag(sizes):

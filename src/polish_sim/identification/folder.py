@@ -16,8 +16,9 @@ from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.identify import Identification
 from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, write_identified
-from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of
+from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed
 from polish_sim.identification.physical import ParameterRow, cell, parameter_rows, parameters_csv
+from polish_sim.motion.serial_chain import body_of
 from polish_sim.row_file import save_plots, write_metrics
 from polish_sim.tables import csv_text
 

@@ -19,10 +19,12 @@ from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array, Bools
+from polish_sim.cell.gears import slip
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of, spread_of_sums
 from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.physical import ParameterRow
+from polish_sim.kernel_cache import njit
 
 LOW_PASS_HZ = 30.0  #: For the speeds that show where motors turn back, and where torques' noise is unknown
 #: Low-pass of the twists: the encoders' steps, added up, would lengthen the way of the hysteresis
@@ -292,21 +294,10 @@ def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
     return np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist)
 
 
+@njit
 def _hysteresis(twist: Array, rise: float) -> Array:
-    """Share of the largest torque of a hysteresis (Dahl) along a twist [rad] that starts without."""
-    moves = np.diff(twist, prepend=twist[0])
-    ways = np.cumsum(np.abs(moves)) / rise
-    # From turn to turn: where it is at its end follows from where it was at its beginning.
-    turns = np.flatnonzero(np.diff(np.sign(moves), prepend=0.0))
-    sides = np.sign(moves[turns])
-    begun = ways[np.maximum(turns - 1, 0)]
-    held = 0.0
-    starts = []
-    for side, kept in zip(sides.tolist(), np.exp(-np.diff(begun, append=ways[-1])).tolist(), strict=True):
-        starts.append(held)
-        held = side + (held - side) * kept
-    lengths = np.diff(turns, append=len(twist))
-    side, start, first = (np.repeat(part, lengths) for part in (sides, starts, begun))
+    """Share of the largest torque of a hysteresis along a twist [rad] that starts without, see `slip`."""
     shares = np.zeros(len(twist))
-    shares[len(twist) - len(side) :] = side + (start - side) * np.exp(first - ways[len(twist) - len(side) :])
+    for k in range(1, len(twist)):
+        shares[k] = slip(shares[k - 1], twist[k] - twist[k - 1], 1.0, rise)
     return shares

@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.identification.robot_model import ARM_JOINTS
 from polish_sim.models import robot_model_path
-from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
+from polish_sim.motion.serial_chain import body_of
 
 RobotSource: TypeAlias = Path | mujoco.MjSpec | None
 """A robot's MJCF: a file, or a model not yet compiled; None: the shipped robot's file."""
@@ -150,10 +150,8 @@ def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> No
     if mass <= 0.0:
         # Of several joints on one body only the last carries it.
         return
-    center = parameters[1:4] / mass
-    I = inertia_at_origin(parameters) - point_inertia(mass, center)  # noqa: E741
-    body.mass = mass
-    body.ipos = center + origin
+    numbers = body_of(parameters, origin)
+    body.mass, body.ipos = mass, numbers[1:4]
     body.inertia, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+    body.fullinertia = numbers[[4, 6, 9, 5, 7, 8]]
     body.explicitinertial = True

@@ -30,10 +30,8 @@ from polish_sim.identification.robot_model import CarriedLoad
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.motion.serial_chain import (
     LINK_PARAMETERS,
-    inertia_at_origin,
+    body_of,
     link_parameters,
-    packed,
-    point_inertia,
 )
 
 BODY_NAMES = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -76,15 +74,6 @@ class FoundPayload:
         mass, inertia = (max(abs(self.parameters[k]), self.std[k]) for k in (0, 4))
         size = np.array([mass, *[math.sqrt(mass * inertia)] * 3, *[inertia] * 6])
         return nearest_bodies(whiten, whiten @ self.parameters, size, [np.zeros((4, 4))], np.zeros(0, int))
-
-
-def body_of(parameters: Array, origin: Array) -> Array:
-    """Mass, centre and inertia about the centre of ten parameters about an origin (3,), shape (10,)."""
-    mass = parameters[0]
-    center = parameters[1:4] / parameters[0]
-    return np.array(
-        [mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))]
-    )
 
 
 def fit_link_payload(

@@ -32,6 +32,7 @@ from polish_sim.kernels import (
     plus_matvec,
     scaled,
     second_by_turning,
+    set_product,
     set_to,
     third_by_turning,
     turn_about,
@@ -250,11 +251,8 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
 
     Returns REACHED, UNREACHABLE or SINGULAR.
     """
-    flange, T_base_tool, T = state.scratch, state.T, arm.T_tool_flange
-    for j in range(4):
-        set_to(flange[:, j], matvec(T_base_tool, T[:, j]))
-    add_to(flange[:, 3], T_base_tool[:, 3])
-    if not solve_on_branch(arm.lengths, flange, state.q, state.q):
+    set_product(state.scratch, state.T, arm.T_tool_flange)
+    if not solve_on_branch(arm.lengths, state.scratch, state.q, state.q):
         return UNREACHABLE
     return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
 

@@ -81,6 +81,15 @@ def inertia_at_origin(parameters: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def body_of(parameters: Array, origin: Array) -> Array:
+    """Mass, centre and inertia about the centre of ten parameters about an origin (3,), shape (10,)."""
+    mass = parameters[0]
+    center = parameters[1:4] / parameters[0]
+    return np.array(
+        [mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))]
+    )
+
+
 # A chain's motion carried outwards, and the torque of its joints by each link's parameters (paper 3).
 
 

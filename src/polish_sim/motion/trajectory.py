@@ -15,6 +15,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import unit, wxyz
 
 
@@ -105,8 +106,7 @@ def continuous_quaternions(rotations: Array) -> Array:
 
 
 def _interpolate_quaternions(s: Array, continuous: Array, nodes: Array) -> Array:
-    blended = np.stack([np.interp(nodes, s, continuous[:, i]) for i in range(4)], axis=1)
-    return np.ascontiguousarray(unit(blended))
+    return np.ascontiguousarray(unit(interpolate(nodes, s, continuous)))
 
 
 def _turning(quaternions: Array, step: float) -> Array:

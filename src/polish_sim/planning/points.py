@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, longest_side
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 
@@ -28,15 +28,20 @@ class PointGrid(NamedTuple):
     items: Indices  #: Numbers of the points, sorted by cell, shape (n,)
 
 
+def cells_of(points: Array, side: float) -> tuple[Array, Indices, Indices]:
+    """Lowest corner of a grid around points (n, 3) with cells of a side [m], cells along its axes, each
+    point's cell (n,)."""
+    low = points.min(axis=0)
+    where = ((points - low) / side).astype(np.int64)
+    size = where.max(axis=0) + 1
+    return low, size, (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
+
+
 def build_point_grid(points: Array, cell: float) -> PointGrid:
     """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far
     for it."""
-    low = points.min(axis=0)
-    spread = points.max(axis=0) - low
-    cell = max(cell, spread.max() / MOST_ACROSS, 1e-9)
-    where = ((points - low) / cell).astype(np.int64)
-    size = where.max(axis=0) + 1
-    flat = (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
+    cell = max(cell, longest_side(points) / MOST_ACROSS, 1e-9)
+    low, size, flat = cells_of(points, cell)
     items = np.argsort(flat, kind="stable")
     first = np.searchsorted(flat[items], np.arange(int(size.prod()) + 1))
     return PointGrid(low, cell, size, first.astype(np.int64), items.astype(np.int64))

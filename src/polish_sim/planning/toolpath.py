@@ -67,6 +67,11 @@ class ToolPath:
         """Mask of the points at which the tool is pressed on the part, shape (n,)."""
         return (self.segment == PROCESS) | (self.segment == LINK)
 
+    @property
+    def in_contact(self) -> tuple[Array, Array]:
+        """Tool points [m] and axes of these points, (n, 3) each."""
+        return self.positions_work[self.process], self.axes_work[self.process]
+
     def length_along(self, rows: Bools) -> float:
         """Length along some of its points, mask (n,): of the chords between two of them [m]."""
         return np.diff(self.s)[rows[1:] & rows[:-1]].sum()

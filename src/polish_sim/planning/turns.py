@@ -19,6 +19,7 @@ from polish_sim.planning.offset_curve import (
     nearest_of,
     offset_curve,
 )
+from polish_sim.planning.points import cells_of
 from polish_sim.planning.triangulation import Triangulation
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
@@ -102,10 +103,7 @@ class Front:
 
 def _scouts(points: Array, size: float) -> Indices:
     """For each vertex the first one in its cell of a grid, shape (n,)."""
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    counts = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2]
-    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    _, first, which = np.unique(cells_of(points, size)[2], return_index=True, return_inverse=True)
     return first[which]
 
 

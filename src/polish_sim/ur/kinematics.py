@@ -10,9 +10,9 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import add_to, cross, dot, matvec, minus, scaled, set_to
+from polish_sim.kernels import cross, dot, minus, scaled, set_product, set_to
 from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
-from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion
+from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion, transform
 
 SINGULAR = 0.02  #: Damping of the inverse Jacobian [-]
 _rows = lru_cache(1)(lambda table: joint_rows(np.frombuffer(table).reshape(4, 6)))
@@ -51,9 +51,7 @@ def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
         set_to(J[:, k], flange[:, 3])
         set_to(J[3:, k], flange[:, 2])
         advance_frame(flange, rows[k], q[k])
-    for j in range(4):
-        set_to(T[:, j], matvec(flange, T_flange_tcp[:, j]))
-    add_to(T[:, 3], flange[:, 3])
+    set_product(T, flange, T_flange_tcp)
     for k in range(6):
         set_to(J[:, k], cross(J[3:, k], minus(T[:, 3], J[:, k])))
     return T, J
@@ -76,6 +74,11 @@ def matrix_of(pose: Array) -> Array:
 def pose_of(T: Array) -> Array:
     """Pose (6,) of a transform (4, 4), as of `matrix_of`."""
     return _pose_of(np.array(T, dtype=float))
+
+
+def pose_from(T: Array, by: Array) -> Array:
+    """Way and rotation vector from one transform, ``by``, to another, ``T``, in outer axes, shape (6,)."""
+    return pose_of(transform(T[:3, :3] @ by[:3, :3].T, T[:3, 3] - by[:3, 3]))
 
 
 def tool_at(q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from polish_sim.arrays import Array, crosses
 from polish_sim.motion import inverse_near
 from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.spatial import inverse, transform, unit
-from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
+from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_from, tool_at
 
 LEVER_M = 0.25  #: A line's rotation takes as long as a way of this length for each radian
 
@@ -349,7 +349,7 @@ class Compliance:
             dt: Tick [s].
         """
         R = self.axes(pose[:3, 3], moved)
-        off = pose_of(transform(wanted[:3, :3] @ pose[:3, :3].T, wanted[:3, 3] - pose[:3, 3]))
+        off = pose_from(wanted, pose)
         follow = _turned(R.T, moved + BACK_HZ * off)
         masses = self.mass * np.array([1.0, 1.0, 1.0, *[GYRATION_M**2] * 3])
         damping = FREE_DAMPING if self.free else self.damping

@@ -15,9 +15,10 @@ import numpy as np
 from polish_sim.arrays import Array, norms
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
+from polish_sim.cell.scene import on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
-from polish_sim.spatial import GRAVITY, inverse, place_of, transform, unit
+from polish_sim.spatial import GRAVITY, inverse, place_of, unit
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
 from polish_sim.ur.motion import (
     FIXED,
@@ -80,7 +81,7 @@ class SimulatedRobot:
         self.tcp_offset = pose_of(tool_on_flange())
         self._tcp = matrix_of(self.tcp_offset)  # compiled before a programme counts its time
         payload = cell.state.payload
-        self._sensor_on_flange = _sensor_on_flange(cell, q)
+        self._sensor_on_flange = on_flange(cell.data, "sensor")
         self.payload_mass = float(payload.mass)
         self.payload_cog = place_of(self._sensor_on_flange, payload.center)
         self._own_payload = self.payload_mass, self.payload_cog
@@ -581,10 +582,3 @@ class SimulatedRobot:
     def q_history(self, steps: int) -> Array:
         """Joint angles some steps ago; 2 s are kept."""
         return self._past[max(len(self._past) - 1 - max(steps, 0), 0)][0]
-
-
-def _sensor_on_flange(cell: Cell, q: Array) -> Array:
-    """Pose of the wrist sensor on the flange, shape (4, 4)."""
-    flange, sensor = (cell.data.site(name) for name in ("flange", "sensor"))
-    R = flange.xmat.reshape(3, 3)
-    return transform(R.T @ sensor.xmat.reshape(3, 3), R.T @ (sensor.xpos - flange.xpos))

@@ -54,6 +54,11 @@ class SweptCircle:
         return self.frame[:, 2]
 
 
+def _tilted(frame: Array, tilt: Array) -> Array:
+    """Third axis of a frame after a tilt (2,) towards its first two."""
+    return unit(frame @ np.append(tilt, 1.0))
+
+
 class _Shape(NamedTuple):
     """The unknowns of a circle; a step is (centre in the circle's axes, tilt towards u and v, radius)."""
 
@@ -62,7 +67,7 @@ class _Shape(NamedTuple):
     radius: float
 
     def moved(self, step: Array) -> _Shape:
-        n = unit(self.frame @ np.array([step[3], step[4], 1.0]))
+        n = _tilted(self.frame, step[3:5])
         u = unit(self.frame[:, 0] - (self.frame[:, 0] @ n) * n)
         frame = np.column_stack([u, crosses(n, u), n])
         return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
@@ -231,8 +236,8 @@ def _axes(
     first: SweptCircle, second: SweptCircle, step: Array
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Both axes, a point and a direction each, after a step of centre (3) and tilt (2) of both."""
-    c1, z1 = first.center + step[:3], unit(first.frame @ np.array([step[3], step[4], 1.0]))
-    c2, z2 = second.center + step[5:8], unit(second.frame @ np.array([step[8], step[9], 1.0]))
+    c1, z1 = first.center + step[:3], _tilted(first.frame, step[3:5])
+    c2, z2 = second.center + step[5:8], _tilted(second.frame, step[8:])
     return (c1, z1), (c2, z2)
 
 

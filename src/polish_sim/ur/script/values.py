@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.spatial import inverse, transform
-from polish_sim.ur.kinematics import matrix_of, pose_of
+from polish_sim.ur.kinematics import matrix_of, pose_from, pose_of
 
 LARGEST_INTEGER = 2**31
 LONGEST_TEXT = 8192
@@ -198,8 +198,7 @@ def pose_add(p_1: Any, p_2: Any) -> Pose:
 
 def pose_sub(p_to: Any, p_from: Any) -> Pose:
     """Difference of positions; the rotation from one to the other, in base axes."""
-    T, by = _matrix(p_to), _matrix(p_from)
-    return as_pose(pose_of(transform(T[:3, :3] @ by[:3, :3].T, T[:3, 3] - by[:3, 3])))
+    return as_pose(pose_from(_matrix(p_to), _matrix(p_from)))
 
 
 def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
