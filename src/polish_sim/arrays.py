@@ -63,6 +63,11 @@ def box_middle(points: Array) -> Array:
     return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
 
+def diagonal_of(points: Array) -> float:
+    """Of the box around points (n, k)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
 def next_corners(corners: Any) -> Any:
     """What facets (m, 3, ...) have at each corner's successor: where their edges end."""
     return np.roll(corners, -1, axis=1)

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, Bools, diagonal_of, norms
 from polish_sim.row_file import Metrics
 from polish_sim.spatial import unit
 
@@ -282,7 +282,7 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
     for samples in _samples(seen, SAMPLE_PIXELS * pixel):
         columns, rows = ((samples[:, :2] - low) / pixel).astype(int).T
         np.maximum.at(depth.ravel(), columns * depth.shape[1] + rows, samples[:, 2])
-    lift = LIFT * float(np.linalg.norm(np.ptp(points, axis=0))) / PIXELS
+    lift = LIFT * diagonal_of(points) / PIXELS
     return DepthPicture(project, low, pixel, depth, lift)
 
 

@@ -13,6 +13,7 @@ from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
+from polish_sim.exchange.log_sources import JOINT_NAMES
 from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import NOMINAL, link_poses
@@ -23,7 +24,6 @@ TABLE_TOP = 0.0  # z of the table in the base frame [m]
 _FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
 MOST_DRAWN = 100_000  #: Facets; a finer part is drawn by a lighter copy
 PART_COLOR, FIXTURE_COLOR = (0.72, 0.74, 0.78, 1.0), (0.45, 0.50, 0.58, 1.0)
-JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _SHELL = (0.80, 0.82, 0.84, 1.0)
 STAND_NAMES = ("stand", "stand_arm")
 POST_AWAY, _POST = 0.15, 0.02  # of a post from the part it holds, half its thickness [m]

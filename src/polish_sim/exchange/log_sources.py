@@ -74,7 +74,7 @@ class CsvSource:
             )
 
     def _lines(self) -> Iterator[tuple[int, str]]:
-        """Lines with their numbers, but blank ones and comments."""
+        """Lines with their numbers, except blank ones and comments."""
         try:
             with regular(self.file).open(encoding="utf-8-sig", newline=None) as text:
                 for number, line in enumerate(text, 1):

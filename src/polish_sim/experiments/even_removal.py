@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.arrays import Array, joined, midpoints
+from polish_sim.arrays import Array, diagonal_of, joined, midpoints
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
@@ -308,7 +308,7 @@ def _shape_of(removal: str, mesh: Triangulation) -> Array:
             f"the map '{removal}' must say 0 or more at every vertex, and more than 0 somewhere."
         )
     apart, nearest = cKDTree(places).query(mesh.vertices)
-    size = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    size = diagonal_of(mesh.vertices)
     if np.median(apart) > 0.1 * size:
         raise InputError(
             f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?"

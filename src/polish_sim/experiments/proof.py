@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.analysis.metrics import CONTACT_N, MOST_FORCE
 from polish_sim.analysis.run_record import changed_words
-from polish_sim.arrays import Bools, Indices, norms
+from polish_sim.arrays import Bools, Indices, diagonal_of, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
@@ -266,7 +266,7 @@ class _Prover:
             path.positions_work[rows],
             path.force_at(path.s[rows], scenario.process.contact_force_n),
         )
-        extent = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
+        extent = 0.5 * diagonal_of(places)
         aside = (
             scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2)
             + scenario.part.rotation_rad * extent

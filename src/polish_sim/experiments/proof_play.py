@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import force_shares
+from polish_sim.arrays import diagonal_of
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
@@ -105,7 +106,7 @@ class Play:
         guards, part, path = self.cell.state.guards, self.usual.part, self.place.path
         kept = 1.0 - self.margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
-        extent = float(np.linalg.norm(np.ptp(path.in_contact[0], axis=0)))
+        extent = diagonal_of(path.in_contact[0])
         # From where the force is first held: how far the part lies off there counts no more.
         drawn = part.rotation_rad * extent + part.form_error_m
         less = drawn if self.nominal else self.margin * guards.offset

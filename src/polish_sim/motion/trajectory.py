@@ -155,6 +155,22 @@ def normalize(quaternion: Array) -> None:
 
 
 @njit(forceinline=True)
+def _blend_pose(
+    columns: tuple[Array, Array, Array, Array], place: float, h: float, point: Array, slope: Array,
+    quaternion: Array, turning: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Points, their slopes, quaternions and turning at a ``place`` among rows ``h`` apart; the row and the
+    share behind it."""
+    row = min(int(place), columns[0].shape[0] - 2)
+    u = place - row
+    blend_cubic(columns[0], columns[1], row, u, h, point, slope)
+    blend_linear(columns[3], row, u, turning)
+    blend_linear(columns[2], row, u, quaternion)
+    normalize(quaternion)
+    return row, u
+
+
+@njit(forceinline=True)
 def sample_path(
     table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array
 ) -> int:
@@ -165,13 +181,8 @@ def sample_path(
     wxyz (4,), and the rotation per arc length ``turning`` [rad/m], (3,).
     """
     place = min(max(s, 0.0), table.length) / table.spacing
-    row = min(int(place), table.positions.shape[0] - 2)
-    u = place - row
-    blend_cubic(table.positions, table.tangents, row, u, table.spacing, position, tangent)
-    blend_linear(table.turning, row, u, turning)
-    blend_linear(table.quaternions, row, u, quaternion)
-    normalize(quaternion)
-    return row
+    columns = table.positions, table.tangents, table.quaternions, table.turning
+    return _blend_pose(columns, place, table.spacing, position, tangent, quaternion, turning)[0]
 
 
 @njit(forceinline=True)
@@ -314,12 +325,8 @@ def sample_motion(
     longer.
     """
     share = min(max(clock, 0.0), motion.duration) / motion.spacing
-    row = min(int(share), motion.positions.shape[0] - 2)
-    u = share - row
-    blend_cubic(motion.positions, motion.velocities, row, u, motion.spacing, position, velocity)
-    blend_linear(motion.spins, row, u, spin)
-    blend_linear(motion.quaternions, row, u, quaternion)
-    normalize(quaternion)
+    columns = motion.positions, motion.velocities, motion.quaternions, motion.spins
+    row, u = _blend_pose(columns, share, motion.spacing, position, velocity, quaternion, spin)
     place[0] = (1.0 - u) * motion.places[row] + u * motion.places[row + 1]
     place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
 

@@ -119,7 +119,7 @@ class Nearest(NamedTuple):
     positions: Array  #: Foot on the chord [m], shape (n, 3)
     normals: Array  #: Unit surface normal interpolated at the foot, shape (n, 3)
     distances: Array  #: Euclidean distance, inf beyond the limit asked for [m], shape (n,)
-    curve: Indices = np.empty(0, np.int64)  #: Which of several curves, shape (n,)
+    curve: Indices = np.empty(0, np.int64)  #: Which of several, shape (n,); (0,) of one curve alone
 
 
 @dataclass(frozen=True, eq=False)

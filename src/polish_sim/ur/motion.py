@@ -105,7 +105,12 @@ class ToolWay(Way):
     def __init__(
         self, start: Array, tcp: Array, pose: Array, via: Array | None = None, fixed: bool = False
     ) -> None:
-        """From joint angles to a ``pose`` of the TCP, a transform ``tcp`` (4, 4) on the flange."""
+        """From joint angles ``start`` (6,) [rad] to a ``pose`` (6,) [m, rad] of the TCP, a transform ``tcp``
+        (4, 4) on the flange.
+
+        ``via`` (6,) [m, rad]: a pose the circle leads through, of which the position counts; ``fixed``: the
+        orientation stays as it is to the arc.
+        """
         self._inverse = inverse(tcp)
         self._q = start.copy()
         first, last = tool_at(start, tcp)[0], matrix_of(pose)

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, joined, norms
+from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms
 from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.patterns.run import Run, dense, with_round_corners
@@ -154,7 +154,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
     # Its ends run into corners, where there is little left to cover.
     deep = np.flatnonzero(depth[line] > DEEP * depth[line].max())
     ordered = points[line[deep[0] : deep[-1] + 1]]
-    if np.linalg.norm(np.ptp(ordered, axis=0)) < stepover:
+    if diagonal_of(ordered) < stepover:
         return points[deepest][None]
     even = dense(ordered, TRACE * stepover)
     window = min(21, len(even) // 2 * 2 - 1)
