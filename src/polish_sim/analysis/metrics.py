@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.arrays import Array, Bools, Figures, Indices, norms, rms, running_sums
 from polish_sim.log import RETRACT_PHASE
-from polish_sim.planning.toolpath import stretches
+from polish_sim.planning.toolpath import BEFORE, stretches
 
 if TYPE_CHECKING:
     from polish_sim.log import RemovalMap, RunLog, Trace
@@ -183,10 +183,11 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
 def much_left_out(figures: Mapping[str, Any]) -> list[str]:
     """What a plan or run leaves out of its region, in a sentence, if it is more than a hundredth of it."""
     region = figures.get("region_area_m2", 0.0)
-    left = figures.get("left_out_area_m2", 0.0)
+    lost = {reason: area for reason, area in figures.get("left_out", {}).items() if reason != BEFORE}
+    left = sum(lost.values())
     if left <= LEFT_OUT * region:
         return []
-    why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
+    why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in lost.items())
     return [f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 are left out ({why})"]
 
 

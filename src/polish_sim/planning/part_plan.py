@@ -38,7 +38,7 @@ from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_part_warning
-from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.toolpath import BEFORE, ToolPath
 
 FIRST_FORCE = 0.5  #: Share of the force with which a plan resumes behind a place
 IN_PART = "the tool would stand in the part"  #: Why a place is left out
@@ -140,7 +140,7 @@ class PlanResult:
         landed = left.s[left.process][0]
         rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
         eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
-        done = mend_of(LEFT_OUT, "it was polished before (--from)", 0.0, path, remaining.lost)
+        done = mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)
         return self.along(eased, [done])
 
     @property

@@ -13,6 +13,7 @@ from polish_sim.errors import PlanError
 
 SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
 APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
+BEFORE = "it was polished before (--from)"  #: Why the begin of a path is left out that is not lost by that
 
 
 @dataclass(frozen=True)

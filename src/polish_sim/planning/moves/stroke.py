@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
 from polish_sim.config import PlanConfig
-from polish_sim.errors import PlanError, place_in_mm
+from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
 from polish_sim.planning.moves.travel import AirSpace, Move, move_in, move_of, path_of, travel
 from polish_sim.planning.patterns.run import SurfaceRun
@@ -211,7 +211,8 @@ def assemble(
     path = path_of(Move(*joined(moves)), np.concatenate(curvature))
     # The tool may come down again where it went up.
     path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
-    note = f"{straight} leads go straight along the tool axis: a {plan.lead_in} one would run into the part"
+    leads = count_text(straight, "lead")
+    note = f"straight along the tool axis: {leads} that as {plan.lead_in} would run into the part"
     return Planned(path, deviation, (note,) if straight else (), tuple(all_cuts))
 
 
