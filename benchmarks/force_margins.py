@@ -7,11 +7,16 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from benchmarks.loop_margins import analytic_margins
+from polish_sim.arrays import Array
+from polish_sim.cell import Cell
 from polish_sim.config import Scenario
 from polish_sim.config.cell import ARM_PRESETS
+from polish_sim.control import Controller, Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.border import Bench, Rest, build_bench, press_bench
@@ -19,6 +24,43 @@ from polish_sim.scoring.border import Bench, Rest, build_bench, press_bench
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")
 ACCURACY = 1.02  # to which a gain margin is sought
 MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
+
+
+class LouderLaw:
+    """A controller whose answer along the tool axis is multiplied while it presses: the loop's gain, at its
+    input."""
+
+    def __init__(self, controller: Controller, gain: float) -> None:
+        self._controller, self._gain = controller, gain
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the controller has: it may prepare for what lies ahead."""
+        return getattr(self._controller, name)
+
+    def reset(self, cycle_s: float) -> None:
+        """Forget everything."""
+        self._controller.reset(cycle_s)
+
+    def step(self, measurement: Measurement, target: Target) -> Array:
+        """The controller's answer, louder along the tool axis."""
+        answer = np.array(self._controller.step(measurement, target))
+        if target.contact:
+            z = measurement.rotation[:, 2]
+            answer[:3] += (self._gain - 1.0) * (z @ answer[:3]) * z
+        return answer
+
+
+def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
+    """Whether the force settles with a ``gain`` on the controller's answer along the tool axis; without
+    ``friction`` of the joints the loop is linear but for its limits."""
+
+    def prepare(cell: Cell) -> None:
+        if not friction:
+            cell.model.dof_frictionloss[:] = 0.0
+        if gain != 1.0:
+            cell.use_controller(LouderLaw(build_controller(scenario.controller), gain))
+
+    return press_bench(bench, scenario, prepare)
 
 
 class SimulatedMargins(NamedTuple):
@@ -65,12 +107,12 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
         return rest.stable if elastic else rest.resting
 
     def louder(gain: float) -> Rest:
-        return press_bench(bench, scenario, gain, friction)
+        return press(bench, scenario, gain, friction)
 
     def later(factor: float) -> Rest:
         delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
         late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
-        return press_bench(bench, late, 1.0, friction)
+        return press(bench, late, 1.0, friction)
 
     gain, gain_rest = _seek(louder, holds, ACCURACY)
     factor, delay_rest = _seek(later, holds, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))

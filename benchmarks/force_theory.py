@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.loop_margins import force_loop
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.scoring.loop_model import (
@@ -20,7 +21,6 @@ from polish_sim.scoring.loop_model import (
     LinearLaw,
     LoopSetup,
     build_plant,
-    force_loop,
     plant_response,
 )
 

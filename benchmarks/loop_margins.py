@@ -15,10 +15,12 @@ from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import (
     FORCE_POSE,
     Complex,
-    Loop,
+    LinearLaw,
+    LoopSetup,
+    build_plant,
     contour,
     elastic_arm,
-    force_loop,
+    plant_response,
     setup_of,
     turns_about_minus_one,
 )
@@ -28,6 +30,20 @@ SWINGS = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to lin
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
 #: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
 Response = Callable[[Array], Complex]
+
+Loop = Callable[[Complex], Complex]  #: Open loop L(z), closed by 1 + L = 0
+
+
+def force_loop(setup: LoopSetup, law: LinearLaw) -> Loop:
+    """Open loop L(z) of plant, latencies and law, cut at the command."""
+    plant = build_plant(setup)
+
+    def loop(z: Complex) -> Complex:
+        reading = plant_response(plant, plant.reading, z) * z ** float(-setup.sensor_steps)
+        velocity = plant_response(plant, plant.velocity, z)
+        return -(law.by_force(z) * reading + law.by_motion(z) * velocity) * z ** float(-setup.command_steps)
+
+    return loop
 
 
 class Margins(NamedTuple):

@@ -217,13 +217,11 @@ class Outcome:
             return INTERRUPTED
         if self.stops:
             return STOPPED
-        return SHORT if check and (self.bad or shortfalls(self.claims, self._checked)) else DONE
+        return (
+            SHORT if check and (self.bad or shortfalls(self.claims, [*self.columns.values()][-1])) else DONE
+        )
 
     @property
     def table(self) -> Table:
         """The figures."""
         return figure_table(self.claims, self.columns, conditions=self.conditions)
-
-    @property
-    def _checked(self) -> Metrics:
-        return list(self.columns.values())[-1]

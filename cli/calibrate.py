@@ -55,7 +55,7 @@ OWN_OPTIONS = (
         "Poses and readings of a real robot instead of a simulated one; columns: docs/calibration.md.",
         Path,
     ),
-    Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias.", bool),
+    Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias."),
 )
 LEAST_DRAWS = 30
 SETTINGS = {
@@ -81,7 +81,6 @@ def _every_calibration() -> None:
 def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
     poses."""
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration import read_readings
     from polish_sim.experiments import calibrate_from, run_payload_calibration
 
@@ -114,7 +113,6 @@ def budget(given: Given) -> int:
         raise InputError(
             "--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them."
         )
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 
     trial = PairBudgetTrial(**chosen(given, "draws", "seed"))
@@ -205,23 +203,16 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Metrics], folder: Path) ->
     limits = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     asked = limits["relative_error_rms_m"], limits["relative_error_p95_m"]
     predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], asked[0])
-    _write_budget(folder, trial, shares, figures)
-    figure = plot_budget(trial, shares, errors[TOGETHER], covariances[TOGETHER], asked)
-    save_plots(folder, {"budget.png": figure})
-    _show_shares(shares)
-    columns = {"analysis": predicted, "drawn": figures}
-    return Outcome(CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns)
-
-
-def _write_budget(
-    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Metrics
-) -> None:
-
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
     write_metrics(folder, record)
+    figure = plot_budget(trial, shares, errors[TOGETHER], covariances[TOGETHER], asked)
+    save_plots(folder, {"budget.png": figure})
+    _show_shares(shares)
+    columns = {"analysis": predicted, "drawn": figures}
+    return Outcome(CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns)
 
 
 def _show_shares(shares: Mapping[str, Share]) -> None:

@@ -77,13 +77,11 @@ def noise_option(name: str, of: str, default: str) -> Own:
         PANEL,
         "",
         "Simulate the cell's own tool, which `run dual --calibration` takes, not one planted by the seed.",
-        bool,
     ),
     *(ARM, *TRIAL_OPTIONS),
 )
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
 
@@ -116,7 +114,6 @@ def tcp(given: Given) -> int:
 def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from axes turned before a laser
     tracker."""
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
 
@@ -162,7 +159,6 @@ def base(given: Given) -> int:
 )
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration.arm import Tolerance
     from polish_sim.dual.calibrate import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import read_tracked

@@ -29,20 +29,15 @@ class PanelledCommand(TyperCommand):
         return ["[OPTIONS]", *(_shown(p) for p in self.get_params(ctx) if p.param_type_name == "argument")]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then each panel in the order of its first option; options without one come
-        last."""
-        panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
-        rest: list[tuple[str, str]] = []
+        """Write the arguments, then each panel in the order of its first option."""
+        panels: dict[str, list[Any]] = {"Arguments": []}
         for parameter in self.get_params(ctx):
-            if parameter.param_type_name == "argument":
-                panels["Arguments"].append((_shown(parameter), getattr(parameter, "help", "")))
-                continue
+            panel = getattr(parameter, "rich_help_panel", None) or REST
             record = parameter.get_help_record(ctx)
-            if record is None:
-                continue
-            panel = getattr(parameter, "rich_help_panel", None)
-            (rest if panel is None else panels.setdefault(panel, [])).append(record)
-        for title, records in [*panels.items(), (REST, rest)]:
+            if parameter.param_type_name == "argument":
+                panel, record = "Arguments", (_shown(parameter), getattr(parameter, "help", ""))
+            panels.setdefault(panel, []).append(record)
+        for title, records in panels.items():
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
@@ -75,8 +70,6 @@ def config(experiment: Name) -> None:
 
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
-    # Lazy: --help must not wait for the numerical libraries.
-
     if experiment == LIMITS:
         from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 
@@ -104,7 +97,6 @@ def list_names(kind: Kind = None) -> None:
 
 def _known() -> Mapping[str, Mapping[str, str]]:
     """Names of every kind, each with a line that says what it is."""
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.control import CONTROLLERS
     from polish_sim.job.tools import read_tools
     from polish_sim.models import WORKPIECES

@@ -160,10 +160,10 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
 
 
 def _center(text: str) -> tuple[float, ...]:
-    column_of = numbers_of(text, 3)
-    if not column_of or max(map(abs, column_of)) > 1000.0:
+    numbers = numbers_of(text, 3)
+    if not numbers or max(map(abs, numbers)) > 1000.0:
         raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60, at most 1000 each.")
-    return tuple(1e-3 * number for number in column_of)
+    return tuple(1e-3 * number for number in numbers)
 
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:

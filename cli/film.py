@@ -3,7 +3,6 @@ MP4)."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -49,9 +48,7 @@ def check_film() -> None:
     try:
         import mujoco
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 8, 8).close()
+        Picture(mujoco.MjModel.from_xml_string("<mujoco/>"), PAD).close()
     except Exception as error:  # what a missing OpenGL raises depends on the platform
         known = "set MUJOCO_GL to egl or osmesa, whichever is installed, or leave --video out"
         raise InputError(f"--video needs OpenGL ({type(error).__name__}: {error}): {known}.") from error
@@ -148,12 +145,12 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     curve = GrowingPlot(plot_curve(record, model))
     stop = stop_mark(record.metrics)
     cell = Picture(model, CELL)
-    pad = Picture(model, PAD, near=True)
+    pad = Picture(model, PAD)
     for number, moment in enumerate(moments, 1):
         row = min(int(np.searchsorted(time, moment)), len(time) - 1)
         data.qpos[:] = q[row]
         mujoco.mj_forward(model, data)
-        right = np.vstack([pad.render(data, pads[row]), curve.at(time[row])])
+        right = np.vstack([pad.render(data, pads[row], near=True), curve.at(time[row])])
         stopped = stop.text if stop and time[row] >= stop.time else ""
         yield (
             number,

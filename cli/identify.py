@@ -14,16 +14,13 @@ from polish_sim.cli.compare import LOG_OPTIONS, override_robot, read_measured_lo
 from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
-from polish_sim.config import RobotConfig, Scenario
+from polish_sim.config import Scenario
 from polish_sim.errors import count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
-from polish_sim.page import Table
-from polish_sim.page import number_or_dash as dash
+from polish_sim.page import Table, number_or_dash
 from polish_sim.row_file import write_metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from polish_sim.cell import Observer
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
@@ -31,8 +28,6 @@ if TYPE_CHECKING:
     from polish_sim.identification.payload import Weighed
     from polish_sim.identification.regressor import States
     from polish_sim.identification.settings import IdentifySettings
-
-    RunReader = Callable[[Path, LoggedRobot], tuple[RobotLog, States]]
 
 PANEL = "Identification"
 FOUND = ("unit", "value", "std", "true")  #: Headings of what was identified
@@ -59,7 +54,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
         float),
     Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
-    Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
+    Own("--report", PANEL, "", "Only list the parameters that torques can identify."),
     *LOG_OPTIONS,
     *(*SEED_OPTIONS, "--set", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
@@ -67,27 +62,19 @@ def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
     model."""
     _refuse_idle(given)
-    # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.identification.settings import IdentifySettings
 
     if given["--report"]:
         show_identifiable(_robot(given))
         return 0
-    settings = IdentifySettings(
-        **chosen(given, "periods", "starts", "seed", "payload"), robot=_simulated_robot(given["--set"] or [])
-    )
+    takes = "'identify': it takes robot.arm and robot.real.KEY"
+    scenario = override_robot(Scenario(), given["--set"] or [], ("robot.arm=", "robot.real."), takes)
+    settings = IdentifySettings(**chosen(given, "periods", "starts", "seed", "payload"), robot=scenario.robot)
     if given["--data"] is None and given["--payload-data"] is None:
         return simulated(settings, given)
     with claimed(given, "identify") as folder:
         outcome = from_logs(given, folder.draft)
     return outcome.finish(folder.final, given["--check"])
-
-
-def _simulated_robot(settings: list[str]) -> RobotConfig:
-    """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change
-    nothing."""
-    takes = "'identify': it takes robot.arm and robot.real.KEY"
-    return override_robot(Scenario(), settings, ("robot.arm=", "robot.real."), takes).robot
 
 
 def _refuse_idle(given: Given) -> None:
@@ -157,17 +144,17 @@ def from_logs(given: Given, draft: Path) -> Outcome:
     from polish_sim.identification.payload import weigh_from_logs
     from polish_sim.identification.settings import IDENTIFY
 
-    robot, read, file, loaded = _robot(given), _reader(given), given["--data"], given["--payload-data"]
+    robot, file, loaded = _robot(given), given["--data"], given["--payload-data"]
     found, run = None, None
     with console.progress() as observer:
         observer.stage("read the log")
         if file is not None:
-            run = read(file, robot)
+            run = _read(given, file, robot)
             observer.stage("fit the model")
             found = identify_from_log(robot, *run)
         if loaded is not None:
             observer.stage("fit the payload")
-            weighed = weigh_from_logs(robot, run, read(loaded, robot))
+            weighed = weigh_from_logs(robot, run, _read(given, loaded, robot))
             found = found and replace(found, weighed=weighed, figures=found.figures | weighed.figures)
         if found is not None:
             observer.stage("draw")
@@ -219,7 +206,7 @@ def show_identification(found: Identification) -> tuple[str, ...]:
 
     rows = rows_of(found)
     alone = [
-        [r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")]
+        _row_of(r.name, r.unit, r.value, r.std, r.true_value)
         for r in rows
         if r.identifiable in ("alone", "gear") and r.name[:3] not in WAVES
     ]
@@ -230,25 +217,21 @@ def show_identification(found: Identification) -> tuple[str, ...]:
     return ()
 
 
-def _reader(given: Given) -> RunReader:
-    """How a robot's logs become samples and states."""
+def _read(given: Given, file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
+    """Samples and states of a robot's log."""
     from polish_sim.arms import arm_table
     from polish_sim.identification import log_file
 
-    period, arm = given["--period"], given["--arm"]
+    period, arm, chain = given["--period"], given["--arm"], robot.model.chain
     constants = () if arm is None else arm_table(arm).torque_constants
     gap = () if period is None else (math.inf,)
 
-    def read(file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
-        chain = robot.model.chain
-        kinds = chain.geometry.kind.tolist() if arm is None else ()
-        if robot.source is not None:
-            log_file.check_joints(file, kinds, chain.joints)
-        recording = read_measured_log(file, given, ("q_rad",), kinds, *gap)
-        log = log_file.log_of(file, recording, period, constants)
-        return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)
-
-    return read
+    kinds = chain.geometry.kind.tolist() if arm is None else ()
+    if robot.source is not None:
+        log_file.check_joints(file, kinds, chain.joints)
+    recording = read_measured_log(file, given, ("q_rad",), kinds, *gap)
+    log = log_file.log_of(file, recording, period, constants)
+    return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)
 
 
 def show_payload(weighed: Weighed) -> None:
@@ -256,8 +239,9 @@ def show_payload(weighed: Weighed) -> None:
     from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS
 
     columns = BODY_NAMES, BODY_UNITS, *weighed.payload.body(), weighed.true_body()
-    rows = [
-        [name, unit, f"{value:.5g}", f"{deviation:.2g}", dash(truth, ".5g")]
-        for name, unit, value, deviation, truth in zip(*columns, strict=True)
-    ]
+    rows = [_row_of(*row) for row in zip(*columns, strict=True)]
     console.table(Table("payload, in the last link's frame", ["number", *FOUND], rows))
+
+
+def _row_of(name: str, unit: str, value: float, std: float, truth: float | None) -> list[str]:
+    return [name, unit, f"{value:.5g}", f"{std:.2g}", number_or_dash(truth, ".5g")]

@@ -41,7 +41,6 @@ def inspect(path: InspectedFile, given: Given) -> None:
     step-over is the path's. The part is not placed: times keep the tool's limits, not the arm's.
     """
     refuse_taken(given)
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.exchange import plan_facts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures

@@ -17,9 +17,8 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
-from polish_sim.page import Table, save_page
-from polish_sim.page import number_or_dash as dash
-from polish_sim.row_file import Metrics, whole_file, write_json
+from polish_sim.page import Table, number_or_dash, save_page
+from polish_sim.row_file import Metrics, write_json
 
 if TYPE_CHECKING:
     from polish_sim.job.run_job import PassRow
@@ -33,7 +32,7 @@ JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
 
 
 @takes(
-    Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed.", bool),
+    Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed."),
     *OUTPUT_OPTIONS,
 )
 def job(what: JobFile, given: Given, part: JobPart = None) -> int:
@@ -42,7 +41,6 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
         return _init(part, given)
     if part is not None:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
@@ -108,8 +106,8 @@ def _init(part: str | None, given: Given) -> int:
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
-    with room_for(file), whole_file(file) as draft:
-        draft.write_text(TEMPLATE.format(part=part, name=file.name), encoding="utf-8")
+    with room_for(file):
+        put_file(file.parent, file.name, TEMPLATE.format(part=part, name=file.name))
     console.say(f"{file}: run it with polish-sim job {file}")
     return DONE
 
@@ -175,7 +173,7 @@ def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
             f"{p['cycle_time_s']:.1f}",
             f"{p['planned_cycle_time_s']:.1f}",
             f"{p['contact_time_s']:.1f}",
-            dash(p["removal_cv"], ".1f", 100.0),
+            number_or_dash(p["removal_cv"], ".1f", 100.0),
             f"{p['abrasive_path_m']:.0f}",
             f"{100.0 * p['abrasive_left']:.0f}",
             p["protective_stop"] or "",
@@ -200,9 +198,9 @@ def job_page(title: str, figures: Metrics) -> Page:
     regions = [
         [
             r["region"],
-            dash(r["exposure_mean_n_m"], ".4g"),
-            dash(r["removal_cv"], ".1f", 100.0),
-            dash(r["removal_cv_inside"], ".1f", 100.0),
+            number_or_dash(r["exposure_mean_n_m"], ".4g"),
+            number_or_dash(r["removal_cv"], ".1f", 100.0),
+            number_or_dash(r["removal_cv_inside"], ".1f", 100.0),
         ]
         for r in f["regions"]
     ]

@@ -328,7 +328,6 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
 
 
 def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Metrics:
-
     with whole_folder(seed_folder(folder, seed)) as own:
         return dict(simulate(replace(scenario, seed=seed), way, own).metrics)
 

@@ -51,7 +51,7 @@ class Own(NamedTuple):
     panel: str
     metavar: str  #: What stands for its value; empty for a switch
     text: str
-    kind: type = str  #: Of its value: str, int, float, Path, bool, or list for one that may be repeated
+    kind: type = str  #: Of its value: str, int, float, Path, or list for one that may be repeated
     low: float = -math.inf  #: Least value [unit]
     high: float = math.inf  #: Largest value [unit]
     unit: Unit = PURE
@@ -88,7 +88,6 @@ OWN = {
             PATH,
             "",
             "Feed and force such that as much comes off everywhere: --removal even.",
-            bool,
         ),
         Own(
             "--calibration",
@@ -114,22 +113,20 @@ OWN = {
             "tcp://HOST:PORT or tls://HOST:PORT (a Dask scheduler).",
             parser=engine,
         ),
-        Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
+        Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate."),
         Own(
             "--allow-contact",
             RUN,
             "",
             "Run a path on which the tool runs into the part; default: it is refused.",
-            bool,
         ),
-        Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
-        Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
+        Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it."),
+        Own("--view", RUN, "", "Watch the run in the MuJoCo viewer."),
         Own(
             "--live",
             RUN,
             "",
             "Watch the run in a browser, and change force, feed and faults there (needs viser).",
-            bool,
         ),
         Own(
             "--live-port",
@@ -147,17 +144,16 @@ OWN = {
             "Serve the page at this address of the computer; default: 127.0.0.1, for "
             "nobody else. It has no password: whoever reaches the address can watch and change the run.",
         ),
-        Own("--reach-map", OUTPUT, "", "Draw where the part may stand for the arm to do the path.", bool),
+        Own("--reach-map", OUTPUT, "", "Draw where the part may stand for the arm to do the path."),
         Own(
             "--dual",
             PAIR,
             "",
             "For two robots: once around the rim; reach, limits and collisions of both arms are checked.",
-            bool,
         ),
         Own("--config", CONFIG, "FILE.toml", "TOML file; see 'polish-sim config'.", Path),
         Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config; may be repeated.", list),
-        Own("--video", OUTPUT, "", "Write a film of the run, cell, pad and force (video.mp4).", bool),
+        Own("--video", OUTPUT, "", "Write a film of the run, cell, pad and force (video.mp4)."),
         Own(
             "--export",
             OUTPUT,
@@ -173,7 +169,7 @@ OWN = {
             "continued.",
             Path,
         ),
-        Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder.", bool),
+        Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder."),
     )
 }
 CONFIG_OPTIONS = ("--config", "--set")
@@ -283,11 +279,11 @@ def takes(
 
 def _declared(parameter: str, option: Own) -> inspect.Parameter:
     """An option as a parameter Typer understands."""
-    switch = option.kind is bool
+    switch = not option.metavar
     kind: Any = bool if switch else list[str] | None if option.kind is list else str | None
     declared = typer.Option(
         option.name,
-        metavar=option.metavar or None,
+        metavar=option.metavar,
         help=option.text,
         rich_help_panel=option.panel,
         parser=None if switch else option.read,

@@ -102,9 +102,9 @@ def _loads(name: str) -> bool:
 
 
 class Picture:
-    """Renders a model's moments from one camera: the whole cell, or the pad on the part from near."""
+    """Renders a model's moments: the whole cell, or the pad on the part from near."""
 
-    def __init__(self, model: Any, quality: PictureQuality, near: bool = False) -> None:
+    def __init__(self, model: Any, quality: PictureQuality) -> None:
         """Open a renderer; what a missing OpenGL raises depends on the platform."""
         import mujoco
 
@@ -117,17 +117,15 @@ class Picture:
             self._renderer = mujoco.Renderer(model, quality.height, quality.width)
         self._camera = mujoco.MjvCamera()
         self._model = model
-        self._near = near
         self._pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
 
     def render(self, data: Any, pad: NDArray[np.float64], near: bool = False) -> Image:
-        """Render one moment with the pad there (3,) [m], from ``near`` or as it was opened: (height, width,
+        """Render one moment with the pad there (3,) [m], from ``near`` or the whole cell: (height, width,
         3)."""
         import numpy as np
 
         camera = self._camera
         pair = self._pair
-        near = near or self._near
         camera.lookat[:] = pad if near else self._model.stat.center if pair else LOOK_AT
         camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
         camera.azimuth, camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)

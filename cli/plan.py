@@ -82,7 +82,6 @@ def plan(part: PartFile, given: Given) -> int:
         refuse_idle_options(experiment("dual"), named_options(given), of_plans)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.setups import SetupSearch

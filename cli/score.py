@@ -43,15 +43,9 @@ CONTROLLER_TEXT = (
     Own("--against", RUN, "NAME", "A second controller, to put beside it."),
     Own("--seeds", RUN, "N", "Seeds per case, counting up from 0; default 5, with --reach 20.", int, 1, 1e6),
     Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),
-    Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery.", bool),
-    Own("--ablate", RUN, "", "Leave out one law of the controller after the other.", bool),
-    Own(
-        "--border",
-        RUN,
-        "",
-        "Search springs and latencies up to which it stays stable, instead of scoring.",
-        bool,
-    ),
+    Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery."),
+    Own("--ablate", RUN, "", "Leave out one law of the controller after the other."),
+    Own("--border", RUN, "", "Search springs and latencies up to which it stays stable, instead of scoring."),
     Own(
         "--worst",
         RUN,
@@ -62,9 +56,9 @@ CONTROLLER_TEXT = (
         30,
         1e6,
     ),
-    Own("--list", RUN, "", "List the cases and what is run in each.", bool),
+    Own("--list", RUN, "", "List the cases and what is run in each."),
     *("--check", "--set", "--workers", "--on", "--out"),
-    Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept.", bool),
+    Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept."),
 )
 def score(given: Given) -> int:
     """Score a controller by a fixed battery of cases under realistic disturbances; Ctrl-C keeps what is
@@ -73,7 +67,6 @@ def score(given: Given) -> int:
     refuse_beside(given, "--ablate", "--against")
     refuse_beside(given, "--worst", *OF_CASES, "--ablate", "--against", "--border")
     refuse_beside(given, "--border", *OF_CASES, "--ablate")
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments.assembly import user_files
     from polish_sim.scoring import (
         BATTERY,

@@ -64,7 +64,7 @@ CELL = (
     *CELL,
     "--seed",
     Own("--score", RUN, "CASE", "Serve the cell of a case of 'score', and score what the client does in it."),
-    Own("--air", RUN, "", "Without part, table and stand: for programmes written for an arm alone.", bool),
+    Own("--air", RUN, "", "Without part, table and stand: for programmes written for an arm alone."),
     Own("--address", RUN, "ADDRESS", "Address to serve at; twice for two robots. Default 127.0.0.1.", list),
     Own(
         "--speed",

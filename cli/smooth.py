@@ -62,13 +62,12 @@ OPTIONS = (
         5000.0,
         MM_S,
     ),
-    Own("--no-joints", MOTION, "", "Smooth the tool's motion alone, without a robot.", bool),
+    Own("--no-joints", MOTION, "", "Smooth the tool's motion alone, without a robot."),
     Own(
         "--lenient",
         PATH,
         "",
         "Leave out unknown words of G-code or APT, and say so; what moves the tool stays refused.",
-        bool,
     ),
     Own(
         "--rate",
@@ -88,7 +87,6 @@ def smooth(path: PathFile, given: Given) -> None:
     """Smooth a tool path: trajectory.npz, trajectory.csv, metrics.json, limits.toml and pictures."""
     refuse_beside(given, "--no-joints", "--part-pose")
     refuse_taken(given)
-    # Lazy: --help must not wait for the libraries.
     from polish_sim.cli.smoothed import show_smoothing, smooth_file
 
     with claimed(given, "smooth") as folder, console.progress() as observer:

@@ -217,7 +217,6 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name:
 
 
 def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
-
     motion = measured.motion
     end = measured.motion.end
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
@@ -229,7 +228,6 @@ def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
 def _corners(
     task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
 ) -> dict[str, Figure]:
-
     raw = task.placed.chain
     turns = path_turns(raw)
     ways = [way_past(raw, each.motion) for each in motions]

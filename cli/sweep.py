@@ -54,14 +54,13 @@ What = Annotated[
                                  "hypercube)."),
     Own("--count", RUN, "N", "Points of a sample.", int, 1, 1e7),
     Own("--seeds", RUN, "N", "Seeds per point, counting up from --seed; default 1.", int, 1, 1e6),
-    Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing.", bool),
-    Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>.", bool),
+    Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing."),
+    Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>."),
     *("--seed", "--workers", "--on", *OF_RUNS, *CONFIG_OPTIONS, "--out"),
 )  # fmt: skip
 def sweep(what: What, given: Given) -> int:
     """Run an experiment over many settings and seeds: one folder with runs.parquet, study.toml and a page."""
     needed("pyarrow", "'sweep' keeps its table in Parquet", "sweep")
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments.assembly import user_files
     from polish_sim.studies.study import STUDY, read_study, study_text
     from polish_sim.studies.table import RunTable, keys_of_runs, run_time
@@ -142,15 +141,16 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
     """Show how many runs there are and about how long the missing ones take, if one takes ``run_s``."""
     from polish_sim.workers import processors
 
-    workers, on = given["--workers"] or processors(), given["--on"] or "local"
-    share = workers if on in ("local", "dask") else 1
+    on = given["--on"] or "local"
+    here = on in ("local", "dask")
+    share = (given["--workers"] or processors()) if here else 1
     points = study.count or len(study.points())
     rows = [["points", f"{points} ({study.sample})"], ["seeds", str(study.seeds)], ["runs", str(total)]]
     rows += [["done", str(total - missing)]] if total > missing else []
-    rows += [["on", f"{on}, on {count_text(share, 'processor')}" if on in ("local", "dask") else on]]
+    rows += [["on", f"{on}, on {count_text(share, 'processor')}" if here else on]]
     if run_s is not None:
         about = duration_text(run_s * missing / share)
-        rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
+        rows += [["about", f"{about}{'' if here else ' on one processor'}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
     title = f"sweep {study.base.experiment}, {study.base.controller.label}"
     console.table(Table(title, ["", ""], [*axes, *rows], left=2))

@@ -83,14 +83,13 @@ def tune(controller: ControllerName, given: Given) -> int:
     """
     for module in ("optuna", "cmaes"):
         needed(module, "'tune' searches with Optuna", "tune")
-    # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.experiments.assembly import user_files
     from polish_sim.scoring import check_entries
     from polish_sim.studies.tune import judge_tuned, search_best
 
     search = asked_search(controller, given)
-    check_entries((*search.cases, *search.held_out), [search.entry({p.key: p.low for p in search.over})])
-    check_entries((*search.cases, *search.held_out), [search.entry(None)])
+    lowest = search.entry({p.key: p.low for p in search.over})
+    check_entries((*search.cases, *search.held_out), [lowest, search.entry(None)])
     trials = given["--trials"] or TRIALS
 
     def found(runner: Runner) -> tuple[dict[str, float], list[Verdict]]:

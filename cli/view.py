@@ -189,7 +189,6 @@ def page_server(address: Address, content: bytes) -> HTTPServer:
 def view(run: Annotated[Path, argument("RUN", "Run folder made by 'run'.")], given: Given) -> None:
     """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked
     on."""
-    # Lazy: --help must not wait for numpy.
     from polish_sim.experiments.report import saved_page, saved_records
     from polish_sim.page.page import page_html
 

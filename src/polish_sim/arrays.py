@@ -25,13 +25,6 @@ def dots(first: Array, second: Array) -> Array:
     return np.asarray((first * second).sum(axis=-1))
 
 
-def crosses(first: Array, second: Array) -> Array:
-    """Vector products of vectors (..., 3), bit for bit those of `np.cross`, whose look at the axes takes most
-    of its time where vectors are few."""
-    ahead, behind = [1, 2, 0], [2, 0, 1]
-    return first.take(ahead, -1) * second.take(behind, -1) - first.take(behind, -1) * second.take(ahead, -1)
-
-
 def running_sums(values: Any) -> Any:
     """Sums of the first 0, 1 ... n of some values (n,), shape (n + 1,): arc lengths from chords, where parts
     begin."""

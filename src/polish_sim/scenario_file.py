@@ -127,7 +127,7 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
         elif isinstance(current, Mapping):
             changes[name] = {**current, **_plain_values(where, value)}
         else:
-            changes[name] = _checked(where, value, current, known[name])
+            changes[name] = checked_value(where, value, current, known[name])
     return replace(base, **changes)  # type: ignore[type-var]
 
 
@@ -153,7 +153,7 @@ def _plain_values(where: str, table: Any) -> dict[str, Any]:
             f"'{where}' is a section: write [{where}] and its keys below, or --set {where}.KEY=VALUE."
         )
     for name, value in table.items():
-        if not (isinstance(value, (bool, str)) or _is_number(value)):
+        if not (isinstance(value, (bool, str)) or is_number(value)):
             raise ConfigError(f"'{where}.{name}' must be a number, text, true or false, got {_shown(value)}.")
     return table
 
@@ -261,34 +261,38 @@ def numbers_of(text: str, count: int) -> list[float]:
     return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else []
 
 
-def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
+def checked_value(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
     """A value of the type of the ``current`` one and within its field's range."""
     if isinstance(current, tuple):
         length = spec.metadata["length"]
         lengths, or_auto = ((0, length), f" (or {AUTO})") if spec.default == () else ((length,), "")
         value = () if value == AUTO and spec.default == () else value
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
-        if not listed or not all(_is_number(v) for v in value):
+        if not listed or not all(is_number(v) for v in value):
             raise ConfigError(
                 f"'{where}' must be a list of {COUNTS[length]} numbers{or_auto}, got {_shown(value)}."
             )
-        return tuple(_within(where, _as_float(v), spec) for v in value)
+        return tuple(float(_within(where, v, spec)) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):
             raise ConfigError(f"'{where}' must be text, got {_shown(value)}.")
+        return value
+    if isinstance(current, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"'{where}' must be true or false, got {_shown(value)}.")
         return value
     if isinstance(current, int):
         if isinstance(value, bool) or not isinstance(value, int):
             raise ConfigError(f"'{where}' must be a whole number, got {_shown(value)}.")
         return _within(where, value, spec)
-    if not _is_number(value):
+    if not is_number(value):
         raise ConfigError(f"'{where}' must be a number, got {_shown(value)}.")
-    return _within(where, _as_float(value), spec)
+    return float(_within(where, value, spec))
 
 
 def _within(where: str, number: N, spec: Field[Any]) -> N:
     low, high = spec.metadata["low"], spec.metadata["high"]
-    if not low <= number <= high or number in (math.inf, -math.inf):
+    if not low <= number <= high:
         raise ConfigError(
             f"'{where}' = {_shown(number)} is outside {number_text(low)} to {number_text(high)}: "
             f"{spec.metadata['text']}."
@@ -302,15 +306,8 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:12]}... ({len(text)} characters)"
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number, no switch."""
     return not isinstance(value, bool) and (
         isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
     )
-
-
-def _as_float(value: float) -> float:
-    """A number as a float, infinite if it is a whole number beyond every float."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf

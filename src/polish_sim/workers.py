@@ -52,6 +52,7 @@ class Result(NamedTuple):
     task: Any
     value: Any  #: What the work returned; None where a process died
     trouble: str | None  #: What went wrong, in one line
+    again: bool = False  #: Whether the task is then tried again, or else left out
 
 
 class WorkersError(PolishSimError):
@@ -152,14 +153,16 @@ class Runner:
         heard(done, total, None)
         try:
             with closing(self._workers.results(tasks, work, group_of)) as results:
-                for task, row, trouble in results:
+                for task, row, trouble, again in results:
                     done += row is not None
-                    if trouble is not None and trouble.endswith("left out"):
-                        self.lost += 1
-                        row = lost and lost(task, trouble)
+                    if trouble is not None:
+                        if not again:
+                            self.lost += 1
+                            row = lost and lost(task, trouble)
+                        trouble += f"; its task is {'tried again' if again else 'left out'} ({task})"
                     if row is not None:
                         self.kept.add(keys[task], row)
-                    heard(done, total, trouble and f"{trouble} ({task})")
+                    heard(done, total, trouble)
         except KeyboardInterrupt:
             if not done:
                 raise
@@ -276,7 +279,7 @@ class _Local:
                         again = tries[task] < TRIES
                         if again:
                             waiting.add(worker.group, task)
-                        yield Result(task, None, _death(error, deaths, again))
+                        yield Result(task, None, _death(error, deaths), again)
                     else:
                         raise _in_task(task, error)
         finally:  # what is still at work at an interrupt
@@ -296,7 +299,7 @@ def _in_task(task: Any, error: BaseException) -> BaseException:
     return RuntimeError(f"in {task}: {''.join(traceback.format_exception(error))}")
 
 
-def _death(error: BaseException, deaths: int, again: bool) -> str:
+def _death(error: BaseException, deaths: int) -> str:
     """A line on a process that died; WorkersError if too many have in a row."""
     code = re.search(r"(?:SIG\w+|EXIT)\((-?\d+)\)", str(error))  # as loky writes exit codes
     number = int(code[1]) if code else 0
@@ -308,9 +311,7 @@ def _death(error: BaseException, deaths: int, again: bool) -> str:
             f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try "
             "--workers 1."
         )
-    if again:
-        return f"a worker process {cause}; its task is tried again"
-    return f"a worker process {cause} for the second time at the same task; it is left out"
+    return f"a worker process {cause}"
 
 
 @contextmanager
@@ -465,12 +466,10 @@ class _Cluster:
                     continue
                 if result.trouble is not None:
                     tries[task] += 1
-                    end = ", again; it is left out"
-                    if tries[task] < TRIES:
-                        # Dask blames all tasks of a worker that dies: this one may not be what killed it.
+                    # Dask blames all tasks of a worker that dies: this one may not be what killed it.
+                    result = result._replace(again=tries[task] < TRIES)
+                    if result.again:
                         waiting.append(task)
-                        end = "; it is tried again"
-                    result = Result(task, None, result.trouble + end)
                 if waiting:
                     submit()
                 yield result

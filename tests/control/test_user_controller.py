@@ -1,6 +1,5 @@
 """A user's class from a file: loaded by FILE.py:CLASS, refused with a reason."""
 
-import math
 import re
 import tomllib
 from pathlib import Path
@@ -9,6 +8,7 @@ import pytest
 
 from polish_sim.analysis.run_record import once_more
 from polish_sim.config import ControllerConfig
+from polish_sim.config.key import LARGEST
 from polish_sim.control import build_controller
 from polish_sim.control.laws import law_parameters
 from polish_sim.errors import ConfigError, InputError, PolishSimError
@@ -84,8 +84,9 @@ def test_a_class_declares_its_parameters_and_is_made_with_those_given(file):
     assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
     known = law_parameters(f"{file}:Tuned")
     assert list(known) == ["gain", "sign", "mode", "late"]
-    assert known["gain"] == ("gain", 0.01, 0.001, 0.1)
-    assert known["sign"][1:] == (1, -math.inf, math.inf)
+    ranges = {name: (p.default, p.metadata["low"], p.metadata["high"]) for name, p in known.items()}
+    assert ranges["gain"] == (0.01, 0.001, 0.1)
+    assert ranges["sign"] == (1, -LARGEST, LARGEST)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.force_margins import press
 from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, response_of
 from polish_sim.cell.linear_arm import joints_about
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import build_bench, press_bench
+from polish_sim.scoring.border import build_bench
 from polish_sim.scoring.loop_model import (
     FORCE_POSE,
     build_plant,
@@ -54,10 +55,10 @@ def test_the_border_of_stability_is_where_the_linear_model_says(settings):
     scenario = override(FORCE, [*SPRINGS_ONLY, *HELD, *settings])
     response, bench = linear_loop(scenario, swing=1.0)(contour(0.001)), build_bench(scenario)
     border = next(gain for gain in np.geomspace(0.1, 10.0, 461) if turns_about_minus_one(gain * response) > 0)
-    below = press_bench(bench, scenario, 0.92 * border)
+    below = press(bench, scenario, 0.92 * border)
     assert below.resting
     assert 16.0 < below.frequency / (2.0 * math.pi) < 20.0
-    assert not press_bench(bench, scenario, 1.08 * border).resting
+    assert not press(bench, scenario, 1.08 * border).resting
 
 
 def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the_cell_swings_there():
@@ -67,7 +68,7 @@ def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the
     response = response_of(linear_loop(scenario), 0.001)(omega)
     turned_round = int(np.argmin(np.abs(np.angle(-response))))
     assert abs(response[turned_round]) > 2.0
-    rest = press_bench(build_bench(scenario), scenario, 1.5)
+    rest = press(build_bench(scenario), scenario, 1.5)
     assert not rest.resting
     assert rest.frequency == pytest.approx(omega[turned_round], rel=0.1)
 

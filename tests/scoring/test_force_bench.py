@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.force_margins import press
 from benchmarks.loop_margins import analytic_margins
 from polish_sim.cli.score import show_border
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.row_file import Rows
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import MODEL, Bench, Rest, build_bench, measure_border, press_bench
+from polish_sim.scoring.border import MODEL, Bench, Rest, build_bench, measure_border
 from polish_sim.scoring.score import user_entry
 from polish_sim.workers import Here, Result, Runner
 
@@ -31,19 +32,19 @@ def _later(delay: float) -> Scenario:
 
 def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench):
     margins = analytic_margins(FORCE)
-    rest = press_bench(bench, FORCE)
+    rest = press(bench, FORCE)
     assert rest.resting
     assert rest.offset == pytest.approx(0.0, abs=0.1)
-    assert press_bench(bench, FORCE, 0.92 * margins.gain, friction=False).resting
-    beyond = press_bench(bench, FORCE, 1.08 * margins.gain, friction=False)
+    assert press(bench, FORCE, 0.92 * margins.gain, friction=False).resting
+    beyond = press(bench, FORCE, 1.08 * margins.gain, friction=False)
     assert not beyond.resting
     assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
 
 
 def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench):
     margins = analytic_margins(FORCE)
-    assert press_bench(bench, _later(0.95 * margins.delay), friction=False).resting
-    beyond = press_bench(bench, _later(1.05 * margins.delay), friction=False)
+    assert press(bench, _later(0.95 * margins.delay), friction=False).resting
+    beyond = press(bench, _later(1.05 * margins.delay), friction=False)
     assert not beyond.stable
     assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
 
@@ -62,7 +63,7 @@ def test_a_run_of_the_border_whose_process_died_is_left_out_and_counted(tmp_path
         def results(self, tasks, work, group_of):
             for task in tasks:
                 lost = "springs x 1, " in str(task)
-                yield Result(task, None if lost else work(task), "left out" if lost else None)
+                yield Result(task, None if lost else work(task), "died" if lost else None)
 
     def row(task):
         return {"longest_s": 0.02} if task.case.text == MODEL else Rest(True, True, 0.0, 0.0, 0.0)._asdict()

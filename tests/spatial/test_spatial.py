@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim import spatial
-from polish_sim.arrays import crosses
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -66,7 +65,7 @@ def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_ha
 def test_vector_products_of_stacks_are_numpys_to_the_last_bit():
     for shape in ((3,), (206, 3), (2, 1, 3)):
         first = VECTORS[: math.prod(shape) // 3].reshape(shape)
-        assert crosses(first, VECTORS).tobytes() == np.cross(first, VECTORS).tobytes()
+        assert spatial.crosses(first, VECTORS).tobytes() == np.cross(first, VECTORS).tobytes()
 
 
 def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product():

@@ -38,7 +38,7 @@ class Here:
     def results(self, tasks: Sequence[Any], work: Callable[[Any], Any], _group: Any) -> Generator[Result]:
         for number, task in enumerate(tasks):
             if number < self.deaths:
-                yield Result(task, None, "a worker process was killed; it is left out")
+                yield Result(task, None, "a worker process was killed")
             else:
                 yield Result(task, work(task), None)
 

@@ -9,7 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import AXIS_COLORS, DASHES, GREEN, GREY, MARKS, head, new_figure, styled
+from polish_sim.analysis.style import (
+    AXIS_COLORS,
+    DASHES,
+    GREEN,
+    GREY,
+    MARKS,
+    head,
+    new_figure,
+    small_title,
+    styled,
+)
 from polish_sim.arrays import Array, Bools
 
 AXES = "xyz"
@@ -96,7 +106,7 @@ def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float
             look = {"color": AXIS_COLORS[axis], "ls": DASHES[axis], "label": f"{AXES[axis]}, 5 s mean"}
             axes.plot(time, values[:, axis], lw=1.0, **look)
         axes.set_xlabel("time [s]")
-        axes.set_title(title, fontsize=9.0, fontweight="normal", color="#444444")
+        small_title(axes, title)
     once.set_ylabel("force read while nothing touches [N]")
     facts = [
         f"{walk * np.sqrt(total):.2g} N rms after {total:.0f} s",

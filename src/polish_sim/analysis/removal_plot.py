@@ -31,6 +31,7 @@ from polish_sim.analysis.style import (
     head,
     line_look,
     new_figure,
+    small_title,
     styled,
     views_of,
 )
@@ -103,7 +104,7 @@ def plot_removal_runs(records: Records, path_words: Callable[[Scenario], str]) -
     )
     bar.set_label(RELATIVE)
     _mark_bands(share)
-    share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
+    small_title(share, "colours as over the maps")
     share.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
     head(figure, "Removal, side by side")
     return figure

@@ -29,10 +29,12 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
+    limit_line,
     line_look,
     mark_stop,
     new_figure,
     shade_band,
+    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Bools
@@ -120,7 +122,7 @@ def compare_runs(
             [f"{record.name}: {record.scenario.controller.label}", *facts_of(record.metrics, fact)]
         )
         axes.plot(*curve(record), label=label, **line_look(index))
-    axes.axhline(limit[0], color=GREEN, ls="--", lw=1.0, label=limit[1])
+    limit_line(axes, *limit)
     axes.set(xlabel=labels[0], ylabel=labels[1], ylim=(0.0, None))
     head(figure, title, legend=(axes,))
     return figure
@@ -142,7 +144,7 @@ def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
 def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> None:
     axes.plot(time, distance * 1e6, color=GREY, lw=0.8, label="ramps, not counted")
     axes.plot(time[counted], distance[counted] * 1e6, color=BLUE, label="distance" if counted.any() else None)
-    axes.axhline(PAPER_LIMIT_M * 1e6, color=GREEN, ls="--", lw=1.0, label="paper: < 0.3 mm")
+    limit_line(axes, PAPER_LIMIT_M * 1e6, "paper: < 0.3 mm")
     axes.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [µm]")
     axes.set_ylim(0.0, 1.1e6 * max(distance.max(initial=0.0), PAPER_LIMIT_M))
 
@@ -172,7 +174,7 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
             axes.plot(radii * np.cos(angles) * 1e3, radii * np.sin(angles) * 1e3, **look)
     axes.set_aspect("equal")
     axes.set(xlabel="across [mm]", ylabel="up [mm]")
-    axes.set_title(f"in its plane, error × {exaggeration:g}", fontweight="normal", fontsize=9.0)
+    small_title(axes, f"in its plane, error × {exaggeration:g}")
 
 
 def _exaggeration(largest: float, radius: float) -> float:
@@ -362,7 +364,7 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")
     asked = f", asked {bound_text(claim)}: {met.sum()} of {len(seeds)}" if claim.bounded else ""
-    axes.set_title(f"{claim.label.strip()} [{claim.unit or '-'}]{asked}", fontsize=9.0, fontweight="normal")
+    small_title(axes, f"{claim.label.strip()} [{claim.unit or '-'}]{asked}")
     # From a spread of 10% on to scale: a smaller one looks small.
     shown = np.array([claim.scale * np.nanmin(values), claim.scale * np.nanmax(values), *limits])
     room = 0.12 * max(np.ptp(shown), 0.1 * np.abs(shown).max())

@@ -186,6 +186,16 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
     axes.axhline(center, color=GREEN, lw=0.9, ls="--", zorder=1)
 
 
+def limit_line(axes: Axes, value: float, label: str) -> None:
+    """Draw what is not to be exceeded as a line."""
+    axes.axhline(value, color=GREEN, lw=1.0, ls="--", label=label)
+
+
+def small_title(axes: Axes, text: str) -> None:
+    """Say in small print what a panel shows."""
+    axes.set_title(text, fontsize=9.0, fontweight="normal")
+
+
 def facts_of(metrics: Metrics, *rows: tuple[str, str, float]) -> list[str]:
     """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
     known = [(text, scale * figure_of(metrics, name)) for text, name, scale in rows]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from polish_sim.arms import ARMS, FIRST, IDEAL
@@ -130,7 +130,7 @@ class RobotConfig:
         "what the host knows of how its arm is built: none, tracker (measured before the run) or the "
         "compensation.toml of a run",
     )
-    real: RealArmConfig = field(default_factory=RealArmConfig)
+    real: RealArmConfig = RealArmConfig()
 
     @property
     def elastic(self) -> bool:
@@ -287,7 +287,7 @@ class HeadConfig:
     damping_n_s_m: float = key(60.0, "damper [N s/m]", 0.0, 1e4)
     mass_kg: float = key(0.3, "sliding mass [kg]", 0.01, 10.0)
     travel_m: float = key(0.03, "travel to the end stop [m]", 0.001, 0.2)
-    flange: FlangeConfig = field(default_factory=FlangeConfig)
+    flange: FlangeConfig = FlangeConfig()
     spring_scale: float = key(
         1.0, "real springs of head and pad by what plan and controller take them for [-]", 0.05, 20.0
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from polish_sim.config.key import RUN, Option, free_keys, key
@@ -127,8 +127,8 @@ class ControllerConfig:
     own: Mapping[str, float | str] = free_keys(
         "parameters of an own controller, FILE.py:CLASS, by their names"
     )
-    adaptive: AdaptiveConfig = field(default_factory=AdaptiveConfig)
-    baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
+    adaptive: AdaptiveConfig = AdaptiveConfig()
+    baselines: BaselinesConfig = BaselinesConfig()
 
     @property
     def label(self) -> str:

@@ -45,6 +45,9 @@ PANELS = (
 PART, PATH, AXIS, TOOL, HAND, PAIR, SENSOR, RUN, CONFIG, OUTPUT = PANELS
 
 
+LARGEST = 1e12  #: No quantity is larger, in whatever unit
+
+
 class Option(NamedTuple):
     """An option of the command line."""
 
@@ -59,8 +62,8 @@ class Option(NamedTuple):
 def key(
     default: Any,
     text: str,
-    low: float = -math.inf,
-    high: float = math.inf,
+    low: float = -LARGEST,
+    high: float = LARGEST,
     length: int = 0,
     option: Option | None = None,
     presets: Mapping[str, Mapping[str, Any]] | None = None,

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
-import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import Field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 from polish_sim.config import ControllerConfig
+from polish_sim.config.key import key
 from polish_sim.control.force_mode import force_mode
 from polish_sim.control.hybrid import hybrid_pi, hybrid_pi_position, position
 from polish_sim.control.signals import CompiledController, Controller
-from polish_sim.errors import ConfigError, InputError, number_text, unknown_name
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.lazy import FunctionOnUse
+from polish_sim.scenario_file import checked_value
 from polish_sim.workers import local_copy
 
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = {
@@ -93,19 +94,11 @@ def build_controller(config: ControllerConfig) -> Controller:
 # The parameters of a user's class: what its __init__ takes. `ranges` on the class says what each may be.
 
 
-class Parameter(NamedTuple):
-    """A number, word or switch that a user's class takes when it is made."""
+def law_parameters(name: str) -> dict[str, Field[Any]]:
+    """The parameters of the class ``FILE.py:CLASS`` as fields, by name: the arguments of its ``__init__``.
 
-    name: str
-    default: Any  #: ``inspect.Parameter.empty`` if it has to be given
-    low: float = -math.inf
-    high: float = math.inf
-
-
-def law_parameters(name: str) -> dict[str, Parameter]:
-    """The parameters of the class ``FILE.py:CLASS``, by name: the arguments of its ``__init__``.
-
-    A class attribute ``ranges``, e.g. ``{"gain": (0.001, 0.1)}``, bounds them.
+    The default of one that has to be given is ``inspect.Parameter.empty``. A class attribute ``ranges``, e.g.
+    ``{"gain": (0.001, 0.1)}``, bounds them.
 
     Raises:
         InputError: If there is no such class, or ``ranges`` names what ``__init__`` does not take.
@@ -113,40 +106,32 @@ def law_parameters(name: str) -> dict[str, Parameter]:
     return _parameters_of(_load_class(name), name)
 
 
-def _parameters_of(made_by: Callable[..., Any], name: str) -> dict[str, Parameter]:
+def _parameters_of(made_by: Callable[..., Any], name: str) -> dict[str, Field[Any]]:
     try:
         taken = inspect.signature(made_by).parameters.values()
     except (TypeError, ValueError):  # a class written in C
         return {}
     named = {p.name: p.default for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
     ranges = getattr(made_by, "ranges", {})
-    for key, bounds in dict(ranges).items():
-        if key not in named:
-            raise unknown_name(f"parameter in the ranges of '{name}'", key, named)
+    for own, bounds in dict(ranges).items():
+        if own not in named:
+            raise unknown_name(f"parameter in the ranges of '{name}'", own, named)
         if len(bounds) != 2 or not bounds[0] < bounds[1]:
-            raise InputError(f"the range of '{key}' in '{name}' is {bounds}: write (least, most).")
-    return {key: Parameter(key, default, *ranges.get(key, ())) for key, default in named.items()}
+            raise InputError(f"the range of '{own}' in '{name}' is {bounds}: write (least, most).")
+    said = f"the range '{name}' declares"
+    return {own: key(default, said, *ranges.get(own, ())) for own, default in named.items()}
 
 
-def _check_own(config: ControllerConfig, known: Mapping[str, Parameter]) -> None:
+def _check_own(config: ControllerConfig, known: Mapping[str, Field[Any]]) -> None:
     """Refuse parameters the class does not take, and values of another kind or out of range."""
-    for key, value in config.own.items():
-        if key not in known:
-            raise unknown_name(f"parameter of '{config.label}', controller.own", key, known)
-        _, default, low, high = known[key]
-        kind = type(default)
-        expected = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}.get(kind)
-        fits = isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
-        if expected and not fits and not (kind is float and type(value) is int):
-            raise ConfigError(f"'controller.own.{key}' must be {expected}, got {value!r}.")
-        if not isinstance(value, (bool, str)) and not low <= value <= high:
-            bounds = f"{number_text(low)} to {number_text(high)}"
-            raise ConfigError(
-                f"'controller.own.{key}' = {value!r} is outside {bounds}: the range '{config.label}' "
-                "declares."
-            )
-    missing = [name for name, parameter in known.items() if parameter.default is inspect.Parameter.empty]
-    missing = [name for name in missing if name not in config.own]
+    for own, value in config.own.items():
+        if own not in known:
+            raise unknown_name(f"parameter of '{config.label}', controller.own", own, known)
+        default = known[own].default
+        usual = default if isinstance(default, (bool, int, float, str)) else value
+        checked_value(f"controller.own.{own}", value, usual, known[own])
+    needed = [own for own, parameter in known.items() if parameter.default is inspect.Parameter.empty]
+    missing = [own for own in needed if own not in config.own]
     if missing:
         raise InputError(
             f"'{config.label}' needs a value for '{missing[0]}': --set controller.own.{missing[0]}=..."

@@ -10,7 +10,7 @@ d, phi of the follower's base in the master's, t, psi of the part on its flange,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +54,7 @@ DESIGNS = 10
 class PairBudgetTrial:
     """Calibrations of two robots, again and again, and the rim they are to work on."""
 
-    dual: DualConfig = field(default_factory=DualConfig)
+    dual: DualConfig = DualConfig()
     draws: int = 300
     seed: int = 0
     rim_radius: float = 0.08  #: Of the rim, about that of the hub [m]

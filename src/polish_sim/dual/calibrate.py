@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -164,7 +164,7 @@ RestingArms = Mapping[str, RestingArm]
 class ArmTrial:
     """Two arms with errors in their tables, measured by a tracker."""
 
-    tolerance: Tolerance = field(default_factory=Tolerance)  #: Standard deviations of the planted errors
+    tolerance: Tolerance = Tolerance()  #: Standard deviations of the planted errors
     noise: float = 3e-5  #: Of one coordinate of the tracker [m]
     poses: int = 60  #: Of each arm
     seed: int = 0

@@ -42,7 +42,7 @@ REWARDS = ("dense", "sparse")
 ASKED = {
     "force": tuple(row for row in REACH if row.cases == "reach-springs-*"),
     "surface": (
-        Asked("stable", "*", "stable", 1.0, ""),
+        Asked("stable", "stable", 1.0, ""),
         *(row for row in REACH if row.cases == "reach-freeform-30"),
     ),
 }
@@ -161,11 +161,10 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         time_limit_s: float | None = None,
         render_mode: str | None = None,
     ) -> None:
-        for kind, name, known in (("action", action, ACTIONS), ("reward", reward, REWARDS)):
+        words = (("action", action, ACTIONS), ("reward", reward, REWARDS), ("task", task, ASKED))
+        for kind, name, known in words:
             if name not in known:
                 raise unknown_name(kind, name, known)
-        if task not in ASKED:
-            raise unknown_name("task", task, ASKED)
         if force_steps and task == "surface":
             raise InputError(
                 "force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces."
@@ -173,8 +172,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         if bodies < 1:
             raise InputError(f"bodies = {bodies}: there is at least one arm and part to choose from.")
         chosen = scenario_of(task, scenario, settings)
+        self._dt = dt = chosen.simulation.timestep_s
         if force_steps:
-            dt = chosen.simulation.timestep_s
             check_contact_settings(chosen.pad, chosen.head, chosen.safety, dt, max(force_range_n))
         self._every = steps_per_action(chosen.simulation, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
@@ -182,9 +181,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         self._stage = Stage(chosen, ranges_of(ranges), bodies)
         self.moving = self._stage.moving
         self._stepped = SteppedCell(ACTIONS[action], self.moving)
-        dt = chosen.simulation.timestep_s
         limit = time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
-        self._dt = dt
         self._longest = round(limit / dt)
         self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
         self._draws = np.zeros((_BLOCK, DRAWS))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,9 +38,9 @@ class RobotTool:
 class ExportSetup:
     """What the writers take beside the plan."""
 
-    process: ProcessConfig = field(default_factory=ProcessConfig)
-    spindle: SpindleConfig = field(default_factory=SpindleConfig)
-    tool: RobotTool = field(default_factory=RobotTool)
+    process: ProcessConfig = ProcessConfig()
+    spindle: SpindleConfig = SpindleConfig()
+    tool: RobotTool = RobotTool()
     #: Work frame in the robot's base [m], rotation vector [rad]; empty: unknown
     part_pose: tuple[float, ...] = ()
     frame_id: str = "work"  #: Name of the work frame in ROS

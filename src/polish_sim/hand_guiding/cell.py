@@ -134,7 +134,6 @@ class GuidingRow(Record):
     speed: float  #: Of the tool point [m/s]
     force: Vector3  #: The hand's on the tool, base frame [N]
     raw: Vector6  #: Reading of the wrist sensor [N, N m]
-    external: Vector6  #: Torque of the hand as the law observes it [N m]
     lent: float  #: Energy the compensation has lent [J]
 
 
@@ -325,7 +324,6 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
         row.q[j] = e.qpos[j]
         row.qd[j] = e.qvel[j]
         row.torque[j] = memory.torque[j]
-        row.external[j] = memory.external[j]
         row.read[j] = memory.q[j]
     set_to(row.tool, e.site_xpos[e.tool_site])
     set_to(row.force, k.scratch[1])

@@ -26,7 +26,7 @@ from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.geometry.surface import ClosestPoints
 from polish_sim.hand_guiding.arm import LaidPart, believe_arm, guided_arm, hand_of, torque_arm
 from polish_sim.hand_guiding.cell import HandMotion, run_guided
-from polish_sim.hand_guiding.figures import distance_to_chord, measure_taught
+from polish_sim.hand_guiding.figures import measure_taught
 from polish_sim.hand_guiding.teach import (
     HELD,
     HOLD_S,
@@ -45,7 +45,7 @@ from polish_sim.motion import forward
 from polish_sim.planning.moves.travel import move_in, path_of
 from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
-from polish_sim.spatial import apply, inverse, unit
+from polish_sim.spatial import apply, foot_on_chord, inverse, unit
 
 DEGREE = 3
 MOVING_SHARE = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]
@@ -108,7 +108,7 @@ def simplified(points: Array, tolerance: float) -> Indices:
         first, last = stack.pop()
         if last - first < 2:
             continue
-        off = distance_to_chord(points[first + 1 : last], points[first], points[last])
+        off = foot_on_chord(points[first + 1 : last] - points[first], points[last] - points[first])[1]
         furthest = int(off.argmax())
         if off[furthest] > tolerance:
             middle = first + 1 + furthest

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Figures, dots, norms, rms
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.spatial import foot_on_chord
 
 COAST_S = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
 #: Compared with the classical mode, and how their figures begin
@@ -80,17 +81,9 @@ def distance_to_line(points: Array, line: Array) -> Array:
     near = np.asarray(cKDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
-        best = np.minimum(best, distance_to_chord(points, line[first], line[first + 1]))
+        away, chord = points - line[first], line[first + 1] - line[first]
+        best = np.minimum(best, foot_on_chord(away, chord)[1])
     return best
-
-
-def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
-    """Distances (n,) [m] of points (n, 3) to the lines from one point to another, (3,) or (n, 3), ends
-    included."""
-    chord = last - first
-    share = dots(points - first, chord) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
-    foot = first + np.clip(share, 0.0, 1.0)[:, None] * chord
-    return norms(points - foot)
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:

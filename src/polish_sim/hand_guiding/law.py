@@ -188,7 +188,6 @@ def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float)
 class Mode(NamedTuple):
     """What a mode compensates: 1 as the scenario says, 0 not at all."""
 
-    text: str
     gravity: float = 0.0
     friction: float = 0.0
     inertia: float = 0.0
@@ -196,11 +195,11 @@ class Mode(NamedTuple):
 
 
 MODES: Mapping[str, Mode] = {
-    "none": Mode("nothing: the hand carries the arm"),
-    "gravity": Mode("gravity", 1.0),
-    "classical": Mode("gravity and friction (paper 3)", 1.0, 1.0),
-    "inertia": Mode("and inertia (paper 3, improved)", 1.0, 1.0, 1.0),
-    "assist": Mode("and start-up assist", 1.0, 1.0, 1.0, 1.0),
+    "none": Mode(),  # the hand carries the arm
+    "gravity": Mode(1.0),
+    "classical": Mode(1.0, 1.0),  # paper 3
+    "inertia": Mode(1.0, 1.0, 1.0),  # paper 3, improved
+    "assist": Mode(1.0, 1.0, 1.0, 1.0),  # and start-up assist
 }
 
 

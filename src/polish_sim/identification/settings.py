@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.cell.real_arm import take_arm
@@ -32,7 +32,7 @@ class IdentifySettings:
     encoder: float = 4.8e-5  #: Step of an ideal arm's encoders [rad]: 17 bits a turn
     iterations: int = 300  #: Of the search for an exciting motion
     starts: int = 1  #: Random motions that search begins from
-    robot: RobotConfig = field(default_factory=RobotConfig)  #: The simulated one
+    robot: RobotConfig = RobotConfig()  #: The simulated one
     payload: float = 0.0  #: Mass of a payload that is found in a second run [kg]; none if 0
     seed: int = 0
 

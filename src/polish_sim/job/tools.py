@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,7 @@ class JobTool:
         0.3, "mass behind which that spring is, which the sensor carries too [kg]", 0.01, 10.0
     )
     head_travel_m: float = key(0.03, "travel of that spring, or stroke of the flange [m]", 0.001, 0.2)
-    flange: FlangeConfig = field(default_factory=FlangeConfig)
+    flange: FlangeConfig = FlangeConfig()
     speed_rpm: float = key(6000.0, "speed of spindle or orbit [1/min]", 0.0, 60000.0)
     speed_most_rpm: float = key(15000.0, "largest speed allowed [1/min]", 0.0, 60000.0)
     orbit_m: float = key(0.0, "radius of the orbit [m]", 0.0, 0.02)

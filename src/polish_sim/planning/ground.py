@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Bools, Indices, crosses, dots, joined, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, dots, joined, next_corners, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -19,7 +19,7 @@ from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normal
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces, trace_border
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.planning.triangulation import Triangulation, triangulate
-from polish_sim.spatial import into_plane, plane_axes, unit
+from polish_sim.spatial import crosses, into_plane, plane_axes, unit
 
 
 class Bridged(NamedTuple):

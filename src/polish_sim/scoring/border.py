@@ -6,7 +6,7 @@ Both in the cell and in the linear model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,10 +18,10 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
-from polish_sim.cell import RealPart
+from polish_sim.cell import Cell, RealPart
 from polish_sim.cell.linear_arm import arm_modes, joints_about
 from polish_sim.config import Checked, Scenario
-from polish_sim.control import Controller, Course, Measurement, Target, build_controller
+from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Memory, Workplace, build_cell, build_part, check, place_key
 from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_pose import PartPlacing
@@ -128,44 +128,14 @@ def build_bench(scenario: Scenario) -> Bench:
     return Bench(place, build_part(calm, place))
 
 
-class LouderLaw:
-    """A controller whose answer along the tool axis is multiplied while it presses: the loop's gain, at its
-    input."""
-
-    def __init__(self, controller: Controller, gain: float) -> None:
-        self._controller, self._gain = controller, gain
-
-    def prepare(self, course: Course) -> None:
-        """Pass on what lies ahead, to a controller that prepares for it."""
-        prepare = getattr(self._controller, "prepare", None)
-        if callable(prepare):
-            prepare(course)
-
-    def reset(self, cycle_s: float) -> None:
-        """Forget everything."""
-        self._controller.reset(cycle_s)
-
-    def step(self, measurement: Measurement, target: Target) -> Array:
-        """The controller's answer, louder along the tool axis."""
-        answer = np.array(self._controller.step(measurement, target))
-        if target.contact:
-            z = measurement.rotation[:, 2]
-            answer[:3] += (self._gain - 1.0) * (z @ answer[:3]) * z
-        return answer
-
-
-def press_bench(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
+def press_bench(bench: Bench, scenario: Scenario, prepare: Callable[[Cell], None] = lambda _: None) -> Rest:
     """Press on the part, hold, and see whether the force settles; a protective stop counts as unstable.
 
-    Noise and part errors of the scenario are taken out. ``gain``: on the controller's answer along the tool
-    axis; ``friction``: Coulomb friction of the joints; without it the loop is linear but for its limits.
+    Noise and part errors of the scenario are taken out. ``prepare`` may change the cell before it runs.
     """
     calm = quiet(scenario)
     cell = build_cell(calm, bench.place, bench.part)
-    if not friction:
-        cell.model.dof_frictionloss[:] = 0.0
-    if gain != 1.0:
-        cell.use_controller(LouderLaw(build_controller(calm.controller), gain))
+    prepare(cell)
     trace = cell.run().trace
     held = trace.normal_force_n[trace.fed]
     whole = len(held) >= round(calm.process.hold_s / calm.simulation.timestep_s) - 1

@@ -7,7 +7,7 @@ reading. Each definition is stated once, in ``DEFINITIONS``; a figure that is no
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from polish_sim.analysis.metrics import (
     settling_time,
     time_step,
 )
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 from polish_sim.log import RETRACT_PHASE, Trace
 from polish_sim.row_file import Metrics, Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
@@ -148,12 +148,11 @@ FIGURES = (
 
 
 def _errors(error: Array) -> dict[str, float]:
-    """Figures of the error in the window."""
-    if not len(error):
-        return dict.fromkeys(("rms_error_n", "p95_error_n", "max_error_n", "mean_error_n", "std_n"), math.nan)
+    """Figures of the error in the window, undefined without one."""
+    error = error if len(error) else np.array([math.nan])
     size = np.abs(error)
     return {
-        "rms_error_n": math.sqrt(float(np.mean(error**2))),
+        "rms_error_n": rms(error),
         "p95_error_n": float(np.percentile(size, 95)),
         "max_error_n": float(size.max()),
         "mean_error_n": float(error.mean()),
@@ -217,11 +216,11 @@ class Asked(NamedTuple):
     """A figure and what is asked of it at the worst seed."""
 
     label: str
-    cases: str  #: Shell pattern of the cases it is asked in
     figure: str  #: Its name in a row; ``stable`` is asked to be true
     most: float  #: Largest value that passes; of ``stable`` no meaning
     unit: str
     published: str = "-"  #: What the paper reports, or the best published
+    cases: str = "*"  #: Shell pattern of the cases it is asked in
 
     def applies(self, case: str) -> bool:
         """Whether a case is asked for this figure."""
@@ -241,44 +240,41 @@ class Asked(NamedTuple):
 
 _STEP = (
     ("force step 20 N at 20 mm/s: settling to ±1 N", "settling_1n_s", 0.25, "s", "0.5 s to ±3 N"),
-    ("force step 20 N at 20 mm/s: overshoot", "overshoot_n", 1.0, "N", "-"),
+    ("force step 20 N at 20 mm/s: overshoot", "overshoot_n", 1.0, "N"),
     ("steady: standard deviation", "std_n", 0.3, "N", "±3 N"),
     ("steady: max error", "max_error_n", 1.0, "N", "±3 N"),
-    ("approach 20 mm/s: peak force", "peak_force_n", 30.0, "N", "-"),
+    ("approach 20 mm/s: peak force", "peak_force_n", 30.0, "N"),
 )
-_FREEFORM = (
+_SLOW = (
     ("freeform 10 mm/s: max error", "max_error_n", 1.5, "N", "±4 N"),
     ("freeform 10 mm/s: RMS", "rms_error_n", 0.4, "N", "±1.5 N"),
-    ("freeform 10 mm/s: at the peaks", "peaks_error_n", 1.5, "N", "-"),
+    ("freeform 10 mm/s: at the peaks", "peaks_error_n", 1.5, "N"),
 )
+_FAST = (("freeform 30 mm/s: max error", "max_error_n", 3.0, "N"),)
 _OF_GRID = (("stable", "stable", 1.0, ""), ("settling to ±1 N", "settling_1n_s", 0.6, "s"))
-_SPRING_TEXT = "springs x 0.2-5, latency 2-20 ms: "
+
+
+def _asked(rows: Iterable[tuple[Any, ...]], cases: str, under: str = "") -> tuple[Asked, ...]:
+    """Rows asked in some cases; ``under``: what stands before their labels."""
+    return tuple(Asked(under + label, *row)._replace(cases=cases) for label, *row in rows)
+
 
 REACH = (
-    *(Asked(label, "reach-step", figure, most, unit, known) for label, figure, most, unit, known in _STEP),
-    *(
-        Asked(label, "reach-freeform-10", figure, most, unit, known)
-        for label, figure, most, unit, known in _FREEFORM
-    ),
-    Asked("freeform 30 mm/s: max error", "reach-freeform-30", "max_error_n", 3.0, "N"),
-    *(
-        Asked(_SPRING_TEXT + label, "reach-springs-*", figure, most, unit)
-        for label, figure, most, unit in _OF_GRID
-    ),
-    Asked("200 random freeform runs: contact lost", "reach-random", "contact_lost_s", 0.0, "s"),
+    *_asked(_STEP, "reach-step"),
+    *_asked(_SLOW, "reach-freeform-10"),
+    *_asked(_FAST, "reach-freeform-30"),
+    *_asked(_OF_GRID, "reach-springs-*", "springs x 0.2-5, latency 2-20 ms: "),
+    Asked("200 random freeform runs: contact lost", "contact_lost_s", 0.0, "s", cases="reach-random"),
 )
 """The rows asked; payload and faults have commands of their own, see docs/score.md."""
 
 BATTERY_ASKED = (
-    *(asked._replace(cases="approach-20") for asked in REACH if asked.cases == "reach-step"),
-    *(asked._replace(cases="freeform-10") for asked in REACH if asked.cases == "reach-freeform-10"),
-    Asked("freeform 30 mm/s: max error", "freeform-30", "max_error_n", 3.0, "N"),
-    *(
-        Asked(f"{kind}: {label}", f"{kind}-*", figure, most, unit)
-        for kind in ("stiffness", "latency")
-        for label, figure, most, unit in _OF_GRID
-    ),
-)  # fmt: skip
+    *_asked(_STEP, "approach-20"),
+    *_asked(_SLOW, "freeform-10"),
+    *_asked(_FAST, "freeform-30"),
+    *_asked(_OF_GRID, "stiffness-*", "stiffness: "),
+    *_asked(_OF_GRID, "latency-*", "latency: "),
+)
 """The same asked of the cases of the battery."""
 
 

@@ -13,7 +13,7 @@ included. Coulomb friction is not linear and left out; the hysteresis of gears i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -108,7 +108,7 @@ def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
     if arm is None and scenario.robot.elastic:
         arm = elastic_arm(joints_about(scenario, FORCE_POSE[None])[0])
-    return LoopSetup(
+    still = LoopSetup(
         arm or one_mass(),
         head.stiffness_n_m * head.spring_scale,
         head.damping_n_s_m,
@@ -116,10 +116,11 @@ def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
         pad.stiffness_n_m * head.spring_scale,
         pad.damping_s_m * scenario.process.contact_force_n,
         dt,
-        round(scenario.robot.command_latency_s / dt),
-        max(0, round(sensor.latency_s / dt) - 1),
+        0,
+        0,
         low_pass_share(sensor.bandwidth_hz, dt) or 1.0,
     )
+    return with_latency(still, Latency(sensor.latency_s, scenario.robot.command_latency_s))
 
 
 class Plant(NamedTuple):
@@ -208,20 +209,7 @@ class LinearLaw(Protocol):
 
 # Eigenvalues where the law has a state space, else Nyquist.
 
-Loop = Callable[[Complex], Complex]  #: Open loop L(z), closed by 1 + L = 0
 SLOWEST = 0.2  #: Modes that grow more slowly count as stable [1/s]
-
-
-def force_loop(setup: LoopSetup, law: LinearLaw) -> Loop:
-    """Open loop L(z) of plant, latencies and law, cut at the command."""
-    plant = build_plant(setup)
-
-    def loop(z: Complex) -> Complex:
-        reading = plant_response(plant, plant.reading, z) * z ** float(-setup.sensor_steps)
-        velocity = plant_response(plant, plant.velocity, z)
-        return -(law.by_force(z) * reading + law.by_motion(z) * velocity) * z ** float(-setup.command_steps)
-
-    return loop
 
 
 def contour(dt: float) -> Complex:

@@ -9,8 +9,7 @@ from typing import Any
 
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
-from polish_sim.page import Table
-from polish_sim.page import number_or_dash as figure_text
+from polish_sim.page import Table, number_or_dash
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
@@ -146,9 +145,9 @@ def verdict_table(entry: Entry, verdicts: Sequence[JudgedFigure]) -> Table:
         worst = (
             f"{100.0 * (v.worst or 0.0):.4g}%"
             if shares
-            else ("never" if v.worst is None else figure_text(v.worst))
+            else ("never" if v.worst is None else number_or_dash(v.worst))
         )
-        mean = "-" if shares else figure_text(v.mean)
+        mean = "-" if shares else number_or_dash(v.mean)
         last = [str(v.runs), v.worst_case or "-", "yes" if v.met else "NO"]
         rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
     return Table(f"what is asked: {entry.label}", headings, rows)
@@ -160,7 +159,7 @@ def worst_line(score: Score, entry: Entry) -> str:
     if worst is None:
         return f"{entry.label}: no rows"
     how = "" if worst["stable"] else f", {worst['protective_stop'] or 'not stable'}"
-    error = "" if worst["max_error_n"] is None else f", error up to {figure_text(worst['max_error_n'])} N"
+    error = "" if worst["max_error_n"] is None else f", error up to {number_or_dash(worst['max_error_n'])} N"
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
@@ -188,34 +187,19 @@ def about_score(score: Score) -> str:
 def markdown(score: Score, tables: Iterable[Table]) -> str:
     """The whole score as a Markdown page."""
     names = " and ".join(entry.label for entry in score.entries)
-    cases = [_case_table(case, summarize(score)) for case in score.cases]
+    cases = [[case.name, case.text, case.experiment, " ".join(case.settings)] for case in score.cases]
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
     parts = [f"# Score of {names}", about_score(score), "\n".join(f"- {note}" for note in score_notes(score))]
-    parts += [table.markdown for table in (*tables, *cases)]
+    described = Table("Cases", ["case", "what is run", "experiment", "settings"], cases)
+    parts += [table.markdown for table in (*tables, described)]
     return "\n\n".join([*parts, f"## Definitions\n\n{definitions}"]) + "\n"
-
-
-def _case_table(case: Case, summaries: Sequence[Summary]) -> Table:
-    own = [summary for summary in summaries if summary.case == case]
-    headings = (
-        ["figure"] + [f"`{s.entry.label}` mean" for s in own] + [f"`{s.entry.label}` worst" for s in own]
-    )
-    rows = []
-    for figure, label in SHOWN.items():
-        spreads = [s.figures.get(figure, Spread(None, None)) for s in own]
-        cells = [figure_text(s.mean) for s in spreads] + [_worst(s, figure, case.moving) for s in spreads]
-        rows.append([label, *cells, *([_delta(*spreads)] if len(own) == 2 else [])])
-    rows.append(["stable", *("" for _ in own), *(_stable(s) for s in own), *([""] if len(own) == 2 else [])])
-    headings += ["worst, change"] if len(own) == 2 else []
-    keys = ", ".join(f"`{setting}`" for setting in case.settings) or "the defaults"
-    return Table(case.name, headings, rows, caption=f"{case.text}. `run {case.experiment}` with {keys}.")
 
 
 def _cell(summary: Summary, figure: str, means: bool) -> str:
     spread = summary.figures.get(figure, Spread(None, None))
     worst = _worst(spread, figure, summary.case.moving)
     return (
-        f"{figure_text(spread.mean)} / {worst}"
+        f"{number_or_dash(spread.mean)} / {worst}"
         if means and spread.mean is not None and len(summary.rows) > 1
         else worst
     )
@@ -224,16 +208,8 @@ def _cell(summary: Summary, figure: str, means: bool) -> str:
 def _worst(spread: Spread, figure: str, moving: bool) -> str:
     """The worst value; ``never`` where one is missing that is missing only in failed runs."""
     if spread.worst is not None or (figure == "settling_1n_s" and moving):
-        return figure_text(spread.worst)
+        return number_or_dash(spread.worst)
     return "never" if figure == "settling_1n_s" else "-"
-
-
-def _delta(first: Spread, second: Spread) -> str:
-    """Change of the worst value from the second controller to the first."""
-    if first.worst is None or second.worst is None:
-        return "-"
-    change = f"{first.worst - second.worst:+.3g}"
-    return change if second.worst == 0.0 else f"{change} ({100.0 * (first.worst / second.worst - 1.0):+.0f}%)"
 
 
 def _stable(summary: Summary) -> str:
@@ -243,7 +219,9 @@ def _stable(summary: Summary) -> str:
 def _weakness(summary: Summary) -> str:
     lost = summary.figures["contact_lost_s"].mean or 0.0
     swing = summary.figures["oscillation_n"].worst or 0.0
-    return f"contact lost for {figure_text(lost)} s on average, oscillation up to {figure_text(swing)} N"
+    return (
+        f"contact lost for {number_or_dash(lost)} s on average, oscillation up to {number_or_dash(swing)} N"
+    )
 
 
 # What each law of a composed controller is worth: the battery with one of them left out at a time.
@@ -328,7 +306,7 @@ def _told(changes: dict[str, float], places: bool) -> str:
 
 
 def _signed(value: float) -> str:
-    return ("+" if value >= 0.0 else "") + figure_text(value if abs(value) >= _NOTHING else 0.0)
+    return ("+" if value >= 0.0 else "") + number_or_dash(value if abs(value) >= _NOTHING else 0.0)
 
 
 def _laws(entry: Entry) -> list[str]:

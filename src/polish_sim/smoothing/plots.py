@@ -12,13 +12,25 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, HATCHES, ORANGE, head, new_figure, styled
+from polish_sim.analysis.style import (
+    BLUE,
+    DASHES,
+    GREEN,
+    GREY,
+    HATCHES,
+    ORANGE,
+    head,
+    limit_line,
+    new_figure,
+    small_title,
+    styled,
+)
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import ORDERS
 from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.spatial import turns_along
+from polish_sim.spatial import perpendicular, turns_along, unit
 
 SUFFIX = ("/s", "/s²", "/s³")
 LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
@@ -48,13 +60,11 @@ def plot_tool_rates(curves: Sequence[Curves], limits: Array, title: str, facts: 
     """Speed, acceleration and jerk of tip and tool axis over time, with limits; one curve a rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
-    for order, (left, right) in enumerate(grid):
-        top = _draw(left, curves, [1e3 * curve.rates[order, :, 0] for curve in curves], 0.9)
-        _draw_limit(left, 1e3 * limits[order, 0], top)
-        left.set_ylabel(f"{ORDERS[order]} of the tip [mm{SUFFIX[order]}]")
-        top = _draw(right, curves, [DEGREES * curve.rates[order, :, 1] for curve in curves], 0.9)
-        _draw_limit(right, DEGREES * limits[order, 1], top)
-        right.set_ylabel(f"{ORDERS[order]} of the axis [deg{SUFFIX[order]}]")
+    for (order, column), axes in np.ndenumerate(grid):
+        scale, what = ((1e3, "tip [mm"), (DEGREES, "axis [deg"))[column]
+        top = _draw(axes, curves, [scale * curve.rates[order, :, column] for curve in curves], 0.9)
+        _draw_limit(axes, float(scale * limits[order, column]), top)
+        axes.set_ylabel(f"{ORDERS[order]} of the {what}{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
     return figure
 
@@ -72,7 +82,7 @@ def plot_deviation(
         axes = grid[k, 0]
         tolerance = scale * tolerances[k]
         top = _draw(axes, curves, [scale * curve.deviation[k] for curve in curves], 0.9)
-        axes.axhline(tolerance, color=GREEN, lw=1.0, ls="--", label="tolerance")
+        limit_line(axes, tolerance, "tolerance")
         axes.set_ylim(0.0, max(1.12 * tolerance, 1.12 * top, scale * 1e-9))
         axes.set_ylabel(label)
     _finish(figure, grid, curves, title, facts)
@@ -92,10 +102,10 @@ def plot_joints(curves: Sequence[Curves], limits: Array, title: str, facts: Sequ
             place = np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1))
             by_joint.bar(place, share.max(axis=0), 0.36, color=colour, hatch=HATCHES[k], edgecolor="white")
         for axes in (over_time, by_joint):
-            axes.axhline(100.0, color=GREEN, lw=1.0, ls="--", label="limit")
+            limit_line(axes, 100.0, "limit")
         over_time.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
-    grid[0, 0].set_title("the joint that is nearest to its limit", fontsize=9.0, fontweight="normal")
-    grid[0, 1].set_title("largest, joint by joint", fontsize=9.0, fontweight="normal")
+    small_title(grid[0, 0], "the joint that is nearest to its limit")
+    small_title(grid[0, 1], "largest, joint by joint")
     _finish(figure, grid[:, :1], curves, title, facts)
     grid[-1, 1].set(xlabel="joint", xticks=range(1, 7))
     return figure
@@ -114,7 +124,7 @@ def _draw_limit(axes: Axes, limit: float, top: float) -> None:
         text = f"limit {limit:.4g}" if np.isfinite(limit) else "no limit"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", color=GREEN, fontsize=8.0)
         return
-    axes.axhline(limit, color=GREEN, lw=1.0, ls="--", label="limit")
+    limit_line(axes, limit, "limit")
     axes.set_ylim(0.0, 1.12 * max(limit, top))
 
 
@@ -211,13 +221,10 @@ def view_corner(
 def _flat_frame(points: Array, corner: int) -> Array:
     """Rows along the segment before a corner and across it, towards the segment after, shape (2, 3)."""
     old, new = points[corner] - points[corner - 1], points[corner + 1] - points[corner]
-    along = old / np.linalg.norm(old)
+    along = unit(old)
     across = new - (new @ along) * along
-    size = np.linalg.norm(across)
-    if size < 1e-9 * np.linalg.norm(new):
-        across = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
-        size = np.linalg.norm(across)
-    return np.stack([along, across / size])
+    straight = np.linalg.norm(across) < 1e-9 * np.linalg.norm(new)
+    return np.stack([along, perpendicular(along) if straight else unit(across)])
 
 
 def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:

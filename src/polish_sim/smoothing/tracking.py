@@ -15,14 +15,15 @@ from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
     DASHES,
-    GREEN,
     GREY,
     ORANGE,
     PINK,
     SERIES,
     facts_of,
     head,
+    limit_line,
     new_figure,
+    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Figures, Indices
@@ -154,11 +155,9 @@ def plot_tracking(record: RunRecord) -> Figure | None:
         jerk.plot(at, played[rule].jerk[near, best.joint], color=color, ls=dashes, label=rule)
         error.plot(at, 1e6 * played[rule].error[near, best.joint], color=color, ls=dashes)
     for sign in (-1.0, 1.0):
-        jerk.axhline(sign * limits[best.joint], color=GREEN, lw=0.8, ls="--", label="limit")
+        limit_line(jerk, sign * limits[best.joint], "limit")
     jerk.set(ylabel="jerk asked [rad/s³]")
-    jerk.set_title(
-        f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path", fontsize=9.0, fontweight="normal"
-    )
+    small_title(jerk, f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path")
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
     for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]

@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields, is_dataclass
 from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
+from polish_sim.config.key import LARGEST
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import law_parameters
 from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.row_file import Row
+from polish_sim.scenario_file import is_number
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.score import Task, score_rows
@@ -137,44 +139,32 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
         InputError: If a name is unknown or not a number's, or its range is missing or wrong.
     """
     shipped = controller in CONTROLLERS
-    usual = (
-        dict(_numbers(ControllerConfig(), ""))
-        if shipped
-        else {
-            name: (p.default, p.low, p.high)
-            for name, p in law_parameters(controller).items()
-            if _is_number(p.default)
-        }
-    )
+    known: Any = dict(_keys(ControllerConfig(), "")) if shipped else law_parameters(controller)
+    usual = {name: parameter for name, parameter in known.items() if is_number(parameter.default)}
     found = []
     for word in words:
         name, _, span = word.partition("=")
         near = [key for key in usual if key == name] or [key for key in usual if key.startswith(name + "_")]
         if len(near) != 1:
             raise unknown_name("parameter to tune", name, usual)
-        value, low, high = usual[near[0]]
-        least, most = (
-            _span(word, span) if span else _around(name, float(value), low, high, declared=not shipped)
-        )
+        value, spec = float(usual[near[0]].default), usual[near[0]].metadata
+        low, high = spec["low"], spec["high"]
+        least, most = _span(word, span) if span else _around(name, value, low, high, declared=not shipped)
         if not low <= least < most <= high:
             raise InputError(
                 f"--over {word}: its range must be within {number_text(low)} to {number_text(high)}."
             )
-        found.append(Searched(f"controller.{'' if shipped else 'own.'}{near[0]}", least, most, float(value)))
+        found.append(Searched(f"controller.{'' if shipped else 'own.'}{near[0]}", least, most, value))
     return tuple(found)
 
 
-def _numbers(section: Any, place: str) -> Iterator[tuple[str, tuple[float, float, float]]]:
+def _keys(section: Any, place: str) -> Iterator[tuple[str, Field[Any]]]:
     for f in fields(section):
         value = getattr(section, f.name)
-        if _is_number(value):
-            yield f"{place}{f.name}", (value, f.metadata["low"], f.metadata["high"])
-        elif f.name in ("adaptive", "baselines"):
-            yield from _numbers(value, f"{place}{f.name}.")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+        if is_dataclass(value):
+            yield from _keys(value, f"{place}{f.name}.")
+        else:
+            yield f"{place}{f.name}", f
 
 
 def _span(word: str, text: str) -> tuple[float, float]:
@@ -186,7 +176,7 @@ def _span(word: str, text: str) -> tuple[float, float]:
 
 
 def _around(name: str, value: float, low: float, high: float, declared: bool) -> tuple[float, float]:
-    if declared and math.isfinite(low) and math.isfinite(high):
+    if declared and low > -LARGEST and high < LARGEST:
         return low, high
     if declared or value <= 0.0:
         raise InputError(f"--over {name} needs a range, {name}=low:high: nothing says what it may be.")

@@ -34,18 +34,18 @@ def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_u
     off = adaptive_gains(AdaptiveConfig(laws="touch-down stiffness"))
     assert landing.own_force(off, memory, STILL, 1.0, 0.0, DT) == 0.0
     memory = PressMemory()
-    memory.force.stiffness = GAINS.stiffness
+    memory.force.stiffness = GAINS.stiffness_n_m
     forces = [landing.own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
-    lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag)
-    assert forces[1] == pytest.approx(GAINS.damping * 0.05 * lag)
-    assert forces[-1] == pytest.approx(GAINS.damping * 0.05)
+    lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag_s)
+    assert forces[1] == pytest.approx(GAINS.damping_n_s_m * 0.05 * lag)
+    assert forces[-1] == pytest.approx(GAINS.damping_n_s_m * 0.05)
 
 
 @pytest.mark.parametrize(("cycles", "speed"), [(4, 0.002), (9, 0.02), (25, 0.002)])
 def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
     """A command shows in the encoders ``cycles`` later; when the next is chosen, one less are under way."""
     memory = PressMemory()
-    memory.delay.delay = GAINS.command_delay
+    memory.delay.delay = GAINS.command_delay_s
     commands = [min(speed, 0.05 * k * DT) for k in range(1500)]
     for k, command in enumerate(commands):
         force_loop.measure_delay(GAINS, memory, commands[k - cycles] if k >= cycles else 0.0, DT)
@@ -113,7 +113,7 @@ def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_ro
         left -= speeds[-1] * DT
         assert left >= 0.0
     assert left < 0.01 * travel
-    assert max(-np.diff(speeds)) < GAINS.acceleration * DT
+    assert max(-np.diff(speeds)) < GAINS.acceleration_m_s2 * DT
     assert max(speeds) <= 0.1
     assert landing.quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
 
@@ -123,7 +123,7 @@ def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
     assert usual.crossover <= GAINS.delay_share / 0.012
     for stiffness in (500.0, 1000.0, 5000.0):
         pace = force_loop.pace_of(GAINS, stiffness, 0.005, 0.25, 1.0)
-        mass = GAINS.mass * GAINS.mass_doubt
+        mass = GAINS.tool_mass_kg * GAINS.tool_mass_doubt
         assert 2.0 * pace.crossover * pace.observer * mass / stiffness <= 0.5 + 1e-12
     assert force_loop.pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
     assert force_loop.pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer

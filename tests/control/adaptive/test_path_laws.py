@@ -10,19 +10,19 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control.adaptive import drawing, surface
-from polish_sim.control.adaptive.gains import PathMemory, abilities, adaptive_gains
+from polish_sim.control.adaptive.gains import PathMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import round_a_bend
 from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
 from polish_sim.control.signals import Target
 from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
-CAN = drawing.Abilities(1.0, 40.0, 1.2, 6.0, 202.0)
+CAN = AdaptiveConfig()
 ON = drawing.FeedForwardGains(0.01, True)
 ALONG = np.eye(3)
-LEARN = surface.LearningGains(0.005, 0.0, 0.1, 1.0, True)
+LEARN = surface.LearningGains(0.005, 1.0, True)
 NORMAL = surface.NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
-FEED = drawing.FeedGains(1.0, 0.1, 0.1, True)
+FEED = drawing.FeedGains(1.0, 0.1, True)
 
 
 def fed_at(s: float, speed: float = 0.06) -> Target:
@@ -47,7 +47,7 @@ def nothing_ahead() -> drawing.Ahead:
 def granted(ahead: drawing.Ahead, error: float, memory: PathMemory) -> float:
     """Feed granted after one more cycle with a force error [N]."""
     t = fed_at(0.1)
-    memory.feed_error = drawing.averaged_error(memory.feed_error, error, t, FEED, 0.001)
+    memory.feed_error = drawing.averaged_error(memory.feed_error, error, t, 0.001)
     return float(drawing.granted_feed(ahead, t, memory.feed_error, FEED))
 
 
@@ -138,7 +138,7 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
 
 def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration():
     """200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s."""
-    can = abilities(AdaptiveConfig(gear_waves=200.0))
+    can = AdaptiveConfig(gear_waves=200.0)
     turning, mode = np.zeros((2000, 3)), np.full(2000, 2.0 * math.pi * 24.0)
     turning[800:1200, 1] = 1.0 / 0.06  # a bend of 60 mm radius
     rigid = course_of(np.zeros(2000), feed=0.03)._replace(turning=turning)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.arrays import Array, norms
+from polish_sim.config import AdaptiveConfig
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.kernels import Record, kernel
 from polish_sim.motion.trajectory import slowed_before
@@ -150,26 +151,19 @@ UNFORESEEN = 0.3
 OF_LIMIT = 0.5
 
 
-class Abilities(NamedTuple):
-    """What robot and force loop can do."""
-
-    error: float  #: Budget of the force error [N]
-    bandwidth: float  #: Crossover of the force loop [rad/s]
-    acceleration: float  #: Of the tool point [m/s^2]
-    angular_acceleration: float  #: Of the tool's axis [rad/s^2]
-    gear_waves: float  #: Periods of the gears' error in a turn of a joint [-]
+#: Time over which the force error is averaged, and in which the feed recovers [s]
+FEED_AVERAGE_S = 0.1
 
 
 class FeedGains(Record):
     """Gains of the feed law."""
 
     error: float  #: Budget of the force error [N]
-    filter_s: float  #: Time over which the force error is averaged, and in which the feed recovers [s]
     least: float  #: Share of the planned feed that is always granted [-]
     on: bool  #: False leaves the law out
 
 
-def followable_share(course: Course, can: Abilities) -> Array:
+def followable_share(course: Course, can: AdaptiveConfig) -> Array:
     """Share of the planned feed at which force and axis stay within the budget, from the drawing, (n,).
 
     Limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error
@@ -189,9 +183,9 @@ def followable_share(course: Course, can: Abilities) -> Array:
     push = np.hypot(np.abs(np.gradient(slope, course.spacing)), bending)
     with np.errstate(divide="ignore"):
         limits = np.stack([
-            can.error * can.bandwidth / (UNFORESEEN * course.stiffness * np.abs(slope)),
-            np.sqrt(OF_LIMIT * can.acceleration / push),
-            np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
+            can.feed_error_n * can.crossover_rad_s / (UNFORESEEN * course.stiffness * np.abs(slope)),
+            np.sqrt(OF_LIMIT * can.acceleration_m_s2 / push),
+            np.sqrt(OF_LIMIT * can.angular_acceleration_rad_s2 / turning_change),
             np.where(course.arm_mode > 0.0, 0.5 * course.arm_mode / can.gear_waves, math.inf)
             / norms(turning),
         ])  # fmt: skip
@@ -219,6 +213,6 @@ def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> flo
 
 
 @kernel
-def averaged_error(average: float, error: float, t: Target, gains: FeedGains, dt: float) -> float:
+def averaged_error(average: float, error: float, t: Target, dt: float) -> float:
     """The average of wanted less measured force [N] with one more cycle."""
-    return average + dt / gains.filter_s * (error - average) if t.contact else 0.0
+    return average + dt / FEED_AVERAGE_S * (error - average) if t.contact else 0.0

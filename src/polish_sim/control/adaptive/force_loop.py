@@ -45,10 +45,10 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
     with ``noise``, the deviation of a reading in the air [N]. At first, by ``age`` since contact [s], the
     observer of b is quick, that of its rate is not: the arm swings as it touches, and no part rises so.
     """
-    crossover = min(g.crossover, g.delay_share / delay)
-    observer = g.observer * min(1.0, (g.noise / max(noise, 1e-3)) ** _NOISE_POWER)
+    crossover = min(g.crossover_rad_s, g.delay_share / delay)
+    observer = g.observer_rad_s * min(1.0, (g.usual_noise_n / max(noise, 1e-3)) ** _NOISE_POWER)
     # The mass whose force stays in the reading, at worst: all of it without the law.
-    unknown_mass = g.mass * (g.mass_doubt if g.inertia else 1.0)
+    unknown_mass = g.tool_mass_kg * (g.tool_mass_doubt if g.inertia else 1.0)
     most = 0.5 * _MASS_SHARE * stiffness / unknown_mass
     slower = math.sqrt(min(1.0, most / (crossover * observer)))
     crossover, observer = slower * crossover, slower * observer
@@ -130,7 +130,7 @@ _STEADY = 0.1  # a command this near its low-passed self is steady [-]
 def expect_delay(g: AdaptiveGains, memory: PressMemory) -> None:
     """Believe the configured delay until one has been measured."""
     if memory.delay.delay == 0.0:
-        memory.delay.delay = g.command_delay
+        memory.delay.delay = g.command_delay_s
 
 
 @kernel
@@ -144,7 +144,7 @@ def measure_delay(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float
     delay.behind += (command - speed) * dt
     delay.slowed += (command - delay.slowed) * dt / 0.03
     if abs(command) > _SLOWEST and abs(delay.slowed - command) < _STEADY * abs(command):
-        seen = min(max(delay.behind / command, 0.3 * g.command_delay), 3.0 * g.command_delay)
+        seen = min(max(delay.behind / command, 0.3 * g.command_delay_s), 3.0 * g.command_delay_s)
         delay.delay += (seen - delay.delay) * dt / 0.05
 
 
@@ -185,10 +185,10 @@ class Sensed(NamedTuple):
 def as_sensed(g: AdaptiveGains, memory: PressMemory, path: float, own: float, dt: float) -> Sensed:
     """Pass travel [m] and own forces [N] through the believed low-pass and latency of the sensor."""
     sensed, here = memory.sensed, memory.sensed.at
-    sensed.path = low_pass_step(sensed.path, path, g.sensor_hz, dt)
-    sensed.force = low_pass_step(sensed.force, own, g.sensor_hz, dt)
+    sensed.path = low_pass_step(sensed.path, path, g.sensor_bandwidth_hz, dt)
+    sensed.force = low_pass_step(sensed.force, own, g.sensor_bandwidth_hz, dt)
     sensed.paths[here], sensed.forces[here] = sensed.path, sensed.force
-    late = min(math.floor(g.sensor_latency / dt + 0.5), LINE - 1)
+    late = min(math.floor(g.sensor_latency_s / dt + 0.5), LINE - 1)
     then = (here - late) % LINE
     sensed.at = (here + 1) % LINE
     return Sensed(sensed.paths[then], sensed.forces[then])

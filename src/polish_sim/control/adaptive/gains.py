@@ -7,7 +7,7 @@ from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig
-from polish_sim.control.adaptive.drawing import Abilities, FeedForwardGains, FeedGains
+from polish_sim.control.adaptive.drawing import FeedForwardGains, FeedGains
 from polish_sim.control.adaptive.surface import (
     LearningGains,
     LearningMemory,
@@ -25,51 +25,37 @@ LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning"
 
 
 class AdaptiveGains(Record):
-    """Beliefs about cell and sensor, limits, and which laws are on; see ``AdaptiveConfig``."""
+    """Beliefs about cell and sensor and limits, named as in ``AdaptiveConfig``, and which laws are on."""
 
-    stiffness: float  #: Springs of head and pad in series [N/m]
-    damping: float  #: The head's damper as the part feels it [N s/m]
-    damping_lag: float  #: Time in which the damper's force builds up [s]
-    mass: float  #: What the wrist sensor carries [kg]
-    mass_doubt: float  #: Share of the carried mass the inertia law may be wrong by [-]
-    sensor_latency: float  #: [s]
-    sensor_hz: float  #: Corner of the sensor's low-pass [Hz]
-    noise: float  #: Noise of a low-passed reading for which ``observer`` is meant, rms [N]
-    command_delay: float  #: From command to motion, until it has been measured [s]
-    crossover: float  #: Highest crossover of the force loop [rad/s]
+    stiffness_n_m: float  #: Springs of head and pad in series [N/m]
+    damping_n_s_m: float  #: The head's damper as the part feels it [N s/m]
+    damping_lag_s: float  #: Time in which the damper's force builds up [s]
+    tool_mass_kg: float  #: What the wrist sensor carries [kg]
+    tool_mass_doubt: float  #: Share of the carried mass the inertia law may be wrong by [-]
+    sensor_latency_s: float  #: [s]
+    sensor_bandwidth_hz: float  #: Corner of the sensor's low-pass [Hz]
+    usual_noise_n: float  #: Noise of a low-passed reading for which the observer's corner is meant, rms [N]
+    command_delay_s: float  #: From command to motion, until it has been measured [s]
+    crossover_rad_s: float  #: Highest crossover of the force loop [rad/s]
     arm_mode: float  #: Vibration of the arm that the notch takes out without a course [rad/s]; 0: none
-    observer: float  #: Highest corner of the force observer [rad/s]
+    observer_rad_s: float  #: Highest corner of the force observer [rad/s]
     delay_share: float  #: Crossover times command delay, at most [-]
-    speed: float  #: Highest speed of the force loop [m/s]
-    acceleration: float  #: The robot's [m/s^2]
-    stiff_first: float  #: Stiffness assumed at first touch, as a multiple of ``stiffness`` [-]
+    top_speed_m_s: float  #: Highest speed of the force loop [m/s]
+    acceleration_m_s2: float  #: The robot's [m/s^2]
+    stiff_first: float  #: Stiffness assumed at first touch, as a multiple of the drawn one [-]
     touch_down: bool  #: Whether the law is on
     estimates: bool  #: Whether the law ``stiffness`` is on
     inertia: bool  #: Whether the law is on
     strike: StrikeGains
-    mass_height: float  #: Of the carried mass' centre above the tool point [m]
+    tool_center_m: float  #: Of the carried mass' centre above the tool point [m]
 
 
 def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
     """The gains a configuration asks for; raises as `laws_of`."""
     on = laws_of(config)
+    by_name = {name: getattr(config, name) for name in AdaptiveGains.dtype.names if hasattr(config, name)}
     return AdaptiveGains(
-        stiffness=config.stiffness_n_m,
-        damping=config.damping_n_s_m,
-        damping_lag=config.damping_lag_s,
-        mass=config.tool_mass_kg,
-        mass_doubt=config.tool_mass_doubt,
-        mass_height=config.tool_center_m,
-        sensor_latency=config.sensor_latency_s,
-        sensor_hz=config.sensor_bandwidth_hz,
-        noise=config.usual_noise_n,
-        command_delay=config.command_delay_s,
-        crossover=config.crossover_rad_s,
-        observer=config.observer_rad_s,
-        delay_share=config.delay_share,
-        speed=config.top_speed_m_s,
-        acceleration=config.acceleration_m_s2,
-        stiff_first=config.stiff_first,
+        **by_name,
         touch_down="touch-down" in on,
         estimates="stiffness" in on,
         inertia="inertia" in on,
@@ -180,9 +166,6 @@ class PressMemory(Record):
 
 # Gains and memory of the laws that use the path.
 
-FEED_AVERAGE_S = 0.1  # of the force error that slows the feed [s]
-FADE_S = 0.1  # of what a neighbour turn knows [s]
-
 
 class PathGains(Record):
     """Gains of the four laws."""
@@ -208,8 +191,8 @@ def path_gains(config: AdaptiveConfig) -> PathGains:
     on = laws_of(config)
     return PathGains(
         FeedForwardGains(config.command_delay_s, "feed-forward" in on),
-        FeedGains(config.feed_error_n, FEED_AVERAGE_S, config.feed_least, "feed" in on),
-        LearningGains(config.learning_length_m, 0.0, FADE_S, config.learning_gain, "learning" in on),
+        FeedGains(config.feed_error_n, config.feed_least, "feed" in on),
+        LearningGains(config.learning_length_m, config.learning_gain, "learning" in on),
         NormalGains(
             config.normal_rate_1_s,
             config.normal_limit_rad,
@@ -218,15 +201,4 @@ def path_gains(config: AdaptiveConfig) -> PathGains:
             config.pad_tilt_stiffness_nm_rad,
             "normal" in on,
         ),
-    )
-
-
-def abilities(config: AdaptiveConfig) -> Abilities:
-    """What the feed law counts on."""
-    return Abilities(
-        config.feed_error_n,
-        config.crossover_rad_s,
-        config.acceleration_m_s2,
-        config.angular_acceleration_rad_s2,
-        config.gear_waves,
     )

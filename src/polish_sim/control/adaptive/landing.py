@@ -106,10 +106,10 @@ def seek_speed(memory: PressMemory) -> float:
 def speed_limit(g: AdaptiveGains, memory: PressMemory) -> float:
     """Highest speed along tool z for the evidence of contact there is [m/s]."""
     if not g.touch_down:
-        return g.speed
+        return g.top_speed_m_s
     rise = memory.air.fast - memory.air.mean - fast_rise(memory)
     evidence = min(max(rise / _SURE, 0.0), 1.0)
-    return min(seek_speed(memory) + evidence * g.speed, g.speed)
+    return min(seek_speed(memory) + evidence * g.top_speed_m_s, g.top_speed_m_s)
 
 
 @kernel
@@ -118,7 +118,7 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
     far = abs(travel)
     speed = crossover * far
     if g.touch_down:
-        a = BRAKING * g.acceleration
+        a = BRAKING * g.acceleration_m_s2
         bend = a / (crossover * crossover)
         if far > bend:
             speed = math.sqrt(2.0 * a * (far - 0.5 * bend))
@@ -184,8 +184,8 @@ def refine_stiffness(
     left = (fit.force_spread - slope * fit.co_spread) / max(fit.count, 1.0)
     # A low-passed reading is worth a quarter of a fresh one.
     sigma = 2.0 * math.sqrt(max(memory.air.variance, left, _LEAST_NOISE * _LEAST_NOISE))
-    upper = min(slope + _CONFIDENCE * sigma / math.sqrt(spread), max(g.stiff_first * g.stiffness, slope))
-    return min(max(upper, _SOFTEST * g.stiffness), _STIFFEST * g.stiffness)
+    upper = min(slope + _CONFIDENCE * sigma / math.sqrt(spread), max(g.stiff_first * g.stiffness_n_m, slope))
+    return min(max(upper, _SOFTEST * g.stiffness_n_m), _STIFFEST * g.stiffness_n_m)
 
 
 # Law ``inertia``: forces the sensor reads that no part exerts, from the tool's own motion.
@@ -215,10 +215,12 @@ def own_force(
     acceleration = (speed - motion.last_speed) / dt if motion.moved else 0.0
     motion.last_speed, motion.moved = speed, True
     acceleration += round_a_bend(g, m)
-    stiffer = max(memory.force.stiffness / g.stiffness, 0.05)
-    motion.damper_speed += (1.0 - math.exp(-dt * stiffer / g.damping_lag)) * (pressing - motion.damper_speed)
-    inertia = g.mass * acceleration if g.inertia else 0.0
-    return inertia + g.damping * motion.damper_speed
+    stiffer = max(memory.force.stiffness / g.stiffness_n_m, 0.05)
+    motion.damper_speed += (1.0 - math.exp(-dt * stiffer / g.damping_lag_s)) * (
+        pressing - motion.damper_speed
+    )
+    inertia = g.tool_mass_kg * acceleration if g.inertia else 0.0
+    return inertia + g.damping_n_s_m * motion.damper_speed
 
 
 @kernel
@@ -226,4 +228,4 @@ def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
     """Acceleration of the carried mass along tool z by turning: -(w x z).v + l (w^2 - (w.z)^2) [m/s^2]."""
     w, z = m.twist[3:6], m.rotation[:, 2]
     across = dot(w, w) - dot(w, z) * dot(w, z)
-    return float(g.mass_height * across - dot(cross(w, z), m.twist))
+    return float(g.tool_center_m * across - dot(cross(w, z), m.twist))

@@ -16,7 +16,6 @@ from polish_sim.control.adaptive.gains import (
     PathGains,
     PathMemory,
     PressMemory,
-    abilities,
     adaptive_gains,
     path_gains,
 )
@@ -77,7 +76,7 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
     position_by_velocity(m, t, c.hybrid.position, c.memory.hybrid, twist)
     turn(c.hybrid, p, ahead, path, m, t, c.memory.hybrid, dt, twist)
     by_position = along_z(m, twist)
-    ratio = g.stiffness / force.stiffness if force.stiffness > 0.0 else 1.0
+    ratio = g.stiffness_n_m / force.stiffness if force.stiffness > 0.0 else 1.0
     expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
     expected_then = expected_rate(p, ahead, path, m, t, press_memory.delay.delay, ratio, 0.0)
     arm_mode = drawing.at(ahead.rows.arm_mode, ahead.spacing, t.s) if c.rows > 1 else g.arm_mode
@@ -148,7 +147,7 @@ def look_back(
         height += t.rotation[i, 2] * (m.position[i] - t.position[i])
     offset = height + error / state.stiffness - drawing.planned_surplus(ahead, t, ratio, p.forward)
     learn(ahead, t, offset, p.learning, dt, path.learning)
-    path.feed_error = drawing.averaged_error(path.feed_error, error, t, p.feed, dt)
+    path.feed_error = drawing.averaged_error(path.feed_error, error, t, dt)
     return drawing.granted_feed(ahead, t, path.feed_error, p.feed)
 
 
@@ -201,7 +200,7 @@ def press_adaptive(
     wanted = min(wanted, strike_limit(g.strike, t.force, reading, state.travel - seen.path + coming))
     landing.note_landing(g, memory, wanted, dt)
     wanted += expected_then
-    step = g.acceleration * dt
+    step = g.acceleration_m_s2 * dt
     return min(max(wanted, memory.delay.last_command - step), memory.delay.last_command + step)
 
 
@@ -230,7 +229,9 @@ def _touches(
         air.touches = first
     if first:
         force = max(air.fast, 0.0) if g.touch_down else reading
-        force_loop.begin_contact(memory, g.stiffness * (g.stiff_first if g.estimates else 1.0), path, force)
+        force_loop.begin_contact(
+            memory, g.stiffness_n_m * (g.stiff_first if g.estimates else 1.0), path, force
+        )
         landing.restart_fit(memory, path, force)
     return air.touches
 
@@ -245,14 +246,14 @@ class AdaptiveController(CompiledController):
         laws = config.adaptive
         context = AdaptiveContext(hybrid_gains(config), adaptive_gains(laws), path_gains(laws), spacing=1.0)
         super().__init__(context, _hybrid_adaptive_law, np.zeros(1, drawing.AheadRow.dtype))
-        self._abilities = abilities(laws)
+        self._laws = laws
 
     def prepare(self, course: Course) -> None:
         """Take in what lies ahead on the path, and how the arm swings there, or is believed to."""
         believed = self.context.press.arm_mode
         modes = np.where(course.arm_mode > 0.0, course.arm_mode, believed) * (believed > 0.0)
         course = course._replace(arm_mode=modes)
-        self.course = drawing.rows_ahead(course, drawing.followable_share(course, self._abilities))
+        self.course = drawing.rows_ahead(course, drawing.followable_share(course, self._laws))
         self.context.spacing, self.context.rows = course.spacing, len(self.course)
 
     def reset(self, cycle_s: float) -> None:

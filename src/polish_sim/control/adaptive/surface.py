@@ -15,14 +15,14 @@ from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.kernels import Record, kernel
 
+#: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
+FADE_S = 0.1
+
 
 class LearningGains(Record):
     """Gains of the learning."""
 
     length: float  #: Length over which the offset is averaged, and its slope taken to either side [m]
-    sensor_delay: float  #: Age of the measured force [s]
-    #: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
-    fade_s: float
     gain: float  #: Share of the neighbour's slope that is fed forward [-]
     on: bool  #: False leaves the law out
 
@@ -48,16 +48,16 @@ def learn(
 ) -> None:
     """Remember how much deeper than planned the real surface lies at the present place.
 
-    The average lags its length behind, and the force is as old as the sensor's delay: it is stored where it
-    belongs. ``offset`` [m] is the tool beyond the target along the planned axis, plus (wanted - measured
-    force) / stiffness, less what was planned, see ``planned_surplus``.
+    The average lags its length behind: it is stored where it belongs. ``offset`` [m] is the tool beyond the
+    target along the planned axis, plus (wanted - measured force) / stiffness, less what was planned, see
+    ``planned_surplus``.
     """
     speed = t.speed
     if not t.contact or speed <= 0.0 or ahead.rows.shape[0] < 2:
         state.began = 0.0
         return
     s = t.s
-    row = int((s - gains.length - speed * gains.sensor_delay) / ahead.spacing)
+    row = int((s - gains.length) / ahead.spacing)
     if state.began == 0.0:
         state.average, state.began, state.last_row = offset, s, row
     state.average += min(speed * dt / gains.length, 1.0) * (offset - state.average)
@@ -91,7 +91,7 @@ def learned_rate(
     found = found and ahead.rows[max(before, 0)].known and ahead.rows[max(after, 0)].known
     if found:
         state.slope = (ahead.rows[after].learned - ahead.rows[before].learned) / (2.0 * h)
-    state.fading += min(dt / gains.fade_s, 1.0) * ((1.0 if found else 0.0) - state.fading)
+    state.fading += min(dt / FADE_S, 1.0) * ((1.0 if found else 0.0) - state.fading)
     return gains.gain * state.fading * state.slope * speed
 
 

@@ -18,11 +18,11 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from polish_sim.arrays import Array, Bools, crosses
+from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import transform, unit
+from polish_sim.spatial import crosses, transform, unit
 
 LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, crosses
+from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
     add_to,
@@ -23,6 +23,7 @@ from polish_sim.kernels import (
     turn_about,
 )
 from polish_sim.motion.rules.chain import Chain
+from polish_sim.spatial import crosses
 
 
 class Schedule(NamedTuple):
