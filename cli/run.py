@@ -339,12 +339,8 @@ def plan_to_run(
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import plan_facts, read_cuts, write_plan
     from polish_sim.experiments.even_removal import plan_removal
-    from polish_sim.experiments.proof import (
-        drift_notes,
-        proof_notes,
-        prove_with_a_pad_that_fits,
-        why_not_proven,
-    )
+    from polish_sim.experiments.proof import prove_with_a_pad_that_fits
+    from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_not_proven
     from polish_sim.planning import measure_given_path
 
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.experiments import proof
+from polish_sim.experiments import proof_record
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
 from tests.cli.conftest import Call, Tool, metrics_of
@@ -27,7 +27,7 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     assert "prove in the cell" in plan.err
     assert metrics_of("plan")["proven"] == 1
     run = ("run", "surface", "--path", "plan")
-    monkeypatch.setattr(proof, "drift_notes", lambda *_: ["the sensor drifts"])
+    monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")
     assert whole.code == 0, whole.err
     assert "prove in the cell" not in whole.err

@@ -10,21 +10,19 @@ before the place. A path that was mended is at last played whole: only that is t
 
 from __future__ import annotations
 
-import hashlib
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count
 from multiprocessing import parent_process
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.claim import FOLLOW_BAND_N
-from polish_sim.analysis.metrics import CONTACT_N, MOST_FORCE
+from polish_sim.analysis.metrics import CONTACT_N
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.arrays import Bools, Indices, diagonal_of, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
@@ -33,9 +31,9 @@ from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE
-from polish_sim.config import Checked, FaultsConfig, PadConfig, PlanConfig, Scenario
+from polish_sim.config import Checked, PadConfig, PlanConfig
 from polish_sim.control.signals import CompiledController
-from polish_sim.errors import PlanError, PolishSimError, ReachError, count_text, place_in_mm
+from polish_sim.errors import PlanError, PolishSimError, ReachError, place_in_mm
 from polish_sim.experiments.assembly import (
     Workplace,
     config_hash,
@@ -45,7 +43,8 @@ from polish_sim.experiments.assembly import (
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.placement import check_whole_path
-from polish_sim.experiments.proof_play import ASTRAY, DRAWN_MARGIN, DYNAMIC, SHAKEN, Failure, Play
+from polish_sim.experiments.proof_play import DYNAMIC, Failure, Play
+from polish_sim.experiments.proof_record import drift_notes, drift_of, path_key, proof_notes, proof_settings
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.planning import PlanResult
@@ -62,7 +61,7 @@ from polish_sim.planning.part_plan import (
     with_pad,
 )
 from polish_sim.planning.quality.access import HOLLOW
-from polish_sim.planning.toolpath import ToolPath, stretches
+from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import to_pose
 
 SLOWER = 0.5  #: A stretch that fails is slowed to this share of its feed
@@ -115,24 +114,6 @@ class Proven(NamedTuple):
     scenario: Checked  #: Its part stands where it was played
 
 
-def _settings(scenario: Scenario) -> Scenario:
-    """What a proof depends on besides path and pose: arm, tool, sensor, controller, force, feed, limits and
-    how far off its drawing a part may be."""
-    process = replace(scenario.process, changes="", learn="")
-    return replace(
-        scenario,
-        experiment="surface",
-        seed=0,
-        part=replace(scenario.part, file="", fixture_file="", unit="", up="", pose=()),
-        plan=PlanConfig(),
-        process=process,
-        faults=FaultsConfig(),
-        pad=replace(scenario.pad, choice="given"),
-        safety=replace(scenario.safety, proof=""),
-        simulation=replace(scenario.simulation, log_rate_hz=0.0),
-    )
-
-
 def prove(
     scenario: Checked, plan: PlanResult, observer: Observer = SILENT, work: Work | None = None
 ) -> Proven:
@@ -154,6 +135,23 @@ def prove(
         for seed in seeds[:-1]:
             prover.settle(seed)
     return prover.result()
+
+
+def _refuse_drift(scenario: Checked, plan: PlanResult) -> None:
+    """Refuse a path on which the zero of half of all sensors drifts by more than the force may be off.
+
+    Raises:
+        PlanError: It does before the sensor is zeroed again.
+    """
+    drift, force = drift_of(scenario, plan), plan.path.largest_force(scenario.process.contact_force_n)
+    if drift.half > drift.band:
+        strokes = "process.tare=strokes, " if drift.strokes else ""
+        raise _Hopeless(
+            f"half of all sensors drift by more than {drift.half:.2g} N in the {drift.time:.0f} s before "
+            f"they are zeroed again, and {force:.3g} N may be off by {drift.band:.2g} N: set {strokes}"
+            "another sensor.model, a larger --contact-force or a faster --feed; --proof none plans it all "
+            "the same."
+        )
 
 
 def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
@@ -569,8 +567,8 @@ class _Prover:
             "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
-            "settings": config_hash(_settings(scenario), {}), "path": path_key(place.path),
-            "changed": changed_words(_settings(scenario), _settings(default_scenario("surface"))),
+            "settings": config_hash(proof_settings(scenario), {}), "path": path_key(place.path),
+            "changed": changed_words(proof_settings(scenario), proof_settings(default_scenario("surface"))),
             "slowed": SLOWED in made, "eased": EASED in made, "pose": pose,
             "work_used": self.work.used,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
@@ -589,106 +587,3 @@ class _Prover:
         plan = replace(plan, path=place.path, mends=mends, proof=proof, figures=figures, notes=notes)
         kept_place(scenario, lambda: place, plan)
         return Proven(plan, scenario)
-
-
-def proof_notes(proof: Mapping[str, Any]) -> list[str]:
-    """What was played, how near it came to its limits, and what was mended, for the user."""
-    limits = proof["limits"]
-    name = max(limits, key=lambda name: limits[name]["share"])
-    share, at_m = limits[name]["share"], limits[name]["at_m"]
-    notes = [
-        f"proven: played in the cell with {proof['controller']} at up to {1e3 * proof['feed_m_s']:.4g} mm/s "
-        f"and up to {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: "
-        f"{name}, {100.0 * share:.0f}% at {1e3 * at_m:.4g} mm of the path"
-    ]
-    if share <= 1.0 - DRAWN_MARGIN and limits.get(ASTRAY, {"share": 0.0})["share"] > 1.0 / SHAKEN:
-        name, share = ASTRAY, 1.0  # other arms stray by up to as much more
-    if share > 1.0 - DRAWN_MARGIN:
-        fails = "this fails" if share > 1.0 else "on other arms and parts this may fail"
-        notes.append(
-            f"{fails} run --check: {name}; a lower --contact-force helps, and robot.compensation=tracker"
-        )
-    if proof.get("work_used", 0.0) > 1.0:
-        notes.append(
-            "the proof's time was used up: it may use its limits without a margin for other parts, and "
-            "no further pad was tried"
-        )
-    groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
-    for mend in proof["mends"]:
-        groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)
-    for (what, share, why), alike in groups.items():
-        of = {SLOWED: "feed", EASED: "force"}.get(what)
-        to = f"{what} to {share:.0%} of the {of}" if of else what
-        length = 1e3 * sum(mend["length_m"] for mend in alike)
-        more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
-        notes.append(
-            f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}"
-        )
-    return notes
-
-
-def _drift_n(scenario: Checked, time: float) -> tuple[float, float]:
-    """How far the sensor's zero walks in a time in contact [s]: the most by warming up with the rms of its
-    random walk, and what half of all sensors exceed at least [N]."""
-    sensor = scenario.sensor
-    warmed = -sensor.warm_up_force_n * math.expm1(-time / sensor.warm_up_s)
-    return warmed + sensor.force_drift_n_s * math.sqrt(time), 0.5 * warmed
-
-
-def drift_notes(scenario: Checked, plan: PlanResult) -> list[str]:
-    """What helps where the sensor's zero walks further than what counts as contact before the path ends."""
-    drift, _ = _drift_n(scenario, plan.figures["time_in_contact_s"])
-    alone = scenario.process.tare != "start" or len(stretches(plan.path.process)) < 2
-    if alone or drift < scenario.process.contact_threshold_n:
-        return []
-    return [
-        f"the sensor's zero may drift by {drift:.1f} N on the path, more than counts as contact: runs "
-        "differ, and may stop. --set process.tare=strokes zeroes it before every stroke"
-    ]
-
-
-def _refuse_drift(scenario: Checked, plan: PlanResult) -> None:
-    """Refuse a path on which the zero of half of all sensors drifts by more than the force may be off.
-
-    Raises:
-        PlanError: It does before the sensor is zeroed again.
-    """
-    path, process = plan.path, scenario.process
-    force = path.largest_force(process.contact_force_n)
-    alone = [path.s[last] - path.s[first] for first, last in stretches(path.process)]
-    share = max(alone) / sum(alone) if process.tare == "strokes" else 1.0
-    time = share * plan.figures["time_in_contact_s"]
-    _, drift = _drift_n(scenario, time)
-    band = min(FOLLOW_BAND_N, (MOST_FORCE - 1.0) * force)
-    if drift > band:
-        strokes = "" if share < 1.0 or len(alone) < 2 else "process.tare=strokes, "
-        raise _Hopeless(
-            f"half of all sensors drift by more than {drift:.2g} N in the {time:.0f} s before they are "
-            f"zeroed again, and {force:.3g} N may be off by {band:.2g} N: set {strokes}another sensor.model, "
-            "a larger --contact-force or a faster --feed; --proof none plans it all the same."
-        )
-
-
-def path_key(path: ToolPath) -> str:
-    """What identifies a path, to a micrometre."""
-    columns = (path.positions_work, path.axes_work, path.segment, path.force, path.feed)
-    # Read from a file axes are made unit again: their last bits differ.
-    content = b"".join(
-        np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None
-    )
-    return hashlib.sha256(content).hexdigest()[:24]
-
-
-def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) -> str:
-    """Why a plan folder's ``proof`` does not hold for a path and its settings; empty if it does."""
-    settings = _settings(scenario)
-    if proof["settings"] != config_hash(settings, {}):
-        words = {*changed_words(settings, _settings(default_scenario("surface")))}
-        words ^= {*proof.get("changed", ())}
-        names = sorted({word.partition("=")[0] for word in words}) or ["a file they name, or the version"]
-        return f"of other settings ({', '.join(names[:3])}{', ...' * (len(names) > 3)})"
-    if proof["path"] != path_key(path):
-        return "of another path"
-    if scenario.part.pose != tuple(proof["pose"]):
-        return "of another pose of the part"
-    return "" if scenario.safety.proof in ("nominal", proof["proof"]) else f"with --proof {proof['proof']}"
