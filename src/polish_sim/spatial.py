@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, dots, norms
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 
 GRAVITY = 9.81  #: MuJoCo's default and the model's, along -z of the base [m/s^2]
 
@@ -81,7 +82,7 @@ def to_pose(T: Array) -> tuple[float, ...]:
 # Rotations as the kernels need them: small, compiled, on plain arrays.
 
 
-@njit
+@kernel
 def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
     """Write the rotation matrix, shape (3, 3), of a unit quaternion wxyz, shape (4,), into ``R``."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -96,7 +97,7 @@ def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
     R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit
+@kernel
 def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
     """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``.
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 
 CELLS = 8  #: Cells of a brick along each axis
 NODES = CELLS + 1  #: Nodes of a brick along each axis; neighbouring bricks share their outer ones
@@ -31,7 +32,7 @@ class DistanceField(NamedTuple):
     bricks: NDArray[np.float32]  #: Distances at the nodes [m], shape (k, 9, 9, 9)
 
 
-@njit(forceinline=True)
+@kernel
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
 

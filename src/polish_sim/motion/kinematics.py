@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 from polish_sim.spatial import crosses, inverse, place_of
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
@@ -54,7 +55,7 @@ def joint_rows(table: Array) -> Array:
     return np.ascontiguousarray(np.stack([offset, d, a, cosine, np.sin(alpha)], axis=1))
 
 
-@njit(forceinline=True)
+@kernel
 def advance_frame(T: Array, row: Array, angle: float) -> None:
     """Carry frame i - 1, (3, 4) or (4, 4), over one joint at an ``angle`` [rad], in place; ``row`` of
     `joint_rows`."""
@@ -206,7 +207,7 @@ def _solve_branch(
     return True, (math.atan2(s1, c1), q2, q3, q234 - q2 - q3, math.atan2(s5, c5), q6)
 
 
-@njit(forceinline=True)
+@kernel
 def _near(angle: float, reference: float) -> float:
     """The angle, full turns added, within half a turn of the reference."""
     return angle + _TURN * math.floor((reference - angle) / _TURN + 0.5)
@@ -295,7 +296,7 @@ def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -
     return _nearest_solution(arm_lengths(), T_base_flange, q_near, within_limits)
 
 
-@njit(forceinline=True)
+@kernel
 def _into_limits(angle: float, lowest: float, highest: float) -> float:
     """The angle brought into its range by full turns; NaN where that is impossible."""
     if angle > highest:

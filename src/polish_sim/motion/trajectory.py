@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices, Ints, dots, midpoints, norms, running_sums
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
@@ -118,7 +119,7 @@ def _turning(quaternions: Array, step: float) -> Array:
     return at_nodes
 
 
-@njit(forceinline=True)
+@kernel
 def blend_cubic(
     points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array
 ) -> None:
@@ -136,14 +137,14 @@ def blend_cubic(
         slope[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
 
 
-@njit(forceinline=True)
+@kernel
 def blend_linear(rows: Array, row: int, u: float, out: Array) -> None:
     """Write what lies a share ``u`` of the way from a row of a table (n, d) to the next."""
     for i in range(rows.shape[1]):
         out[i] = (1.0 - u) * rows[row, i] + u * rows[row + 1, i]
 
 
-@njit(forceinline=True)
+@kernel
 def normalize(quaternion: Array) -> None:
     """Scale a quaternion, shape (4,), to length one."""
     size = 0.0
@@ -154,7 +155,7 @@ def normalize(quaternion: Array) -> None:
         quaternion[i] /= size
 
 
-@njit(forceinline=True)
+@kernel
 def _blend_pose(
     columns: tuple[Array, Array, Array, Array], place: float, h: float, point: Array, slope: Array,
     quaternion: Array, turning: Array,
@@ -170,7 +171,7 @@ def _blend_pose(
     return row, u
 
 
-@njit(forceinline=True)
+@kernel
 def sample_path(
     table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array
 ) -> int:
@@ -185,14 +186,14 @@ def sample_path(
     return _blend_pose(columns, place, table.spacing, position, tangent, quaternion, turning)[0]
 
 
-@njit(forceinline=True)
+@kernel
 def sample_column(table: PathTable, column: Array, s: float) -> float:
     """A column of the rows at arc length ``s`` [m] (clamped to the path's ends); exact between equal
     values."""
     return _between(column, min(max(s, 0.0), table.length) / table.spacing)
 
 
-@njit(forceinline=True)
+@kernel
 def _between(column: Array, place: float) -> float:
     """Between two rows, exact between equal values."""
     row = min(int(place), column.shape[0] - 2)
@@ -308,7 +309,7 @@ def _fill(table: PathTable, motion: TimedPath) -> None:
             motion.spins[i, axis] *= motion.speeds[i]
 
 
-@njit(forceinline=True)
+@kernel
 def sample_motion(
     motion: TimedPath,
     clock: float,
@@ -331,7 +332,7 @@ def sample_motion(
     place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
 
 
-@njit(forceinline=True)
+@kernel
 def sample_rate(motion: TimedPath, clock: float) -> float:
     """Largest rate at which a motion may be played at its own time ``clock`` [s]; exactly 1 between ones."""
     return _between(motion.rates, min(max(clock, 0.0), motion.duration) / motion.spacing)
