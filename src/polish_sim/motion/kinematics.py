@@ -39,6 +39,13 @@ JOINT_LIMITS = (
     np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 )
 """Lowest and highest joint angle [rad], shape (6, 2)."""
+
+
+def beyond_range(q: Array) -> Bools:
+    """Which joints are outside their range at angles (..., 6) [rad]."""
+    return (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])
+
+
 CLOSE = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
 _MOST_ROUNDS = 10
 
@@ -418,7 +425,7 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
     _follow(arm_lengths(), np.asarray(T_base_tool, dtype=float) @ T_tool_flange, start, q)
     q.flags.writeable = False
     reached = ~np.isnan(q[:, 0])
-    beyond: Bools = (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])
+    beyond = beyond_range(q)
     first_beyond = _first(np.any(beyond, axis=1))
     steps = np.abs(np.diff(q, axis=0, prepend=start[None])).max(axis=1)[reached]
     return JointPath(

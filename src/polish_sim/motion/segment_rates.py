@@ -1,4 +1,4 @@
-"""Joint angles and derivatives along one segment of a chain, by its progress, and along a motion in time.
+"""Joint angles and derivatives along a motion in time, and along the segments of a chain by their progress.
 
 With x' the tool's twist (linear; angular) and J q' = x', each further derivative of q solves the same system:
 J q'' = x'' - J' q', J q''' = x''' - 2 J' q'' - J'' q'. What is subtracted is the tool's own acceleration and
@@ -7,8 +7,7 @@ jerk when the joints have none, found by adding the links' motions up from the b
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -16,12 +15,10 @@ from polish_sim.arrays import Array
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
-    Matrix3,
     Matrix4,
     Matrix6,
     Record,
     Triple,
-    Vector3,
     Vector6,
     add_to,
     cross,
@@ -35,12 +32,11 @@ from polish_sim.kernels import (
     set_product,
     set_to,
     third_by_turning,
-    turn_about,
 )
-from polish_sim.motion.kinematics import JOINT_LIMITS, advance_frame, solve_on_branch
+from polish_sim.motion.kinematics import advance_frame, beyond_range, solve_on_branch
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.limits import Arm, chain_in_base
-from polish_sim.motion.rules.schedule import Samples
+from polish_sim.motion.rules.limits import Arm
+from polish_sim.motion.rules.schedule import Samples, Schedule, Smoothed
 
 Links = Annotated[Array, (6, 3)]
 Rates = Annotated[Array, (3, 6)]
@@ -195,56 +191,6 @@ class JointRates(NamedTuple):
     third: Array
 
 
-class Segment(Record):
-    """One segment in the base frame; the fields of a `Chain` without the axes, in their order."""
-
-    tip: Vector3  #: Start [m]
-    rotation: Matrix3  #: R_base_tool at the start
-    length: float
-    direction: Vector3  #: Unit, or zero
-    angle: float
-    turn_axis: Vector3  #: Unit, or zero
-    roll: float
-
-
-@njit(_nrt=False, inline="always")
-def _tool_pose(segment: Segment, u: float, T: Array) -> None:
-    """Write T_base_tool, shape (4, 4), at progress u: exp(u angle n) R exp(u roll z)."""
-    R, n = segment.rotation, segment.turn_axis
-    c, s = math.cos(u * segment.roll), math.sin(u * segment.roll)
-    ct, st = math.cos(u * segment.angle), math.sin(u * segment.angle)
-    x, y = R[:, 0], R[:, 1]
-    set_to(T[:, 0], turn_about(n, ct, st, 1.0 - ct, plus(scaled(c, x), scaled(s, y))))
-    set_to(T[:, 1], turn_about(n, ct, st, 1.0 - ct, minus(scaled(c, y), scaled(s, x))))
-    set_to(T[:, 2], turn_about(n, ct, st, 1.0 - ct, R[:, 2]))
-    set_to(T[:, 3], plus(segment.tip, scaled(u * segment.length, segment.direction)))
-    set_to(T[3], (0.0, 0.0, 0.0))
-    T[3, 3] = 1.0
-
-
-@njit(_nrt=False, inline="always")
-def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
-    """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis
-    turns."""
-    n, a, roll, o = segment.turn_axis, segment.angle, segment.roll, T_base_tool[:, 2]
-    along = scaled(a, cross(n, o))
-    set_to(twists[0], scaled(segment.length, segment.direction))
-    set_to(twists[1], (0.0, 0.0, 0.0))
-    set_to(twists[2], (0.0, 0.0, 0.0))
-    set_to(twists[0, 3:], plus(scaled(a, n), scaled(roll, o)))
-    set_to(twists[1, 3:], scaled(roll, along))
-    set_to(twists[2, 3:], scaled(roll * a, cross(n, along)))
-
-
-@kernel
-def within_range(q: Array) -> bool:
-    """Whether all joints are within their range."""
-    inside = True
-    for j in range(6):
-        inside = inside and JOINT_LIMITS[j, 0] <= q[j] <= JOINT_LIMITS[j, 1]
-    return inside
-
-
 @njit(_nrt=False, no_cpython_wrapper=True)
 def reach_pose(state: ArmState, arm: Arm) -> int:
     """Bring the tool to the state's pose on the branch its joint angles are on, and place the arm.
@@ -257,20 +203,6 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
     return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
 
 
-@njit(_nrt=False, no_cpython_wrapper=True)
-def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm) -> int:
-    """Write q and its three derivatives by progress at u of a segment (base frame) into ``state``.
-
-    Its joint angles say which branch. Returns as `reach_pose`.
-    """
-    _tool_pose(segment, u, state.T)
-    status = reach_pose(state, arm)
-    if status == REACHED:
-        _segment_twists(segment, state.T, state.twists)
-        solve_rates(state)
-    return int(status)
-
-
 @kernel
 def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
     """Write the joint angles and their derivatives into a row."""
@@ -279,22 +211,6 @@ def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
         out.first[row, j] = state.rates[0, j]
         out.second[row, j] = state.rates[1, j]
         out.third[row, j] = state.rates[2, j]
-
-
-@njit
-def _fill_rates(segments: Any, nodes: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
-    """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED,
-    -1). ``segments``: records of `Segment`, shape (n,)."""
-    for k in range(len(segments)):
-        for i in range(nodes.shape[0]):
-            row = k * nodes.shape[0] + i
-            status = rates_at(state, segments[k], nodes[i], arm)
-            if status == REACHED and not within_range(state.q):
-                status = BEYOND
-            if status != REACHED:
-                return status, row
-            _keep_rates(state, out, row)
-    return REACHED, -1
 
 
 def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
@@ -306,17 +222,15 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     Raises:
         ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
     """
-    segments, in_base = np.zeros(len(chain.lengths), Segment.dtype), chain_in_base(chain, arm)
-    for name, values in zip(Segment.dtype.names, (in_base.tips, *in_base[2:]), strict=True):
-        segments[name] = values[: len(segments)]
-    count = len(segments) * len(nodes)
-    out = JointRates(*np.full((4, count, 6), np.nan))
-    nodes = np.asarray(nodes, dtype=float)
-    status, row = _fill_rates(segments, nodes, arm, ArmState(q=arm.q_start), out)
-    if status != REACHED:
-        k, i = divmod(row, len(nodes))
-        raise unreachable(status, k, chain.tips[k] + nodes[i] * chain.lengths[k] * chain.directions[k])
-    return JointRates(*(column.reshape(-1, len(nodes), 6) for column in out))
+    n, m = len(chain.lengths), len(nodes)
+    starts: Array = 2.0 * np.arange(n, dtype=np.float64)
+    # At a constant rate past the end of each segment: derivatives there are not those at rest.
+    steady = Schedule(np.arange(n), starts, np.full(n, 1.5), np.tile([0.0, 1.0, 0.0, 0.0], (n, 1)), 2.0 * n)
+    tool = Smoothed(chain, steady).sample((starts[:, None] + nodes).ravel())
+    rates = sampled_joints(tool, arm, m)
+    for row in np.flatnonzero(beyond_range(rates.q).any(axis=1))[:1]:
+        raise unreachable(BEYOND, row // m, tool.tips[row, 0])
+    return JointRates(*(column.reshape(n, m, 6) for column in rates))
 
 
 def chebyshev_nodes(count: int) -> Array:
@@ -324,12 +238,15 @@ def chebyshev_nodes(count: int) -> Array:
     return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
 
 
-def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm) -> JointRates:
+def joint_motion(
+    tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm, together: int = 1
+) -> JointRates:
     """Joint motion (n, 6) of a tool motion given with its derivatives in time, exact at every sample.
 
     Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm.
     ``linear`` holds velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular
-    velocity and its first two derivatives, (3, n, 3) each, SI, work frame.
+    velocity and its first two derivatives, (3, n, 3) each, SI, work frame. An error counts as many samples
+    ``together`` as one segment.
 
     Raises:
         ReachError: A sample cannot be reached, or is singular.
@@ -338,14 +255,14 @@ def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, a
     given = (np.ascontiguousarray(each) for each in (tips, rotations, linear, angular))
     status, row = _fill_motion(*given, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:
-        raise unreachable(status, row, tips[row])
+        raise unreachable(status, row // together, tips[row])
     return out
 
 
-def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
+def sampled_joints(tool: Samples, arm: Arm, together: int = 1) -> JointRates:
     """Joint motion (n, 6) of a sampled tool motion; see `joint_motion`."""
     linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
-    return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm)
+    return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm, together)
 
 
 @njit

@@ -18,7 +18,7 @@ from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.cell.scene import on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import inverse_near, jacobian
-from polish_sim.motion.segment_rates import within_range
+from polish_sim.motion.kinematics import beyond_range
 from polish_sim.spatial import GRAVITY, inverse, place_of, unit
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
 from polish_sim.ur.motion import (
@@ -177,7 +177,7 @@ class SimulatedRobot:
         if isinstance(drive, Moves):
             drive.scale = self.speed_fraction
         after = before if drive is None else drive.advance(before, speeds, TICK_S)
-        if not within_range(after):
+        if beyond_range(after).any():
             raise ValueError("a joint's set-point is at the end of its range")
         self._reference = after
         self._reference_qd = (after - before) / TICK_S
@@ -578,7 +578,7 @@ class SimulatedRobot:
     def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
         """Whether a pose, or joint angles, are within reach and joint ranges."""
         q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else target
-        return q is not None and bool(within_range(q))
+        return q is not None and not beyond_range(q).any()
 
     def q_history(self, steps: int) -> Array:
         """Joint angles some steps ago; 2 s are kept."""

@@ -146,6 +146,7 @@ def _rise(b: float, c: float, t: float, rates: Array) -> None:
         rates[0], rates[1] = t - 0.5 * (b + c), 1.0
 
 
+@njit
 def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
     """Filter times a >= b >= c [s] of the time-optimal motion from rest to rest over a length; it takes their
     sum.

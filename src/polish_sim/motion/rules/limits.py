@@ -13,8 +13,7 @@ from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix4, Record, Vector6
 from polish_sim.motion.kinematics import NOMINAL, arm_lengths, joint_rows
-from polish_sim.motion.rules.chain import Chain
-from polish_sim.spatial import apply, inverse
+from polish_sim.spatial import inverse
 from polish_sim.toml_text import read_toml
 
 MM, DEG = 1e-3, math.radians(1.0)
@@ -183,15 +182,3 @@ def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
 def near(arm: Arm, q: Array) -> Arm:
     """The same arm, in its configuration at joints ``q`` (6,) [rad]."""
     return build_arm(arm.T_base_work, arm.T_flange_tool, q)
-
-
-def chain_in_base(chain: Chain, arm: Arm) -> Chain:
-    """The chain as seen from the robot's base."""
-    R = arm.T_base_work[:3, :3]
-    return chain._replace(
-        tips=np.ascontiguousarray(apply(arm.T_base_work, chain.tips)),
-        axes=np.ascontiguousarray(chain.axes @ R.T),
-        rotations=np.ascontiguousarray(R @ chain.rotations),
-        directions=np.ascontiguousarray(chain.directions @ R.T),
-        turn_axes=np.ascontiguousarray(chain.turn_axes @ R.T),
-    )

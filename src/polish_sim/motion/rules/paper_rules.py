@@ -130,10 +130,13 @@ def singular_segment(k: int) -> SmoothingError:
     return SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
 
 
+@njit
 def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
     """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
-    limits = np.column_stack([speed, acceleration, jerk]).tolist()
-    return np.array([stop_times(1.0, *row) for row in limits]).reshape(-1, 3)
+    triples = np.empty((len(speed), 3))
+    for k in range(len(speed)):
+        triples[k, 0], triples[k, 1], triples[k, 2] = stop_times(1.0, speed[k], acceleration[k], jerk[k])
+    return triples
 
 
 # From filter times to a schedule: neighbours overlap as far as the tolerances let them (paper 4, eq. 12-14).
