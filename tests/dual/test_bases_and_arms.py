@@ -13,16 +13,8 @@ from polish_sim.calibration.matched_points import (
     point_covariance,
     relative_frame,
 )
+from polish_sim.dual import calibrate
 from polish_sim.dual.arms import lone_arms
-from polish_sim.dual.calibrate import (
-    HIGH,
-    LOW,
-    Q_NEAR,
-    ArmTrial,
-    BaseTrial,
-    run_arm_calibration,
-    run_base_calibration,
-)
 from polish_sim.dual.calibration.arm import held_out_rms
 from polish_sim.dual.calibration.circle import (
     base_from_circles,
@@ -143,7 +135,10 @@ POINT = np.array([0.01, -0.02, 0.1])
 
 def test_slopes_of_the_table_are_those_of_differences():
     rng, step = np.random.default_rng(2), 1e-6
-    q, table = rng.uniform(LOW, HIGH, (40, 6)), NOMINAL + 0.01 * rng.standard_normal((4, 6))
+    q, table = (
+        rng.uniform(calibrate.LOW, calibrate.HIGH, (40, 6)),
+        NOMINAL + 0.01 * rng.standard_normal((4, 6)),
+    )
 
     def tips(table: Array) -> Array:
         T = link_frames(q, table)[:, 6]
@@ -164,7 +159,7 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table():
         table, T, POINT, np.zeros((0, 3)), np.zeros((6, 6)), sizes * rng.uniform(0.5, 1.5, (6, 7))
     )
     most = np.array([80.0, 80.0, 40.0, 8.0, 8.0, 8.0])
-    q, others = (rng.uniform(LOW, HIGH, (count, 6)) for count in (80, 100))
+    q, others = (rng.uniform(calibrate.LOW, calibrate.HIGH, (count, 6)) for count in (80, 100))
     weight, other_weight = (rng.uniform(-most, most, (count, 6)) for count in (80, 100))
     found = fit_arm(TrackedArm(q, planted.target_at(q, weight), weight), 0.0)
     there = planted.target_at(others, other_weight)
@@ -179,15 +174,15 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table():
 
 
 def test_arms_as_their_table_says_are_not_made_worse():
-    exact = ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
-    figures = run_arm_calibration(ArmTrial(tolerance=exact)).figures
+    exact = calibrate.ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
+    figures = calibrate.run_arm_calibration(calibrate.ArmTrial(tolerance=exact)).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
 
 
 def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones():
     """Wind-up by pose is no error of a table."""
-    trial = ArmTrial(seed=1, gears=lone_arms(1, Q_NEAR).gears)
-    done = run_arm_calibration(trial)
+    trial = calibrate.ArmTrial(seed=1, gears=lone_arms(1, calibrate.Q_NEAR).gears)
+    done = calibrate.run_arm_calibration(trial)
     figures = done.figures
     assert figures["relative_error_m"] < 1.3e-4
     assert figures["relative_error_m"] < 0.15 * figures["relative_error_nominal_m"]
@@ -198,8 +193,8 @@ def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones():
 def test_bases_of_arms_with_gears_err_by_more_than_independent_noise_says_and_within_the_bound():
     shares, sigmas = [], []
     for seed in range(6):
-        flanges = lone_arms(seed, Q_NEAR).standing(np.random.default_rng([seed, 18]))
-        figures = run_base_calibration(BaseTrial(seed=seed, flanges=flanges)).figures
+        flanges = lone_arms(seed, calibrate.Q_NEAR).standing(np.random.default_rng([seed, 18]))
+        figures = calibrate.run_base_calibration(calibrate.BaseTrial(seed=seed, flanges=flanges)).figures
         shares.append(figures["bound_share"])
         sigmas.append(figures["relative_origin_error_m"] / figures["relative_origin_std_m"])
     assert max(shares) < 1.0

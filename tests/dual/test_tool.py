@@ -7,13 +7,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate import Q_NEAR, TcpTrial, run_tcp_calibration
-from polish_sim.dual.calibration import tool
-from polish_sim.dual.calibration.tool_checks import (
-    ToolTouches,
-    orientation_spread,
-    plan_touch_orientations,
-    point_error_bound,
-)
+from polish_sim.dual.calibration import tool, tool_checks
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import from_pose, transform
 
@@ -21,12 +15,12 @@ TIP, POINT = np.array([0.03, -0.02, 0.21]), np.array([-0.4, 0.1, 0.3])
 SIGMA = 5e-5
 
 
-def touches(R: Array, errors: Array | float = 0.0) -> ToolTouches:
-    return ToolTouches(transform(R, POINT - R @ TIP + errors))
+def touches(R: Array, errors: Array | float = 0.0) -> tool_checks.ToolTouches:
+    return tool_checks.ToolTouches(transform(R, POINT - R @ TIP + errors))
 
 
 def planned(count: int = 10, cone: float = 45.0) -> Array:
-    return plan_touch_orientations(count, np.radians(cone))
+    return tool_checks.plan_touch_orientations(count, np.radians(cone))
 
 
 @pytest.mark.parametrize("count", [4, 10])
@@ -46,7 +40,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
     found = [tool.fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
     errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
     rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
-    assert 0.98 < rms / point_error_bound(R, SIGMA) <= 1.02
+    assert 0.98 < rms / tool_checks.point_error_bound(R, SIGMA) <= 1.02
     assert rms <= 3.3e-5
     stated = tool.fit_tool_point(touches(R), SIGMA).covariance
     scale = np.sqrt(np.diag(stated))
@@ -58,7 +52,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
 def test_the_planner_reaches_the_best_a_cone_allows(cone):
     for count in range(4, 21):
         best = SIGMA * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
-        assert point_error_bound(planned(count, cone), SIGMA) == pytest.approx(best, rel=1e-9)
+        assert tool_checks.point_error_bound(planned(count, cone), SIGMA) == pytest.approx(best, rel=1e-9)
         # From 62 deg on that is within 5% of the best there is.
         assert cone < 62.0 or best <= 1.05 * SIGMA * np.sqrt(3.0 / count)
 
@@ -88,7 +82,7 @@ def test_orientations_that_cannot_tell_are_refused(R, said):
     with pytest.raises(CalibrationError, match=said):
         tool.fit_tool_point(touches(R))
     # Spun the other way the cone shows it.
-    assert orientation_spread(coning(8, -1.0))[0][0] > 0.3
+    assert tool_checks.orientation_spread(coning(8, -1.0))[0][0] > 0.3
     np.testing.assert_allclose(tool.fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 
 
@@ -154,10 +148,10 @@ def flange_at(R: Array, tips: Array) -> Array:
     return transform(R, tips - R @ T_FLANGE_TOOL[:3, 3])
 
 
-R_TOUCHES = plan_touch_orientations(8, 0.8)
+R_TOUCHES = tool_checks.plan_touch_orientations(8, 0.8)
 R_MOVES = np.tile(R_TOUCHES[2], (3, 1, 1))
 MEASURED = tool.ToolMeasurements(
-    ToolTouches(flange_at(R_TOUCHES, np.tile(POINT, (8, 1)))),
+    tool_checks.ToolTouches(flange_at(R_TOUCHES, np.tile(POINT, (8, 1)))),
     flange_at(R_MOVES, POINT + MOVES @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
 )
 

@@ -9,13 +9,7 @@ import pytest
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import columns_of, read_robot_recording
-from polish_sim.identification.log_file import (
-    RobotLog,
-    check_joints,
-    log_of,
-    periodic_states,
-    spline_states,
-)
+from polish_sim.identification import log_file
 from polish_sim.motion.serial_chain import HINGE, SLIDE
 from tests.identification.known import known_robot
 
@@ -30,10 +24,10 @@ def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
     return file
 
 
-def _read(file: Path, kinds: Sequence[int] = (HINGE,) * 6, period: float | None = None) -> RobotLog:
+def _read(file: Path, kinds: Sequence[int] = (HINGE,) * 6, period: float | None = None) -> log_file.RobotLog:
     """The log as `polish-sim identify` takes it."""
     gaps = {} if period is None else {"gap": math.inf}
-    return log_of(file, read_robot_recording(file, ("q_rad",), columns_of(kinds), **gaps), period)
+    return log_file.log_of(file, read_robot_recording(file, ("q_rad",), columns_of(kinds), **gaps), period)
 
 
 SPOILT = {
@@ -86,14 +80,14 @@ def test_a_period_that_does_not_fit_the_log_is_refused_and_the_shortest_has_a_se
     for period, said in ((0.01, "too few in a period"), (0.4, "0.41 or more"), (1e5, "less than one")):
         with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):
             _read(file, period=period)
-    assert np.isfinite(periodic_states(_read(file, period=0.42), 0.42).qdd).all()
+    assert np.isfinite(log_file.periodic_states(_read(file, period=0.42), 0.42).qdd).all()
 
 
 def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path):
     file = _write(tmp_path, TABLE)
     joints = [*"abcdef", "pad"]
     with pytest.raises(InputError, match=r"of pad\. .* --joints a,b,c,d,e,f"):
-        check_joints(file, (HINGE,) * 6 + (SLIDE,), joints)
+        log_file.check_joints(file, (HINGE,) * 6 + (SLIDE,), joints)
     with pytest.raises(InputError, match="no column q7_m"):
         _read(file, (HINGE,) * 6 + (SLIDE,))
 
@@ -101,7 +95,7 @@ def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path):
 def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path):
     table = np.delete(TABLE, slice(300, 380), axis=0)
     log = _read(_write(tmp_path, table), period=10.0)
-    states = periodic_states(log, 10.0)
+    states = log_file.periodic_states(log, 10.0)
     assert np.abs(states.qdd - KNOWN.motion(log.time).qdd).max() < 1e-6
 
 
@@ -110,12 +104,13 @@ def test_a_gap_that_is_let_through_hardly_spoils_accelerations(tmp_path):
     log = _read(_write(tmp_path, np.delete(TABLE, lost, axis=0)))
     assert np.diff(log.time).max() == pytest.approx(0.1)
     off = [
-        spline_states(one).qdd - KNOWN.motion(one.time).qdd for one in (log, _read(_write(tmp_path, TABLE)))
+        log_file.spline_states(one).qdd - KNOWN.motion(one.time).qdd
+        for one in (log, _read(_write(tmp_path, TABLE)))
     ]
     near, usual = (np.abs(one[450:550]).max() for one in off)
     assert near < 2.0 * usual
 
 
 def test_splines_give_the_accelerations_of_any_motion():
-    states = spline_states(RobotLog(TABLE[:, 0], KNOWN.states.q, KNOWN.torque), knots=0.1)
+    states = log_file.spline_states(log_file.RobotLog(TABLE[:, 0], KNOWN.states.q, KNOWN.torque), knots=0.1)
     assert np.abs(states.qdd - KNOWN.states.qdd)[20:-20].max() < 0.02

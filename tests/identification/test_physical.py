@@ -5,14 +5,9 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import IdentificationError
+from polish_sim.identification import payload
 from polish_sim.identification.estimate import INTERVAL_95, estimate, sum_samples, torque_error
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
-from polish_sim.identification.payload import (
-    FoundPayload,
-    body_of,
-    fit_link_payload,
-    fit_payload_on_known_arm,
-)
 from polish_sim.identification.physical import (
     Drawing,
     fit_consistent,
@@ -73,13 +68,13 @@ PLANTED = link_parameters(LOAD.mass, LOAD.center - ORIGIN, LOAD.inertia)
 TORQUE = KNOWN.torque + KNOWN.model.regressor(KNOWN.states)[:, :, 50:60] @ PLANTED
 
 
-def _found(rng: np.random.Generator) -> FoundPayload:
+def _found(rng: np.random.Generator) -> payload.FoundPayload:
     empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
-    return fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, noisy(TORQUE, rng))
+    return payload.fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, noisy(TORQUE, rng))
 
 
-def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> FoundPayload:
-    return fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
+def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> payload.FoundPayload:
+    return payload.fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
 
 
 def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain():
@@ -94,14 +89,14 @@ def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain():
 def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise():
     slight = 1e-4 * (noisy(TORQUE, np.random.default_rng(3)) - TORQUE)
     empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
-    found = fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
+    found = payload.fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
     Ixx, Iyy, Izz = np.diag(LOAD.inertia)
     body = [1.5, *LOAD.center, Ixx, 0.0, Iyy, 0.0, 0.0, Izz]
     np.testing.assert_allclose(found.body().values, body, atol=2e-6)
 
 
 def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws():
-    rng, truth = np.random.default_rng(0), body_of(PLANTED, ORIGIN)
+    rng, truth = np.random.default_rng(0), payload.body_of(PLANTED, ORIGIN)
     covered, off = [], []
     for _draw in range(60):
         values, std = _found(rng).body()

@@ -10,22 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.exact_stop import plan_exact_stop
 from polish_sim.errors import SmoothingError
+from polish_sim.motion.rules import paper_rules
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, six
-from polish_sim.motion.rules.paper_rules import (
-    plan_joint_acceleration,
-    plan_joint_jerk,
-    second_time,
-    third_time,
-)
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 
-PAPER = (plan_joint_jerk, plan_joint_acceleration)
+PAPER = (paper_rules.plan_joint_jerk, paper_rules.plan_joint_acceleration)
 TRIAL, ARM = build_chain(*trial_path()), trial_arm()
 
 
@@ -68,8 +63,8 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with():
     limits = SmoothingLimits()
     for speed in (0.5, 2.0, 6.0):
         v = np.full(50, speed)
-        theirs = second_time(v, rates, limits, signed=False)
-        ours = second_time(v, rates, limits, signed=True)
+        theirs = paper_rules.second_time(v, rates, limits, signed=False)
+        ours = paper_rules.second_time(v, rates, limits, signed=True)
         assert np.all(ours <= theirs)
         assert np.any(ours < theirs)
 
@@ -80,7 +75,7 @@ def test_on_a_gantry_the_third_time_is_exact():
     first = np.zeros((1, 9, 6))
     first[..., 0] = 0.1
     rates = JointRates(first, first, 0.0 * first, 0.0 * first)
-    t3 = third_time(np.array([2.0]), np.array([8.0]), rates, 0.5 * np.array(limits.joint_jerk))
+    t3 = paper_rules.third_time(np.array([2.0]), np.array([8.0]), rates, 0.5 * np.array(limits.joint_jerk))
     assert t3[0] == pytest.approx(0.1 * 8.0 / 5.0)
 
 

@@ -12,18 +12,7 @@ from polish_sim.arrays import Array
 from polish_sim.control import Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import (
-    SLOWEST,
-    Complex,
-    LoopSetup,
-    build_plant,
-    longest_latency,
-    plant_response,
-    setup_of,
-    share_latency,
-    with_latency,
-    with_springs,
-)
+from polish_sim.scoring import loop_model
 from polish_sim.scoring.measured_law import measure_law
 
 FORCE = override(default_scenario("force"), ["robot.arm=ideal"])
@@ -37,12 +26,12 @@ class PiLaw(NamedTuple):
     C: Array  #: Shape (n,)
     D: float
 
-    def by_force(self, z: Complex) -> Complex:
+    def by_force(self, z: loop_model.Complex) -> loop_model.Complex:
         systems = z[:, None, None] * np.eye(len(self.B)) - self.A
         states = np.linalg.solve(systems, np.broadcast_to(self.B[:, None], (len(z), len(self.B), 1)))
         return states[:, :, 0] @ self.C + self.D
 
-    def by_motion(self, z: Complex) -> Complex:
+    def by_motion(self, z: loop_model.Complex) -> loop_model.Complex:
         return np.zeros_like(z)
 
 
@@ -59,9 +48,9 @@ def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
     return PiLaw(A, B, C @ A, float(C @ B))
 
 
-def closed_loop_matrix(setup: LoopSetup, law: PiLaw) -> Array:
+def closed_loop_matrix(setup: loop_model.LoopSetup, law: PiLaw) -> Array:
     """One step of the closed loop, its eigenvalues the poles: plant, law, samples and commands under way."""
-    plant = build_plant(setup)
+    plant = loop_model.build_plant(setup)
     n, m, late, far = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
     size = n + m + late + far
     laws, samples, commands = n, n + m, n + m + late
@@ -94,30 +83,34 @@ def growth(matrix: Array, dt: float) -> float:
     return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
 
 
-def _loop(*changes: str) -> tuple[LoopSetup, PiLaw]:
+def _loop(*changes: str) -> tuple[loop_model.LoopSetup, PiLaw]:
     """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass)."""
     scenario = override(FORCE, list(changes))
-    setup, gains = setup_of(scenario), scenario.controller
+    setup, gains = loop_model.setup_of(scenario), scenario.controller
     return setup, pi_law(gains.force_p_m_sn, gains.force_i_m_s2n, gains.force_filter_hz, setup.dt)
 
 
 def test_slow_motion_presses_the_springs_in_series_and_servos_swing_over_at_25_hz():
     setup, _ = _loop()
-    plant, slow = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
-    pressed = plant_response(plant, plant.force, slow) / plant_response(plant, plant.position, slow)
+    plant, slow = loop_model.build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
+    pressed = loop_model.plant_response(plant, plant.force, slow) / loop_model.plant_response(
+        plant, plant.position, slow
+    )
     assert abs(pressed[0]) == pytest.approx(5000.0, rel=1e-3)
-    plant = build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))
+    plant = loop_model.build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))
     speed = np.abs(
-        plant_response(plant, plant.velocity, np.exp(2j * math.pi * np.array([0.1, 25.0, 140.0]) * setup.dt))
+        loop_model.plant_response(
+            plant, plant.velocity, np.exp(2j * math.pi * np.array([0.1, 25.0, 140.0]) * setup.dt)
+        )
     )
     assert speed[0] == pytest.approx(1.0, abs=1e-3)
     assert 1.15 < speed[1] < 1.3
     assert speed[2] < 0.5
 
 
-def forces(setup: LoopSetup, law: PiLaw, noise: Array) -> Array:
+def forces(setup: loop_model.LoopSetup, law: PiLaw, noise: Array) -> Array:
     """Contact force of the closed loop in time [N], shape (n,), with noise in the sensor [N], shape (n,)."""
-    plant, q, noisy = build_plant(setup), np.zeros(2), 0.0
+    plant, q, noisy = loop_model.build_plant(setup), np.zeros(2), 0.0
     s, found = np.zeros(len(plant.B)), np.empty(len(noise))
     samples, commands = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1)
     for k, draw in enumerate(noise):
@@ -177,7 +170,7 @@ def test_measured_hybrid_pi_is_its_formula():
 
 
 def test_a_law_on_the_place_answers_to_motion_only():
-    law = measure_law(PressByPlace(), setup_of(FORCE), 20.0, 5000.0)
+    law = measure_law(PressByPlace(), loop_model.setup_of(FORCE), 20.0, 5000.0)
     assert np.abs(law.by_force(Z)).max() < 1e-12
     assert law.by_motion(Z) == pytest.approx(-10.0 * 1e-3 / (1.0 - 1.0 / Z), rel=1e-6)  # the sum of velocity
 
@@ -185,12 +178,14 @@ def test_a_law_on_the_place_answers_to_motion_only():
 @pytest.mark.parametrize("scale", [0.5, 3.0])
 def test_longest_latency_is_where_the_eigenvalues_say(scale):
     drawn, law = _loop()
-    setup = with_springs(drawn, scale)
+    setup = loop_model.with_springs(drawn, scale)
     totals = [0.001 * n for n in range(1, 200)]
-    longest = longest_latency(setup, law, totals)
+    longest = loop_model.longest_latency(setup, law, totals)
 
     def grows(total: float) -> float:
-        return growth(closed_loop_matrix(with_latency(setup, share_latency(total)), law), 0.001)
+        return growth(
+            closed_loop_matrix(loop_model.with_latency(setup, loop_model.share_latency(total)), law), 0.001
+        )
 
-    assert grows(longest) <= SLOWEST < grows(longest + 0.001)
-    assert longest_latency(setup, law, totals[:3]) == math.inf
+    assert grows(longest) <= loop_model.SLOWEST < grows(longest + 0.001)
+    assert loop_model.longest_latency(setup, law, totals[:3]) == math.inf

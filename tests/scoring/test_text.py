@@ -5,34 +5,18 @@ from typing import Any
 
 import pytest
 
-from polish_sim.scoring import (
-    BATTERY_ASKED,
-    Case,
-    Entry,
-    Score,
-    ablation_ratios,
-    ablation_table,
-    ablations,
-    breaking,
-    judge,
-    markdown,
-    overview,
-    score_tables,
-    summarize,
-    verdict_table,
-    worst_case,
-)
+from polish_sim import scoring
 from polish_sim.scoring.figures import Asked
 from polish_sim.scoring.plot import plot_ablation, plot_score
 
-A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
+A, B = scoring.Entry("alpha", "hybrid-pi"), scoring.Entry("beta", "position")
 HOLD, PATH = (
-    Case("approach-20", "a hold", "force", ("process.hold_s=2",)),
-    Case("freeform-60", "a path", "surface"),
+    scoring.Case("approach-20", "a hold", "force", ("process.hold_s=2",)),
+    scoring.Case("freeform-60", "a path", "surface"),
 )
 
 
-def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
+def row(case: scoring.Case, entry: scoring.Entry, seed: int, **changed: Any) -> dict[str, Any]:
     settled = None if case.moving else 0.2
     whole = {
         "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled,
@@ -43,8 +27,8 @@ def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
     return whole | changed
 
 
-def score_of(*rows: dict[str, Any], entries: tuple[Entry, ...] = (A, B)) -> Score:
-    return Score((HOLD, PATH), entries, 2, rows, len(rows))
+def score_of(*rows: dict[str, Any], entries: tuple[scoring.Entry, ...] = (A, B)) -> scoring.Score:
+    return scoring.Score((HOLD, PATH), entries, 2, rows, len(rows))
 
 
 BROKEN = row(
@@ -57,33 +41,35 @@ BOTH = score_of(
 
 
 def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short():
-    _, headings, rows, *_ = overview(summarize(BOTH), means=False)
+    _, headings, rows, *_ = scoring.overview(scoring.summarize(BOTH), means=False)
     settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
     assert [line[0] for line in rows] == ["approach-20", "", "freeform-60", ""]
     assert [line[-1] for line in rows] == ["2/2", "1/2", "2/2", "2/2"]
-    _, _, asked, *_ = verdict_table(B, judge(BATTERY_ASKED, BOTH.rows_of(B)))
+    _, _, asked, *_ = scoring.verdict_table(B, scoring.judge(scoring.BATTERY_ASKED, BOTH.rows_of(B)))
     assert (asked[0][4], asked[0][-2:]) == ("never", ["approach-20, seed 1", "NO"])
 
 
 def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
-    summaries = summarize(BOTH)
-    worst = worst_case(summaries, B)
+    summaries = scoring.summarize(BOTH)
+    worst = scoring.worst_case(summaries, B)
     assert (worst["case"], worst["seed"], worst["stable"]) == ("approach-20", 1, False)
-    best = worst_case(summaries, A)
+    best = scoring.worst_case(summaries, A)
     assert best["max_error_n"] == pytest.approx(0.5)
-    assert breaking(summaries, A) == []
-    (line,) = breaking(summaries, B)
+    assert scoring.breaking(summaries, A) == []
+    (line,) = scoring.breaking(summaries, B)
     assert line.startswith("approach-20: 1 of 2 runs, contact lost for 0.75 s")
     stopped = row(HOLD, A, 0, stable=False, protective_stop="force above the limit", max_error_n=None)
-    assert breaking(summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,))), A) == [
-        "approach-20: 1 of 1 runs, force above the limit"
-    ]
+    assert scoring.breaking(
+        scoring.summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,))), A
+    ) == ["approach-20: 1 of 1 runs, force above the limit"]
 
 
 def test_the_page_has_each_case_and_what_is_run_in_it():
     better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
-    page = markdown(better, score_tables(better, [(A, judge(BATTERY_ASKED, better.rows_of(A)))]))
+    page = scoring.markdown(
+        better, scoring.score_tables(better, [(A, scoring.judge(scoring.BATTERY_ASKED, better.rows_of(A)))])
+    )
     assert "## all cases, mean / worst seed" in page
     assert "| force | process.hold_s=2 |" in page
     assert "- worst case of beta: freeform-60 (seed 0, error up to 4 N)" in page
@@ -91,22 +77,22 @@ def test_the_page_has_each_case_and_what_is_run_in_it():
 
 
 def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it():
-    without = Entry("without feed", "hybrid-adaptive")
+    without = scoring.Entry("without feed", "hybrid-adaptive")
     grown = row(PATH, without, 0, max_error_n=2.4, stable=False)
     score = score_of(row(HOLD, A, 0), row(PATH, A, 0), row(HOLD, without, 0), grown, entries=(A, without))
-    _, headings, (line,), *_ = ablation_table(score)
+    _, headings, (line,), *_ = scoring.ablation_table(score)
     cells = dict(zip(headings, line, strict=True))
     assert cells["law left out"] == "feed"
     assert cells["max [N]"] == "+1, +2 in freeform-60"
     assert cells["settling [s]"] == "+0, +0 in approach-20"
     assert cells["unstable runs"] == "+1"
-    ratios = ablation_ratios(score)["feed"]["max_error_n"]
+    ratios = scoring.ablation_ratios(score)["feed"]["max_error_n"]
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
 
 
 def test_each_law_of_the_composed_controller_is_left_out_once():
     own = ("controller.adaptive.crossover_rad_s=30",)
-    entries = ablations(Entry("hybrid-adaptive", "hybrid-adaptive", own))
+    entries = scoring.ablations(scoring.Entry("hybrid-adaptive", "hybrid-adaptive", own))
     scenarios = [HOLD.scenario(entry, 0) for entry in entries]
     laws = [set(scenario.controller.adaptive.laws.split()) for scenario in scenarios]
     whole = set().union(*laws)
