@@ -227,8 +227,8 @@ def _read(given: Given, file: Path, robot: LoggedRobot) -> tuple[RobotLog, State
     gap = () if period is None else (math.inf,)
 
     kinds = chain.geometry.kind.tolist() if arm is None else ()
-    if robot.source is not None:
-        log_file.check_joints(file, kinds, chain.joints)
+    if given["--model"]:
+        log_file.check_joints(file, given["--run"] or "", kinds, chain.joints)
     recording = read_measured_log(file, given, ("q_rad",), kinds, *gap)
     log = log_file.log_of(file, recording, period, constants)
     return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)

@@ -153,8 +153,8 @@ def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim):
     torque += np.random.default_rng(904).normal(size=torque.shape) * SIGMA
     current = torque / np.array(arm_table("ur10e").torque_constants)
     columns = {"time_s": np.arange(len(torque)) / RATE, "q_rad": states.q, "current_a": current}
-    np.savez(Path("log.npz"), **columns)
-    call = polish_sim("identify", "--data", Path("log.npz"), "--arm", "ur10e", "--out", "found")
+    np.savez(Path("log.npz"), **{f"{run}/{name}": column for run in "ab" for name, column in columns.items()})
+    call = polish_sim("identify", "--data", Path("log.npz"), "--run", "a", "--arm", "ur10e", "--out", "found")
     assert call.code == 0, call.err
     figures = metrics_of("found")
     assert len(figures["nrms_heldout_rigid"]) == 6

@@ -142,7 +142,7 @@ def write_log(
     """Write states and noisy torques as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
     torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
-    q, force = columns_of(model.chain.geometry.kind.tolist()).columns.values()
+    q, force = columns_of(model.chain.geometry.kind.tolist()).wanted.values()
     table = np.column_stack([np.arange(len(torque)) / RATE, states.q, torque])
     np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *q, *force]), comments="", fmt="%.9g")
     return file

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.robot_log import columns_of, read_robot_recording
+from polish_sim.exchange.robot_log import columns_of, read_column_map, read_robot_recording
 from polish_sim.identification import log_file
+from polish_sim.identification.use_motion import use_states
 from polish_sim.motion.serial_chain import HINGE, SLIDE
 from tests.identification.known import known_robot
 
@@ -87,9 +88,28 @@ def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path):
     file = _write(tmp_path, TABLE)
     joints = [*"abcdef", "pad"]
     with pytest.raises(InputError, match=r"of pad\. .* --joints a,b,c,d,e,f"):
-        log_file.check_joints(file, (HINGE,) * 6 + (SLIDE,), joints)
+        log_file.check_joints(file, "", (HINGE,) * 6 + (SLIDE,), joints)
     with pytest.raises(InputError, match="no column q7_m"):
         _read(file, (HINGE,) * 6 + (SLIDE,))
+
+
+def test_logs_that_name_quantities_alone_are_read_of_any_number_of_joints_that_turn(tmp_path):
+    file = tmp_path / "log.npz"
+    np.savez(file, time_s=TABLE[:, 0], q_rad=np.degrees(TABLE[:, 1:3]), torque_nm=TABLE[:, 7:9])
+    (tmp_path / "map.toml").write_text("[units]\nq_rad = 'deg'\n")
+    degrees = read_column_map(tmp_path / "map.toml", 2)._replace(wanted=columns_of((HINGE, HINGE)).wanted)
+    read = log_file.log_of(file, read_robot_recording(file, ("q_rad",), degrees))
+    np.testing.assert_allclose(read.q, TABLE[:, 1:3])
+    np.testing.assert_array_equal(read.torque, TABLE[:, 7:9])
+    with pytest.raises(InputError, match=r"q2_m for q_rad\..*--map"):
+        _read(file, (HINGE, SLIDE))
+
+
+def test_joint_angles_of_a_task_that_are_all_missing_are_named(tmp_path):
+    table = TABLE.copy()
+    table[:, 1:7] = np.nan
+    with pytest.raises(InputError, match="q_rad, column 1, is nan"):
+        use_states(_write(tmp_path, table))
 
 
 def test_gaps_do_no_harm_to_a_periodic_motion(tmp_path):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,18 +118,18 @@ class ColumnMap(NamedTuple):
 
     columns: Mapping[str, Sequence[str]]
     scale: Mapping[str, float]
-    wanted: Collection[str] = WIDTHS  #: Quantities; others are left out
+    #: Quantities that are read and their columns, if they are known; else those by the names of `NAMES`
+    wanted: Mapping[str, Sequence[str]] = dict.fromkeys(WIDTHS, ())
 
 
 BY_NAME = ColumnMap({}, {})  #: Ours or a recorder's, see `NAMES`
 
 
 def columns_of(slides: Sequence[int]) -> ColumnMap:
-    """Our columns of positions and torques for joints that turn (0) or slide (1)."""
+    """Our columns of positions and torques for joints that turn (0) or slide (1), shape (n,)."""
     q = [f"q{j}_m" if slide else f"q{j}_rad" for j, slide in enumerate(slides, 1)]
     torque = [f"force{j}_n" if slide else f"torque{j}_nm" for j, slide in enumerate(slides, 1)]
-    named = {"q_rad": q, "torque_nm": torque}
-    return ColumnMap(named, {}, named)
+    return ColumnMap({}, {}, {"q_rad": q, "torque_nm": torque})
 
 
 def read_column_map(file: Path, joints: int = 6) -> ColumnMap:
@@ -208,13 +208,19 @@ def _match(file: Path, source: LogSource, columns: ColumnMap, need: Sequence[str
     lower = {one.lower(): one for one in source.names}
     plan: dict[str, list[str]] = {}
     for name in (TIME, *columns.wanted):
-        wide = WIDTHS.get(name, 1)
-        if name in columns.columns:
-            plan[name] = [lower.get(one.lower(), one) for one in columns.columns[name]]
-            if lost := ", ".join(one for one in plan[name] if one not in source.names):
-                raise InputError(f"'{file}' has no column {lost} for {name}. It has: {_some(source.names)}.")
-        elif name in found and len(found[name]) == wide:
-            plan[name] = [found[name][k] for k in sorted(found[name])]
+        usual, by_name = columns.wanted.get(name, ()), found.get(name, {})
+        asked = [lower.get(one.lower(), one) for one in columns.columns.get(name, usual)]
+        lost = ", ".join(one for one in asked if one not in source.names)
+        # Of a slide the name says that it is one.
+        named = name not in columns.columns and not any(one.endswith(("_m", "_n")) for one in usual)
+        if named and (lost or not asked) and len(by_name) == (len(usual) or WIDTHS.get(name, 1)):
+            asked = [by_name[k] for k in sorted(by_name)]
+        elif lost:
+            raise InputError(
+                f"'{file}' has no column {lost} for {name}. It has: {_some(source.names)}. {HOW_TO_MAP}"
+            )
+        if asked:
+            plan[name] = asked
     for name in (TIME, *need):
         if name not in plan:
             raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")

@@ -80,11 +80,11 @@ _PILED = 3.0
 _LEAST_SAMPLES = 500
 
 
-def check_joints(file: Path, kinds: Sequence[int], joints: Sequence[str]) -> None:
+def check_joints(file: Path, run: str, kinds: Sequence[int], joints: Sequence[str]) -> None:
     """Refuse a log with our columns of the first of a model's ``joints`` only (InputError), and name those to
     take."""
-    columns = {name.lower() for name in open_source(file).names}
-    logged = [columns.issuperset(pair) for pair in zip(*columns_of(kinds).columns.values(), strict=True)]
+    columns = {name.lower() for name in open_source(file, run).names}
+    logged = [columns.issuperset(pair) for pair in zip(*columns_of(kinds).wanted.values(), strict=True)]
     first = sum(logged)
     if 0 < first < len(joints) and all(logged[:first]):
         raise InputError(

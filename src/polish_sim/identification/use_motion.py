@@ -11,7 +11,7 @@ from polish_sim.arrays import Array, joined, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.formats import read_way_points
-from polish_sim.exchange.robot_log import columns_of, read_robot_recording
+from polish_sim.exchange.robot_log import ColumnMap, columns_of, read_robot_recording
 from polish_sim.experiments.placement import default_placements
 from polish_sim.identification.log_file import RobotLog, spline_states
 from polish_sim.identification.regressor import States
@@ -70,8 +70,8 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
     if source.suffix == ".npz":
         return _from_npz(source)
     if source.is_file() and source.suffix == ".csv" and _names_joints(source):
-        columns = columns_of((0,) * JOINTS)._replace(wanted=("q_rad",))
-        log = read_robot_recording(source, columns=columns, gap=math.inf)
+        columns = ColumnMap({}, {}, {"q_rad": columns_of((0,) * JOINTS).wanted["q_rad"]})
+        log = read_robot_recording(source, ("q_rad",), columns, gap=math.inf)
         return log.time, log.values["q_rad"], np.zeros(len(log.time))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))
