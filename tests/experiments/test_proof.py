@@ -304,12 +304,13 @@ def test_a_path_that_fails_everywhere_whatever_is_mended_is_refused_and_no_other
     assert tried == []
 
 
+@pytest.mark.parametrize("figure", ["tangential error", "force error"])
 @pytest.mark.parametrize(("share", "said"), [(0.7, False), (0.8, True)])
-def test_a_tool_that_strays_so_far_that_another_arm_may_miss_the_limit_is_said(share, said):
-    """Of 110 runs of drawn plans the worst strayed 1.4 times as far as in its proof."""
-    limits = {"force": {"share": 0.85, "at_m": 0.0}, "tangential error": {"share": share, "at_m": 0.0}}
+def test_a_figure_so_near_its_limit_that_another_arm_may_miss_it_is_said(figure, share, said):
+    """Of 110 and 163 runs of drawn plans the worst came 1.4 times as near as its proof."""
+    limits = {"torque": {"share": 0.85, "at_m": 0.0}, figure: {"share": share, "at_m": 0.0}}
     notes = proof_notes({**proven_at_the_corner().plan.proof, "limits": limits, "mends": []})
-    assert any("may fail run --check: tangential error" in note for note in notes) == said
+    assert any(f"may fail run --check: {figure}" in note for note in notes) == said
 
 
 def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):

@@ -50,7 +50,7 @@ FACTS: Mapping[str, Any] = {
         **dict.fromkeys(("arm", "controller", "proof", "settings", "path"), str),
         **dict.fromkeys(("feed_m_s", "contact_force_n", "slowed"), float),
         "pose": (float,) * 6,
-        "limits": {...: {"share": float, "at_m": float}},
+        "limits": lambda limits: limits and fits(limits, {...: {"share": float, "at_m": float}}),
         "mends": [{"what": str, "why": str, "share": float, "length_m": float, "at_m": (float,) * 3}],
     },
 }
