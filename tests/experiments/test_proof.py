@@ -427,6 +427,11 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))
     assert {mend.what for mend in proven.plan.mends} >= {SLOWED}
     assert proven.plan.path.feed.min() < 0.06
+    # Its figures are those of the path as it is slowed.
+    asked = (scenario.part, scenario.plan, scenario.process, scenario.pad)
+    figures = measure_given_path(proven.plan.path, *asked).figures
+    for name in ("time_in_contact_s", "exposure_mean_s", "coverage"):
+        assert proven.plan.figures[name] == pytest.approx(figures[name], rel=1e-6)
     run = run_experiment(replace(proven.scenario, seed=504), proven.plan)
     assert run.stop_reason is None
 

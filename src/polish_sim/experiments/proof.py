@@ -555,9 +555,10 @@ class _Prover:
         place, scenario, plan = self.place_now(), self.scenario, self.plan
         reach = place.reach
         pose = to_pose(reach.T_base_work)
-        made, mends = {mend.what for mend in self.mends}, (*self.plan.mends, *self.mends)
-        if LEFT_OUT in made:
+        made = {mend.what for mend in self.mends}
+        if made:
             plan = plan.along(place.path, self.mends)
+        if LEFT_OUT in made:
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
         whole = self.plan.path
@@ -573,7 +574,7 @@ class _Prover:
             "work_used": self.work.used,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [
-                {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()} for mend in mends
+                {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()} for mend in plan.mends
             ],
         }  # fmt: skip
         figures = {
@@ -584,6 +585,6 @@ class _Prover:
             "proof_work_s": self.work.done_s,
         }
         notes = (*plan.notes, *proof_notes(proof), *drift_notes(scenario, plan))
-        plan = replace(plan, path=place.path, mends=mends, proof=proof, figures=figures, notes=notes)
+        plan = replace(plan, path=place.path, proof=proof, figures=figures, notes=notes)
         kept_place(scenario, lambda: place, plan)
         return Proven(plan, scenario)
