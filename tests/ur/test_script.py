@@ -222,6 +222,8 @@ SIX = "p[0, 0, 0, 0, 0, 0]"
         ('servoj([0, 0, 0, 0, 0, 0], gain="high")', "finite number"),
         ("servoj([0, 0, 0, 0, 0, 0], lookahead_time=[0.1])", "finite number"),
         (f"force_mode({SIX}, {SIX}, {SIX}, [2], {SIX})", "finite number"),
+        (f"force_mode(p[0, 0, 0, 1e200, 0, 0], {SIX}, {SIX}, 2, {SIX})", "finite number up to 1e+12"),
+        ("set_tcp(p[1e300, 0, 0, 0, 0, 0])", "finite number up to 1e+12"),
         ('ft_rtde_input_enable("True")', "finite number"),
         ("ft_rtde_input_enable(True, 0.5, [0, 0], [0, 0, 0])", "3 numbers are needed"),
     ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import atan2, dist, fmod, hypot, isfinite, sqrt
+from math import atan2, dist, fmod, hypot, sqrt
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.spatial import inverse, transform
+from polish_sim.tables import LARGEST
 from polish_sim.ur.kinematics import matrix_of, pose_from, pose_of
 
 LARGEST_INTEGER = 2**31
@@ -154,9 +155,9 @@ def array(values: Any, size: int = 6) -> Array:
 
 
 def number(value: Any) -> float:
-    """A finite number."""
-    if not isinstance(value, (int, float)) or not isfinite(value):
-        raise ValueError(f"a finite number is needed, not {to_text(value)[:60]}")
+    """A finite number, small enough to reckon with."""
+    if not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+        raise ValueError(f"a finite number up to {LARGEST:g} is needed, not {to_text(value)[:60]}")
     return float(value)
 
 
@@ -175,9 +176,7 @@ def to_text(value: Any) -> str:
 
 
 def _matrix(pose: Any) -> Array:
-    T = matrix_of(array(pose))
-    number(float(T.sum()))  # rotation vectors can be too long for numbers
-    return T
+    return matrix_of(array(pose))
 
 
 def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
