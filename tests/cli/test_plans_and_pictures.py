@@ -104,7 +104,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     document = json.loads(Path("plan/path.json").read_text())
     document["plan"]["removal"] = "even"
     Path("even.json").write_text(json.dumps(document))
-    for name, edited in (("up", {"up": [0, 0, 0]}), ("key", {"plan": {"foo": 1}})):
+    for name, edited in (("up", {"up": [0, 0, 0]}), ("key", {"plan": {"foo": 1}}), ("null", {"part": None})):
         Path(f"{name}.json").write_text(json.dumps(document | edited))
     for more, said in (
         (
@@ -115,6 +115,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
         (["--set", "plan.pattern = raster", "--units", "mm"], "--set plan.pattern would change nothing"),
         (["--path", "up.json"], "'up' in 'up.json'"),
         (["--path", "key.json"], "the plan 'key.json': unknown key 'plan.foo'"),
+        (["--path", "null.json"], "'null.json' does not say its part and plan"),
         (["--up", "x", "--units", "mm"], "--up, --units would change nothing"),
         (["--path", "even.json", "--feed", "8"], "those of its removal: plan again"),
     ):

@@ -206,7 +206,7 @@ def plan_facts(source: Path) -> dict[str, Any]:
     if file.suffix.lower() != ".json":
         return {}
     document = read_json(file)
-    if not {"part", "plan"} <= document.keys():
+    if None in map(document.get, ("part", "plan")):
         raise InputError(
             f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
         )
