@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, SHORT
 from polish_sim.cli.many import filled
-from polish_sim.cli.options import Given, Own, refuse_beside, takes
+from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import count_text
@@ -57,7 +57,8 @@ CONTROLLER_TEXT = (
         1e6,
     ),
     Own("--list", RUN, "", "List the cases and what is run in each."),
-    *("--check", "--set", "--workers", "--on", "--out"),
+    OWN["--set"]._replace(text="KEY=VALUE of the config for --controller; may be repeated."),
+    *("--check", "--workers", "--on", "--out"),
     Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept."),
 )
 def score(given: Given) -> int:

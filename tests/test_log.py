@@ -86,6 +86,9 @@ def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows, tmp_pat
     write_log(tmp_path / "log.npz", RunLog(columns))
     with pytest.raises(InputError, match="q_rad, phase"):
         read_log(tmp_path / "log.npz")
+    (tmp_path / "log.npz").write_text("time_s")
+    with pytest.raises(InputError, match=r"log\.npz': File is not a zip file"):
+        read_log(tmp_path / "log.npz")
     np.savez(tmp_path / "log.npz", time_s=np.array([MakesFolder(tmp_path / "made")], dtype=object))
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")

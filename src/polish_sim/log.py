@@ -184,7 +184,7 @@ def read_arrays(
             of `UNREADABLE`: ``what`` cannot be read, and the ``remedy``.
     """
     try:
-        with np.load(file, allow_pickle=False) as archive:
+        with zipfile.ZipFile(file), np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         for name, array in arrays.items():
             if array.dtype.kind not in "biuf" or not (name.startswith(unsure) or np.isfinite(array).all()):

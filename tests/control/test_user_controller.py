@@ -106,6 +106,15 @@ def test_wrong_parameters_are_refused_by_name(file, own, told):
         build_controller(ControllerConfig(own=own))
 
 
+@pytest.mark.parametrize("ranges", ["[1]", "{'gain': ('a', 'b')}", "{'gain': 3}", "{'gain': (0.1, 0.001)}"])
+def test_ranges_that_are_none_are_refused_by_name(tmp_path, ranges):
+    (tmp_path / "own.py").write_text(
+        f"class Own:\n    ranges = {ranges}\n    def __init__(self, gain=0.01):\n        pass\n"
+    )
+    with pytest.raises(InputError, match=r"range.*own\.py:Own.*\(least, most\)"):
+        law_parameters(f"{tmp_path / 'own.py'}:Own")
+
+
 def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
     usual = default_scenario("force")
     own = ["controller.own.gain=0.02", "controller.own.late=true"]

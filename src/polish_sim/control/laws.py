@@ -113,13 +113,23 @@ def _parameters_of(made_by: Callable[..., Any], name: str) -> dict[str, Field[An
         return {}
     named = {p.name: p.default for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
     ranges = getattr(made_by, "ranges", {})
-    for own, bounds in dict(ranges).items():
+    if not isinstance(ranges, Mapping):
+        raise InputError(f"the ranges of '{name}' are {ranges}: write {{NAME: (least, most)}}.")
+    for own, bounds in ranges.items():
         if own not in named:
             raise unknown_name(f"parameter in the ranges of '{name}'", own, named)
-        if len(bounds) != 2 or not bounds[0] < bounds[1]:
+        if not _is_range(bounds):
             raise InputError(f"the range of '{own}' in '{name}' is {bounds}: write (least, most).")
     said = f"the range '{name}' declares"
     return {own: key(default, said, *ranges.get(own, ())) for own, default in named.items()}
+
+
+def _is_range(bounds: Any) -> bool:
+    try:
+        low, high = bounds
+        return bool(float(low) == low < high == float(high))
+    except (TypeError, ValueError):
+        return False
 
 
 def _check_own(config: ControllerConfig, known: Mapping[str, Field[Any]]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -83,7 +84,7 @@ def _names_joints(file: Path) -> bool:
 
 def _from_npz(file: Path) -> tuple[Array, Array, Array]:
     try:
-        with np.load(file, allow_pickle=False) as columns:
+        with ZipFile(file), np.load(file, allow_pickle=False) as columns:
             time = columns["time_s"].astype(np.float64)
             q = columns["q_rad"].astype(np.float64)
             # A teaching run is several moves, the clock of each begins at 0.
