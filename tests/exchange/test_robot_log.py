@@ -74,6 +74,8 @@ def test_a_mapping_names_columns_and_units(tmp_path):
         ("[columns]\nq_grad = 'a'\n", "q_rad"),
         ("[units]\nq_rad = 'turns'\n", "deg"),
         ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"),
+        ("columns = 3\n", "are sections"),
+        ("[units]\nq_rad = ['deg']\n", "are sections"),
     ],
 )
 def test_a_wrong_mapping_is_refused(tmp_path, text, what):

@@ -10,6 +10,7 @@ from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -170,7 +171,7 @@ def _load_linear(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[s
         raise InputError(
             f"controller.own.{next(iter(own))} is for an own controller: '{file}' holds its own settings."
         )
-    with np.load(file) as held:
+    with ZipFile(file), np.load(file) as held:
         weights = held["weights"]
         made_for = {"action": held["action"], "rate_hz": held["rate_hz"]}
     if weights.ndim != 2 or weights.shape[1] != SEEN + weights.shape[0] + 1:

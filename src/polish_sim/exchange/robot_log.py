@@ -20,6 +20,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
+from polish_sim.row_file import fits
 from polish_sim.tables import LARGEST, refuse_first
 from polish_sim.toml_text import read_toml
 
@@ -141,6 +142,8 @@ def read_column_map(file: Path, joints: int = 6) -> ColumnMap:
     table = read_toml(file, "mapping", InputError)
     columns = table.get("columns", {})
     units = table.get("units", {})
+    if not (fits(columns, {}) and fits(units, {...: str})):
+        raise InputError(f"'{file}': [columns] and [units] are sections with lines OURS = 'THEIRS'.")
     known = (TIME, *WIDTHS)
     for name in (*table, *columns, *units):
         if name not in (*known, "columns", "units"):
@@ -149,7 +152,7 @@ def read_column_map(file: Path, joints: int = 6) -> ColumnMap:
     named = {name: _listed(file, name, theirs, {**WIDTHS, **widths}) for name, theirs in columns.items()}
     for name, unit in units.items():
         if unit not in UNITS:
-            raise unknown_name(f"unit of {name} in '{file}'", str(unit), UNITS)
+            raise unknown_name(f"unit of {name} in '{file}'", unit, UNITS)
     return ColumnMap(named, {name: UNITS[unit] for name, unit in units.items()})
 
 
