@@ -126,7 +126,7 @@ OWN = {
             "--live",
             RUN,
             "",
-            "Watch the run in a browser, and change force, feed and faults there (needs viser).",
+            "Watch it in a browser and change it there (needs viser).",
         ),
         Own(
             "--live-port",
@@ -165,8 +165,8 @@ OWN = {
             "--out",
             OUTPUT,
             "DIR",
-            "Output folder; default results/<command>[-<experiment>]/<date-time>. Rows begun there are "
-            "continued.",
+            "Output folder; default results/<command>[-<experiment>]/<date-time>. Many runs begun "
+            "there are continued.",
             Path,
         ),
         Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder."),
