@@ -73,6 +73,7 @@ def _runs(package: Path, script: str, count: int, **environment: str) -> list[tu
         os.environ.clear()
         os.environ.update(_environment(package) | environment)
         sys.path.insert(0, str(package.parent))
+        sys.dont_write_bytecode = True  # as the environment says to those started anew
         logging.root.handlers.clear()  # those of pytest
         exec(script, {})
         sys.stdout.flush()
@@ -91,6 +92,7 @@ def _runs(package: Path, script: str, count: int, **environment: str) -> list[tu
 
 def _environment(package: Path) -> dict[str, str]:
     kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "POLISH_SIM_KERNELS"}}
+    kept["PYTHONDONTWRITEBYTECODE"] = "1"  # a file edited within a second would be taken from it
     return kept | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(package.parents[1] / "cache")}
 
 
