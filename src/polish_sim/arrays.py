@@ -57,7 +57,7 @@ def box_middle(points: Array) -> Array:
 
 
 def diagonal_of(points: Array) -> float:
-    """Of the box around points (n, k)."""
+    """Diagonal of the box around points (n, k), in their unit."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 

@@ -490,12 +490,12 @@ class _Prover:
         what, share, reach = LEFT_OUT, 0.0, 0.5 * pad
         less = EASIER if pressed > EASIER else self.easiest
         usual = path.force_at(s, self.scenario.process.contact_force_n)[row]
-        if code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
+        if code in FORCE_FAILS and not failure.landing and slower >= SLOWEST:
             what, share = SLOWED, slower
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
         elif (
             pressed > self.easiest
-            and code in (NO_STOP, guard.FALLEN, *DYNAMIC)
+            and code in (*FORCE_FAILS, guard.FALLEN)
             and less * usual > CONTACT_N + failure.lacking  # else less force would lose contact
         ):
             what, share, reach = EASED, less, pad
