@@ -340,6 +340,8 @@ def prepare_region(
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
+        # A measurement takes all of the region, as the account of the plan does.
+        asked = replace(asked, edge_margin_m=plan.edge_margin_m)
         between = width_between_borders(found[1].ground) if _is_free(taken) else width
         if between < 2.0 * NARROWEST * taken.radius_m:
             hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
