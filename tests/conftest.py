@@ -25,7 +25,7 @@ share_scenes()
 # What compiles longest comes first. Files are handed out in turn: the loops, which have most of their parts
 # in common, go to one process, so that each part is inferred once; the other compiles the planner meanwhile.
 FIRST = (
-    "cell/test_engine_contact.py",
+    "cell/test_statics.py",
     "planning/test_plans.py",
     "dual/test_pair.py",
     "planning/test_tool_room.py",

@@ -41,41 +41,41 @@ def test_on_a_plane_the_force_is_k_d_and_above_the_part_nothing_is_felt():
         np.testing.assert_array_equal(np.concatenate(found), 0.0)
 
 
-@pytest.mark.parametrize(("tilt_deg", "about"), [(1.0, 0), (3.0, 1), (10.0, 1)])
-def test_on_a_tilted_plane_force_and_moment_are_the_integral(tilt_deg, about):
-    center = np.array([0.0, 0.0, -0.002])
-    R = Rotation.from_rotvec(math.radians(tilt_deg) * np.eye(3)[about]).as_matrix() @ DOWN
-    truth = foundation(lambda p: (-p[:, 2], np.tile([0.0, 0.0, 1.0], (len(p), 1))), center, R)
-    found = press(FLAT, center, R)
-    np.testing.assert_allclose(found.force, truth.force, atol=0.005 * np.linalg.norm(truth.force))
-    np.testing.assert_allclose(found.torque, truth.torque, atol=0.005 * np.linalg.norm(truth.torque))
+def below_plane(points):
+    return -points[:, 2], np.tile([0.0, 0.0, 1.0], (len(points), 1))
 
 
-@pytest.mark.parametrize(("radius", "offset"), [(0.3, 0.004), (0.1, 0.0), (0.05, 0.008)])
-def test_on_spheres_force_and_moment_are_the_integral(radius, offset):
-    center = np.array([offset, 0.0, -working_depth(radius)])
-    truth = foundation(below_sphere(radius), center, DOWN)
-    found = press(part_at(sphere(radius)), center)
-    size = float(np.linalg.norm(truth.force))
-    np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=0.02 * size)
-    moment = float(np.linalg.norm(truth.torque))
-    np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=0.02 * moment + 1e-4)
+@pytest.mark.parametrize(
+    ("field", "below", "x", "depth", "turn_deg", "share", "off_nm"),
+    [
+        (plane(), below_plane, 0.0, 0.002, [1.0, 0.0, 0.0], 0.005, 0.0),
+        (plane(), below_plane, 0.0, 0.002, [0.0, 3.0, 0.0], 0.005, 0.0),
+        (plane(), below_plane, 0.0, 0.002, [0.0, 10.0, 0.0], 0.005, 0.0),
+        (sphere(0.3), below_sphere(0.3), 0.004, working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.1), below_sphere(0.1), 0.0, working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.05), below_sphere(0.05), 0.008, working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
+    ],
+)
+def test_on_a_tilted_plane_and_on_spheres_force_and_moment_are_the_integral(
+    field, below, x, depth, turn_deg, share, off_nm
+):
+    center, R = np.array([x, 0.0, -depth]), Rotation.from_rotvec(turn_deg, degrees=True).as_matrix() @ DOWN
+    truth, found = foundation(below, center, R), press(part_at(field), center, R)
+    force, moment = np.linalg.norm(truth.force), np.linalg.norm(truth.torque)
+    np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=share * force)
+    np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=share * moment + off_nm)
 
 
-def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls():
-    for speed in (-1.0, -0.2, 0.0, 0.2):
-        found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), velocity=(0, 0, -speed))
-        expected = FORCE * max(1.0 + 3.0 * speed, 0.0)
-        assert found.force[2] == pytest.approx(expected, rel=1e-5, abs=1e-12)
-
-
-def test_a_pad_that_rolls_in_feels_the_side_that_goes_down():
+def test_pressing_in_is_harder_by_a_times_the_speed_drawing_out_softer_and_the_part_never_pulls():
     """Turning at w about x, the point at y moves down at w y: the damped moment is a k d w A a^2 / 4."""
-    rate = 2.0
-    found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0))
-    assert found.force[2] == pytest.approx(FORCE, rel=1e-5)
+    smooth, rate = replace(PAD, friction=0.0), 2.0
+    for speed in (-1.0, -0.2, 0.0, 0.2):
+        found = press(FLAT, CENTER, config=smooth, velocity=(0, 0, -speed))
+        assert found.force[2] == pytest.approx(FORCE * max(1.0 + 3.0 * speed, 0.0), rel=1e-5, abs=1e-12)
+    rolling = press(FLAT, CENTER, config=smooth, turning=(rate, 0.0, 0.0))
+    assert rolling.force[2] == pytest.approx(FORCE, rel=1e-5)
     expected = -3.0 * FORCE * rate * PAD.radius_m**2 / 4.0
-    np.testing.assert_allclose(found.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(rolling.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
 
 
 def test_the_force_turns_with_the_world():
@@ -91,12 +91,23 @@ def test_the_force_turns_with_the_world():
         np.testing.assert_allclose(there.torque, world @ here.torque, atol=1e-9)
 
 
-def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin():
+def test_a_spinning_disc_feels_two_thirds_of_mu_f_r_and_little_against_its_feed_and_does_not_press():
+    """Points slide round faster than along: the drag against a feed v is mu F v / (w R). A head that turns
+    about its axis rubs like the spindle."""
     for sense in (1.0, -1.0):
         found = press(FLAT, CENTER, config=STILL, spin=sense * SPIN)
         expected = -sense * 2.0 / 3.0 * STILL.friction * FORCE * STILL.radius_m
         assert found.torque @ DOWN[:, 2] == pytest.approx(expected, rel=0.01)
         np.testing.assert_allclose(found.force, [0.0, 0.0, FORCE], atol=1e-3)
+    turned = press(FLAT, CENTER, config=STILL, turning=tuple(SPIN * DOWN[:, 2]))
+    spun = press(FLAT, CENTER, config=STILL, spin=SPIN)
+    np.testing.assert_allclose(turned.torque, spun.torque, rtol=1e-12, atol=1e-12)
+    feed = 0.2
+    fed = press(FLAT, CENTER, config=replace(STILL, points=2000), velocity=(feed, 0.0, 0.0), spin=SPIN)
+    assert fed.force[0] == pytest.approx(-STILL.friction * FORCE * feed / (SPIN * STILL.radius_m), rel=0.02)
+    R = Rotation.from_rotvec([0.05, 0.02, 0.0]).as_matrix() @ DOWN
+    still, spun = (press(FLAT, CENTER, R, replace(PAD, friction=0.0), spin=spin) for spin in (0.0, SPIN))
+    np.testing.assert_array_equal(np.concatenate(spun), np.concatenate(still))
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-4, 0.005, 0.02, 1.0])
@@ -107,25 +118,6 @@ def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed
     drag = -STILL.friction * FORCE * developed * direction
     np.testing.assert_allclose(found.force, drag + [0.0, 0.0, FORCE], rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
-
-
-def test_spinning_fast_leaves_little_friction_against_the_feed():
-    """Points slide round faster than along: the drag against a feed v is mu F v / (w R)."""
-    feed = 0.2
-    found = press(FLAT, CENTER, config=replace(STILL, points=2000), velocity=(feed, 0.0, 0.0), spin=SPIN)
-    assert found.force[0] == pytest.approx(-STILL.friction * FORCE * feed / (SPIN * STILL.radius_m), rel=0.02)
-
-
-def test_spinning_does_not_press_even_on_a_tilted_part():
-    R = Rotation.from_rotvec([0.05, 0.02, 0.0]).as_matrix() @ DOWN
-    still, spun = (press(FLAT, CENTER, R, replace(PAD, friction=0.0), spin=spin) for spin in (0.0, SPIN))
-    np.testing.assert_array_equal(np.concatenate(spun), np.concatenate(still))
-
-
-def test_a_heads_own_turning_about_its_axis_rubs_like_the_spindle():
-    turned = press(FLAT, CENTER, config=STILL, turning=tuple(50.0 * DOWN[:, 2]))
-    spun = press(FLAT, CENTER, config=STILL, spin=50.0)
-    np.testing.assert_allclose(turned.torque, spun.torque, rtol=1e-12, atol=1e-12)
 
 
 WEIGHT = """

@@ -14,6 +14,7 @@ from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
 from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.scenario_file import override
+from polish_sim.spatial import transform
 from tests.cell.cells import IDEAL_ARM, TOUCH, along_tool, joints_at, path_through, pressing_stroke, tool_pose
 from tests.cell.fields import plane, sampled, sphere
 from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation
@@ -29,13 +30,12 @@ def course_on(
     return build_course(scenario, strokes, field, T_base_work, joints_at(TOUCH))
 
 
-def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Stroke:
-    """A stroke whose poses are pressed in by D = F / k, as the plan's are."""
+def pressed_with(force: float, T_base_touch: Array = TOUCH) -> Stroke:
+    """A stroke of 20 mm whose poses are pressed in by D = F / k, as the plan's are."""
     pressed = along_tool(T_base_touch, z=force / 5000.0)
-    table = path_through(pressed, along_tool(pressed, x=slide)) if slide else path_through(pressed)
-    return pressing_stroke(T_base_touch)._replace(
-        process=table, force=np.full(len(table.positions), force), depth=force / 5000.0
-    )
+    table = path_through(pressed, along_tool(pressed, x=0.02))
+    forces = np.full(len(table.positions), force)
+    return pressing_stroke(T_base_touch)._replace(process=table, force=forces, depth=force / 5000.0)
 
 
 def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_along_the_path():
@@ -76,20 +76,24 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
 
 def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes():
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
-    first = pressed_with(20.0, slide=0.02)
-    second = pressed_with(10.0, along_tool(TOUCH, y=0.01), slide=0.02)._replace(start_s=0.04)
-    course = course_on(plane(), first, second)
+    second = pressed_with(10.0, along_tool(TOUCH, y=0.01))._replace(start_s=0.04)
+    course = course_on(plane(), pressed_with(20.0), second)
     rows = np.arange(len(course.depth)) * course.spacing
     np.testing.assert_allclose(course.depth[rows < 0.0295], PRESSED, rtol=1e-3)
     np.testing.assert_allclose(course.depth[rows > 0.0305], 0.5 * PRESSED, rtol=1e-3)
     assert course.neighbour[round(0.05 / course.spacing)] == pytest.approx(0.01 / course.spacing, abs=1)
 
 
-def test_the_turning_of_the_tool_is_that_of_the_path():
+def test_the_turning_is_that_of_the_path_and_all_else_stays_when_the_whole_cell_is_turned():
     turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
     stroke = pressing_stroke()._replace(process=path_through(TOUCH, turned))
     course = course_on(plane(), stroke)
     np.testing.assert_allclose(course.turning[10], [0.1 / stroke.process.length, 0.0, 0.0], atol=1e-3)
+    turn = transform(Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix(), np.zeros(3))
+    there = course_on(sphere(0.1), pressing_stroke(slide=0.01))
+    here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
+    np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
+    np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
 
 
 def test_a_raster_line_neighbours_the_line_before_run_the_other_way():
@@ -99,16 +103,6 @@ def test_a_raster_line_neighbours_the_line_before_run_the_other_way():
     rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
     assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
     np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
-
-
-def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning():
-    """Part and path turned together: the same statics."""
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix()
-    there = course_on(sphere(0.1), pressing_stroke(slide=0.01))
-    here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
-    np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
-    np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
 
 
 def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():

@@ -12,16 +12,7 @@ from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from tests.cell.cells import (
-    EVERY_STEP,
-    NOMINAL_PART,
-    cell_for,
-    free_stroke,
-    part_under,
-    pressing_stroke,
-    stopped_at,
-    tool_pose,
-)
+from tests.cell import cells
 from tests.cell.fields import plane
 
 MOST_N = 60.0  # exact force no fault may lead to
@@ -30,9 +21,12 @@ MOST_N = 60.0  # exact force no fault may lead to
 def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
     """A cell with the default noise, pressing on a plane 5 mm below."""
     scenario = override(
-        default_scenario("force"), [*NOMINAL_PART, EVERY_STEP, "faults.events=" + events, *changes]
+        default_scenario("force"),
+        [*cells.NOMINAL_PART, cells.EVERY_STEP, "faults.events=" + events, *changes],
     )
-    return cell_for(scenario, pressing_stroke(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
+    return cells.cell_for(
+        scenario, cells.pressing_stroke(hold=hold, slide=slide, lift=0.01), part=cells.part_under(plane())
+    )
 
 
 def assert_it_ends_well(run: CellRun) -> None:
@@ -78,7 +72,7 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
     run = faulty(f"part-high@contact+{when}").run()
     assert run.stop_reason == guards.REASONS[guards.RISEN]
     assert run.safety.fault_to_stop_s == pytest.approx(way / SHIFT_SPEED, abs=0.1)
-    assert run.trace.part_shift_m[stopped_at(run), 2] == pytest.approx(way, abs=0.002)
+    assert run.trace.part_shift_m[cells.stopped_at(run), 2] == pytest.approx(way, abs=0.002)
     assert run.trace.part_shift_m[-1, 2] == pytest.approx(0.010)
     assert_it_ends_well(run)
 
@@ -87,8 +81,8 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
     ("name", "code"), [("part-high", guards.HIGH), ("part-low", guards.LOW), ("part-missing", guards.MISSING)]
 )
 def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
-    stroke = pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
-    run = cell_for(faulty(f"{name}@0").scenario, stroke, part=part_under(plane())).run()
+    stroke = cells.pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
+    run = cells.cell_for(faulty(f"{name}@0").scenario, stroke, part=cells.part_under(plane())).run()
     assert run.stop_reason == guards.REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
     assert_it_ends_well(run)
@@ -138,35 +132,32 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact():
 
 
 @pytest.mark.parametrize(
-    ("change", "lacking"),
+    ("change", "said"),
     [
+        ("process.changes='force_n=25'", "NAME=VALUE@TIME"),
+        ("process.changes='force_n@3'", "no number"),
+        ("process.changes='force=25@3'", "Did you mean 'force_n'"),
+        ("process.changes='feed_m_s=0.02@3'", "at most the planned 0.01"),
+        ("process.changes='force_n=-3@3'", "out of range"),
+        ("process.changes='force_n=10@1'", "no part to press on"),
         ("faults.events=part-high@1", "no part to press on"),
         ("faults.events=sensor-frozen@contact+1", "no part to press on"),
-        ("process.changes='force_n=10@1'", "no part to press on"),
     ],
 )
-def test_what_would_change_nothing_is_refused(change, lacking):
-    with pytest.raises(ConfigError, match=lacking):
-        cell_for(override(default_scenario("arc"), [change]), free_stroke(tool_pose(0.0, -0.5, 0.2)))
+def test_what_cannot_be_made_or_would_change_nothing_is_refused(change, said):
+    stroke = cells.pressing_stroke() if "no part" not in said else cells.free_stroke(cells.TOUCH)
+    with pytest.raises((ConfigError, InputError), match=said):
+        cells.cell_for(override(default_scenario("force"), [change]), stroke)
 
 
-# Set points that change while the run goes.
-
-
-def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_surface():
-    run = faulty(
-        "", "process.changes='force_n=45@contact+1, force_n=5@contact+2'", hold=3.0, slide=0.005
-    ).run()
+def test_force_and_feed_set_anew_are_kept_and_no_guard_takes_the_springs_way_for_the_surface():
+    changes = "force_n=45@contact+1, feed_m_s=0.004@contact+1.5, force_n=5@contact+2"
+    run = faulty("", f"process.changes='{changes}'", hold=0.0, slide=0.02).run()
     assert run.stop_reason is None
     start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
     for wanted, since in ((20.0, 0.7), (45.0, 1.7), (5.0, 2.7)):
         held = run.trace.normal_force_n[np.abs(run.trace.time_s - start - since) < 0.2]
         assert np.abs(held - wanted).max() < 1.0
-
-
-def test_a_feed_set_anew_is_that_of_the_tool_from_then_on():
-    run = faulty("", "process.changes='feed_m_s=0.004@contact+1.5'", hold=0.0, slide=0.02).run()
-    start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
     for wanted, since in ((0.01, 1.2), (0.004, 2.5)):
         s = np.interp([start + since - 0.1, start + since + 0.1], run.trace.time_s, run.trace.path_s_m)
         assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
@@ -195,18 +186,3 @@ def test_what_happens_by_hand_happens_again_when_it_is_planned():
     changes = f"process.changes='{planned.process.changes}'"
     again = faulty(planned.faults.events, changes, hold=2.0, slide=0.02).run()
     assert all(first.log[name].tobytes() == again.log[name].tobytes() for name in first.log.names)
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ("force_n=25", "NAME=VALUE@TIME"),
-        ("force_n@3", "no number"),
-        ("force=25@3", "Did you mean 'force_n'"),
-        ("feed_m_s=0.02@3", "at most the planned 0.01"),
-        ("force_n=-3@3", "out of range"),
-    ],
-)
-def test_changes_that_cannot_be_made_are_refused(changes, said):
-    with pytest.raises((ConfigError, InputError), match=said):
-        faulty("", f"process.changes='{changes}'")

@@ -47,14 +47,11 @@ def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share):
     assert at_rest(run) == pytest.approx(20.0, abs=0.02)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.8])
-def test_a_wrong_weight_is_missing_by_its_share_along_the_tool(angle):
+def test_at_rest_a_wrong_weight_is_missing_by_its_share_along_the_tool_and_the_slides_friction():
     """The tool points down, tilted by the angle: error x m g cos(angle) too much is lifted."""
-    run = held(0.018, "head.flange.weight_error=0.2", tilt=angle)
-    assert at_rest(run) - 20.0 == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
-
-
-def test_at_rest_the_force_is_off_by_the_friction_of_the_slide():
+    for angle in (0.0, 0.8):
+        missing = at_rest(held(0.018, "head.flange.weight_error=0.2", tilt=angle)) - 20.0
+        assert missing == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
     missing = at_rest(held(0.018, "head.flange.friction_n=3")) - 20.0
     assert abs(missing) == pytest.approx(3.0, abs=0.01)
 

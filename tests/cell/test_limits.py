@@ -5,16 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from polish_sim.cell.limits import (
-    check_contact_settings,
-    check_depth,
-    check_friction,
-    check_rates,
-    modelled_depth,
-)
-from polish_sim.errors import ConfigError, InputError
+from polish_sim.cell import limits
+from polish_sim.errors import ConfigError
 from polish_sim.experiments import run_experiment
-from tests.cell.cells import cell_for, free_stroke, ideal, tool_pose
+from tests.cell.cells import ideal
 
 TANGENTIAL_MASS = 4.0  # [kg]
 
@@ -22,10 +16,10 @@ TANGENTIAL_MASS = 4.0  # [kg]
 def accepted(*changes: str) -> None:
     scenario = ideal("force", "safety.force_limit_n=30", *changes)
     force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
-    check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
-    check_friction(pad, dt, force, TANGENTIAL_MASS)
-    check_depth(pad, scenario.head, force, modelled_depth(scenario.head, pad, force))
-    check_rates(scenario)
+    limits.check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
+    limits.check_friction(pad, dt, force, TANGENTIAL_MASS)
+    limits.check_depth(pad, scenario.head, force, limits.modelled_depth(scenario.head, pad, force))
+    limits.check_rates(scenario)
 
 
 STIFFEST = 0.49 * 0.3 / 1e-6 - 20000.0 / 3.0  # dt w of head and pad is 0.7 there [N/m]
@@ -67,20 +61,9 @@ def test_an_experiment_refuses_them_before_it_moves():
             run_experiment(ideal("force", f"{key}={value}"))
 
 
-def test_a_controller_that_cannot_be_reset_is_named():
-    class Stubborn:
-        def reset(self, cycle_s: float) -> None:
-            raise RuntimeError(f"no gains for {cycle_s} s")
-
-        def step(self, measurement: object, target: object) -> list[float]:
-            return [0.0] * 6
-
-    with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
-        cell_for(ideal("arc"), free_stroke(tool_pose(0, -0.5, 0.2)), controller=Stubborn())  # type: ignore[arg-type]
-
-
 def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes():
+    """2 x 20 N / 4000 N/m."""
     usual = ideal("force")
-    assert modelled_depth(usual.head, usual.pad, 20.0) == 0.008
-    # 2 x 20 N / 4000 N/m
-    assert modelled_depth(replace(usual.head, spring_scale=0.2), usual.pad, 20.0) == pytest.approx(0.010)
+    assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008
+    soft = replace(usual.head, spring_scale=0.2)
+    assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)

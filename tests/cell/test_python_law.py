@@ -10,6 +10,7 @@ import pytest
 
 from polish_sim.cell import CellRun, Silent
 from polish_sim.cell.observer import interrupts_noted, results_kept
+from polish_sim.errors import InputError
 from polish_sim.log import RETRACT_PHASE
 from tests.cell.cells import Law, on_plane
 
@@ -67,13 +68,14 @@ def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path, name, every):
         ("np.zeros((6, 1))", "shape (6, 1), expected (6,)"),
         ("None", "returned None, expected (6,)"),
         ("'fast'", "returned 'fast', expected (6,)"),
-        ("{}['gain']", "KeyError: 'gain' (mine.py, line "),
+        ("{}['gain']", "the controller raised an error: KeyError: 'gain' (mine.py, line "),
     ],
 )
 def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path, answer, told):
     run = run_with(tmp_path, FAILS.format(answer=answer))
     assert told in str(run.stop_reason)
     assert run.safety.protective_stop_time_s == pytest.approx(0.9)
+    assert run.safety.retracted is True
     assert run.trace.phase[899] != 3
     assert set(run.trace.phase[900:]) == {3}
     assert len(run.log) == run.steps
@@ -95,6 +97,13 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     steps = int(np.sum(run.trace.phase < RETRACT_PHASE))
     assert len(times) == steps // 4 + 1  # the cycle of the stop is the last
     assert run.log["command_twist"][100, 2] == pytest.approx(-0.005)
+
+
+def test_a_controller_that_cannot_be_reset_is_named():
+    law = Law(lambda measurement, target: np.zeros(6))
+    law.reset = lambda cycle_s: {}[f"no gains for {cycle_s} s"]
+    with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
+        on_plane(controller=law)
 
 
 def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error():

@@ -171,14 +171,12 @@ def played(scenario: Scenario, targets: JointTargets) -> PlayedBack:
     return play_joints(build_scene(scenario), scenario.robot, scenario.seed, targets)
 
 
-def test_a_smooth_swing_is_followed_and_the_error_grows_with_the_acceleration():
+def test_a_smooth_swing_is_followed_and_links_that_would_touch_are_refused():
+    """The error grows with the acceleration."""
     errors = [np.abs(played(IDEAL, swing(a)).q - swing(a).q).max() for a in (0.0, 0.05, 0.2)]
     assert errors[0] < 5e-5
     assert errors[1] < 2e-4
     assert errors[1] < errors[2] < 6e-4
-
-
-def test_links_that_would_touch_are_refused_by_name():
     folded = HOME.copy()
     folded[2] = 3.1  # the elbow closed
     with pytest.raises(ReachError, match="would touch"):

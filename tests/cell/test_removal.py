@@ -1,6 +1,7 @@
-"""Material removal against closed forms, and the nodes it is mapped on."""
+"""Material removal and its rates against closed forms, and the nodes it is mapped on."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -8,18 +9,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import RealPart, Touch, build_real_part
+from polish_sim.cell import RealPart, Touch, build_real_part, removal
+from polish_sim.cell.dwell import PadPoses, exposure_rates
 from polish_sim.cell.real_part import build_part_fields
-from polish_sim.cell.removal import (
-    EDGE,
-    PadMotion,
-    PressedNodes,
-    Removed,
-    expose_nodes,
-    pad_motion,
-    place_nodes,
-    surroundings,
-)
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Region, Surface, field_distance, part_from_arrays, select_region
 from polish_sim.geometry.fit import fit_triangles
@@ -34,7 +26,7 @@ FINE = 0.00125  #: Distance between nodes a run with this pad has [m]
 STRAIGHT = Rotation.identity()
 
 
-def level_nodes(spacing: float, half: float = 0.055) -> PressedNodes:
+def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
     """A skewed grid of nodes on the plane z = 0, so that no row of them runs along an axis."""
     count = math.ceil(1.5 * half / spacing)
     i, j = np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1), indexing="ij")
@@ -42,14 +34,18 @@ def level_nodes(spacing: float, half: float = 0.055) -> PressedNodes:
     c, s = math.cos(0.4), math.sin(0.4)
     places = np.stack([c * x - s * y, s * x + c * y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     places = places[np.abs(places[:, :2]).max(axis=1) < half]
-    return PressedNodes(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.full(len(places), spacing**2))
+    return removal.PressedNodes(
+        places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.full(len(places), spacing**2)
+    )
 
 
-def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin: float = SPIN) -> PadMotion:
+def steps(
+    centers: Array, velocity: Array, dt: float, force: float = 20.0, spin: float = SPIN
+) -> removal.PadMotion:
     """A pad pressed flat from above, moved at a constant velocity, for dt at each of its places."""
     n = len(centers)
     axes = np.tile([0.0, 0.0, 1.0], (n, 1))
-    return PadMotion(
+    return removal.PadMotion(
         dt * np.arange(1, n + 1), centers, axes, np.tile(velocity, (n, 1)), -spin * axes, np.full(n, dt),
         np.full(n, force * dt),
     )  # fmt: skip
@@ -59,27 +55,21 @@ def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin:
 def test_a_turning_disc_removes_two_thirds_of_force_times_rim_speed(spacing, bound):
     for force in (1.0, 20.0):
         motion = steps(np.array([[0.0, 0.0, -force / STIFFNESS]]), np.zeros(3), 1.0, force)
-        removed = expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)
+        removed = removal.expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)
         assert removed.carried[0] == pytest.approx(force, rel=bound)  # before it is scaled
         assert removed.gained[0] == pytest.approx(2.0 / 3.0 * force * SPIN * R, rel=bound)
 
 
-def straight_pass(feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:
-    """Once along x, from well outside to well outside of the middle."""
-    x = np.arange(-0.026, 0.026, step) + 0.5 * step
-    centers = np.stack([x, np.zeros_like(x), np.full_like(x, -0.001)], axis=1)
-    return expose_nodes(
-        level_nodes(FINE), steps(centers, np.array([feed, 0.0, 0.0]), step / feed, 20.0, spin), R, STIFFNESS
-    )
-
-
 @pytest.mark.parametrize("spin", [SPIN, 1.5])
 def test_a_straight_pass_leaves_the_profile_of_the_chords(spin):
-    feed = 0.02
-    nodes = level_nodes(FINE)
+    """Once along x, from well outside to well outside of the middle."""
+    feed, nodes = 0.02, level_nodes(FINE)
+    x = np.arange(-0.026, 0.026, 0.0005) + 0.00025
+    centers = np.stack([x, np.zeros_like(x), np.full_like(x, -0.001)], axis=1)
+    motion = steps(centers, np.array([feed, 0.0, 0.0]), 0.0005 / feed, 20.0, spin)
     passed = np.abs(nodes.positions[:, 0]) < 0.0009
     y = nodes.positions[passed, 1]
-    found = straight_pass(feed, spin).exposure[passed]
+    found = removal.expose_nodes(nodes, motion, R, STIFFNESS).exposure[passed]
     # Along a chord the speed is sqrt(u^2 + spin^2 x^2) with u across it: its integral in closed form.
     chord, across = np.sqrt(np.maximum(R**2 - y**2, 0.0)), np.abs(feed + spin * y)
     long = np.hypot(across, spin * chord)
@@ -97,9 +87,9 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     height = np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius
     places = np.column_stack([grid, height])
     normals = (places + [0.0, 0.0, radius]) / radius
-    nodes = PressedNodes(places, normals, FINE**2 / normals[:, 2])
+    nodes = removal.PressedNodes(places, normals, FINE**2 / normals[:, 2])
     motion = steps(np.array([[0.0, 0.0, -depth]]), np.zeros(3), 1.0, 1.0)
-    removed = expose_nodes(nodes, motion, R, STIFFNESS)
+    removed = removal.expose_nodes(nodes, motion, R, STIFFNESS)
     # The spring under a place at r is as deep as the ball reaches beyond it, and leans with the ball.
     r = np.hypot(*grid.T)
     away = np.hypot(r, radius - depth)
@@ -146,14 +136,14 @@ def with_tool(log: RunLog, quaternions: Array) -> RunLog:
     return RunLog({**log.columns, "tcp_quaternion_wxyz": quaternions})
 
 
-def motion_of(every: int, turn: Rotation = STRAIGHT) -> PadMotion:
+def motion_of(every: int, turn: Rotation = STRAIGHT) -> removal.PadMotion:
     trace, quaternion = run_of(turn)
     log, part = log_of(trace, every), part_at(plane(), turn.as_matrix())
-    return pad_motion(with_tool(log, np.tile(quaternion, (len(log), 1))), trace, part, R)
+    return removal.pad_motion(with_tool(log, np.tile(quaternion, (len(log), 1))), trace, part, R)
 
 
-def exposed(every: int, turn: Rotation = STRAIGHT) -> Removed:
-    return expose_nodes(level_nodes(FINE), motion_of(every, turn), R, STIFFNESS)
+def exposed(every: int, turn: Rotation = STRAIGHT) -> removal.Removed:
+    return removal.expose_nodes(level_nodes(FINE), motion_of(every, turn), R, STIFFNESS)
 
 
 def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_seldom_it_is_logged():
@@ -169,8 +159,8 @@ def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_se
 def test_a_pad_in_the_air_removes_nothing():
     trace, _ = run_of()
     lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
-    motion = pad_motion(log_of(trace), lifted, part_at(plane()), R)
-    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
+    motion = removal.pad_motion(log_of(trace), lifted, part_at(plane()), R)
+    assert removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
 
 
 def test_a_world_turned_removes_the_same():
@@ -194,8 +184,8 @@ def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_r
     )  # fmt: skip
     turns, _ = carried(np.asarray(log["time_s"]))
     logged = with_tool(log, (turns * tool).as_quat(scalar_first=True))
-    motion = pad_motion(logged, moved, part_at(plane()), R, turns.as_matrix())
-    found = expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
+    motion = removal.pad_motion(logged, moved, part_at(plane()), R, turns.as_matrix())
+    found = removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
     np.testing.assert_allclose(found.exposure, still.exposure, rtol=1e-5, atol=1e-5 * still.exposure.max())
 
 
@@ -204,34 +194,71 @@ R_NODES = 0.02
 TRACK = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros(61), np.zeros(61)])
 
 
-@pytest.fixture(scope="module")
-def block() -> tuple[Surface, Region]:
-    """A block of 100 x 100 x 20 mm with its top at z = 0; 80 x 30 mm in the middle are to be polished."""
-    box = trimesh.creation.box((0.1, 0.1, 0.02))
-    vertices, faces = np.array(box.vertices) - [0.0, 0.0, 0.01], np.array(box.faces, dtype=np.int32)
+# What a pad takes off in a second at a place.
+
+FORCE = 20.0
+
+
+def pressed_at(x: float, lean: float = 0.0) -> PadPoses:
+    axis = np.array([[math.sin(lean), 0.0, math.cos(lean)]])
+    return PadPoses(np.array([[x, 0.0, 0.0]]), axis, np.zeros((1, 3)), -SPIN * axis, np.array([FORCE]))
+
+
+def test_half_over_an_edge_the_pad_sinks_twice_as_deep_and_does_the_same_work_beyond_it_none():
+    nodes = level_nodes(0.0004)
+    nodes = removal.PressedNodes(*(column[nodes.positions[:, 0] < 0.0] for column in nodes))
+    found = exposure_rates(nodes, pressed_at(0.0), R, STIFFNESS)
+    assert found.depths[0] == pytest.approx(2.0 * FORCE / STIFFNESS, rel=0.02)
+    assert (found.rates @ nodes.areas)[0] == pytest.approx(FORCE * SPIN * 2.0 / 3.0 * R, rel=5e-3)
+    assert exposure_rates(nodes, pressed_at(1.1 * R), R, STIFFNESS).rates.sum() == 0.0
+
+
+def test_rates_times_dwell_are_the_removal_of_a_run_at_that_pose():
+    nodes, dwell, pose = level_nodes(0.001), 0.7, pressed_at(0.004, lean=0.01)
+    found = exposure_rates(nodes, pose, R, STIFFNESS)
+    sunk = np.array([[0.004, 0.0, 0.0]]) - found.depths[0] * pose.axes
+    run = steps(sunk, np.zeros(3), dwell)._replace(axes=pose.axes, turning=-SPIN * pose.axes)
+    exposure = removal.expose_nodes(nodes, run, R, STIFFNESS).exposure
+    np.testing.assert_allclose(dwell * found.rates.toarray()[0], exposure, rtol=1e-9, atol=1e-6)
+
+
+class Polished(NamedTuple):
+    """A part with its top at z = 0, and what of it is to be polished along a track."""
+
+    surface: Surface
+    region: Region
+    touch: Touch
+
+    def place(self, config: PartConfig, edge: float = removal.EDGE) -> tuple[RealPart, removal.Nodes]:
+        """The part as it lies, and its nodes."""
+        fields, rng = build_part_fields(self.surface, self.touch), np.random.default_rng(3)
+        part = build_real_part(fields, config, np.eye(4), self.region.surface, UP, rng)
+        return part, removal.place_nodes(self.surface, self.region, part, self.touch, edge)
+
+
+def polished(solid: trimesh.Trimesh, choice: str, track: Array, radius: float) -> Polished:
+    """Of a solid 20 mm high about the origin."""
+    vertices, faces = np.array(solid.vertices) - [0.0, 0.0, 0.01], np.array(solid.faces, dtype=np.int32)
     surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)
-    return surface, select_region(surface, mesh, "box:-40,-15,-5,40,15,5")
+    touch = Touch(track, np.tile(UP, (len(track), 1)), radius)
+    return Polished(surface, select_region(surface, mesh, choice), touch)
 
 
-def real(surface: Surface, region: Region, config: PartConfig) -> tuple[RealPart, Touch]:
-    touch = Touch(TRACK, np.tile(UP, (len(TRACK), 1)), R_NODES)
-    fields = build_part_fields(surface, touch)
-    part = build_real_part(fields, config, np.eye(4), region.surface, UP, np.random.default_rng(3))
-    return part, touch
+@pytest.fixture(scope="module")
+def block() -> Polished:
+    """100 x 100 mm, of which 80 x 30 mm in the middle are to be polished."""
+    return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", TRACK, R_NODES)
 
 
 def test_the_regions_areas_sum_to_the_region_however_fine_the_nodes(block):
-    part, touch = real(*block, PartConfig())
-    coarse, fine = (place_nodes(*block, part, touch, edge) for edge in (2.0 * EDGE, EDGE))
+    coarse, fine = (block.place(PartConfig(), edge)[1] for edge in (2.0 * removal.EDGE, removal.EDGE))
     assert len(fine.mesh.vertices) > 2 * len(coarse.mesh.vertices)
     for nodes in (coarse, fine):
         assert nodes.pressed.areas[: len(nodes.mesh.vertices)].sum() == pytest.approx(0.08 * 0.03, rel=1e-6)
 
 
 def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
-    surface, region = block
-    touch = Touch(TRACK, np.tile(UP, (len(TRACK), 1)), R_NODES)
-    beside = surroundings(surface, region, touch, EDGE * R_NODES)
+    beside = removal.surroundings(*block, removal.EDGE * R_NODES)
     x, y = beside.positions[:, 0], beside.positions[:, 1]
     assert np.abs(beside.positions[:, 2]).max() == pytest.approx(0.0, abs=1e-12)
     assert not ((np.abs(x) < 0.04) & (np.abs(y) < 0.015)).any()
@@ -244,8 +271,7 @@ def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
 
 
 def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block):
-    part, touch = real(*block, PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.002))
-    nodes = place_nodes(*block, part, touch)
+    part, nodes = block.place(PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.002))
     places, normals = nodes.pressed.positions, nodes.pressed.normals
     assert np.ptp(places[:, 2]) > 0.001
     distances = [field_distance(part.field, *place) for place in places[::7]]
@@ -257,16 +283,10 @@ def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block):
 
 def test_nodes_on_a_rings_sharp_edges_can_be_met_by_the_pad():
     """There the field's slope is the wall's at some nodes; they lay 0.2% of the region's area off the map."""
-    ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
-    vertices, faces = np.array(ring.vertices) - [0.0, 0.0, 0.01], np.array(ring.faces, dtype=np.int32)
-    surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)
-    region = select_region(surface, mesh, "top")
     around = np.linspace(0.0, math.tau, 100)
     track = 0.0675 * np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
-    touch = Touch(track, np.tile(UP, (len(track), 1)), 0.025)
-    fields = build_part_fields(surface, touch)
-    part = build_real_part(fields, PartConfig(), np.eye(4), region.surface, UP, np.random.default_rng(3))
-    nodes = place_nodes(surface, region, part, touch)
+    ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
+    _, nodes = polished(ring, "top", track, 0.025).place(PartConfig())
     own = slice(len(nodes.mesh.vertices))
     assert (nodes.pressed.normals[own, 2] > 0.9).all()
     moved = nodes.pressed.positions[own, 2] - nodes.mesh.vertices[:, 2]

@@ -16,11 +16,9 @@ from polish_sim.geometry import load_part
 from polish_sim.identification.model_file import write_portable
 from polish_sim.models import workpiece_path
 from polish_sim.scenario_file import override
-from polish_sim.spatial import apply, transform
+from polish_sim.spatial import transform
 from tests.cell import cells
 from tests.cell.fields import sphere
-
-HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
 
 
 def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
@@ -29,31 +27,25 @@ def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
 
 
 def test_head_pad_and_step_are_the_scenarios():
-    scenario = override(Scenario(), [*HEAD, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"])
-    model = build_scene(scenario)
-    slide = model.joint("head_slide")
-    assert model.jnt_stiffness[slide.id] == pytest.approx(4000.0)
-    assert model.dof_damping[slide.dofadr[0]] == pytest.approx(33.0)
-    assert slide.range[1] == pytest.approx(0.02)
-    assert model.body("head").mass[0] == pytest.approx(0.5)
-    assert model.geom("head_pad").size[0] == pytest.approx(0.03)
+    head = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
+    model = build_scene(override(Scenario(), [*head, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"]))
+    slide, body, usual = model.joint("head_slide"), model.body("head"), build_scene(Scenario()).body("head")
+    found = slide.stiffness[0], slide.damping[0], slide.range[1], body.mass[0], model.geom("head_pad").size[0]
+    assert found == pytest.approx((4000.0, 33.0, 0.02, 0.5, 0.03))
     assert model.opt.timestep == 0.0005
-    usual = build_scene(Scenario()).body("head").inertia
-    np.testing.assert_allclose(model.body("head").inertia / usual, 0.5 / 0.3, rtol=1e-6)
+    np.testing.assert_allclose(body.inertia / usual.inertia, 0.5 / 0.3, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["plate_two_holes", "freeform", "wheel_hub_rim"])
 def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
-    model = standing(name)
+    model, placed = standing(name), load_part(workpiece_path(name)).vertices + [0.0, -0.5, 0.15]
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_step(model, data, 200)
     assert not any(warning.number for warning in data.warning)
-    mesh = load_part(workpiece_path(name))
     drawn = cells.drawn_vertices(model, data, model.geom("part").id)
-    expected = apply(transform(np.eye(3), np.array([0.0, -0.5, 0.15])), mesh.vertices)
-    np.testing.assert_allclose(drawn.min(axis=0), expected.min(axis=0), atol=1e-6)
-    np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)
+    np.testing.assert_allclose(drawn.min(axis=0), placed.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(drawn.max(axis=0), placed.max(axis=0), atol=1e-6)
 
 
 def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_room_between_them():
@@ -69,10 +61,11 @@ def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_ro
 
 
 def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
-    for folder, name in ((one, "plate"), (two, "saddle")):
+    one, two, written = tmp_path / "one", tmp_path / "two", tmp_path / "written"
+    for folder, name in ((one, "plate"), (two, "saddle"), (written, "")):
         folder.mkdir()
-        shutil.copyfile(workpiece_path(name), folder / "part.stl")
+        if name:
+            shutil.copyfile(workpiece_path(name), folder / "part.stl")
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(one / "skin.png")
     xml = f"""
     <mujoco>
@@ -84,8 +77,6 @@ def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path):
       <worldbody><geom type="mesh" mesh="part"/> <geom type="mesh" mesh="other"/></worldbody>
     </mujoco>"""
     before = mujoco.MjModel.from_xml_string(xml)
-    written = tmp_path / "written"
-    written.mkdir()
     write_portable(written / "model.xml", xml)
     shutil.rmtree(one)
     shutil.rmtree(two)

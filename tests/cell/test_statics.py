@@ -3,13 +3,19 @@
 import cmath
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.loop import advance
+from polish_sim.cell.recorder import build_recorder
 from polish_sim.experiments import run_experiment
-from tests.cell.cells import EVERY_STEP, TOUCH, ideal, on_plane, part_under, tool_pose
+from polish_sim.models import robot_model_path
+from tests.cell import cells
 from tests.cell.fields import plane
 from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
 
@@ -24,7 +30,9 @@ from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_dep
 )
 def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
     """On a sphere the pad touches in part, and presses more softly: 17.4 N and 9.8 N."""
-    run = run_experiment(ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP))
+    run = run_experiment(
+        cells.ideal("force", "controller.name=position", f"part.file={part}", cells.EVERY_STEP)
+    )
     np.testing.assert_allclose(
         run.trace.normal_force_n[-1000:], HEAD_STIFFNESS * (PRESSED - pad_depth), rtol=off
     )
@@ -36,10 +44,10 @@ def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
 
 def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off."""
-    run = on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
+    run = cells.on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
     frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
-    pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - TOUCH[2, 3]
+    pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - cells.TOUCH[2, 3]
     expected = 20000.0 * np.maximum(-pad_height, 0.0)
     assert np.abs(np.diff(expected)).max() > 0.05
     np.testing.assert_allclose(run.log["normal_force_n"], expected, atol=0.005)
@@ -47,9 +55,9 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
 
 def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment():
     """Pushed aside by the plane, the pad's force has a lever about the tool point and the head's centre."""
-    leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
-    part = part_under(plane(), leaning)
-    run = on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
+    leaning = cells.tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
+    part = cells.part_under(plane(), leaning)
+    run = cells.on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
     tool, outward = run.log["tcp_position_m"][-1], -leaning[:3, 2]
     R = Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True).as_matrix()
     pad = tool - float(run.log["pad_travel_m"][-1]) * R[:, 2]
@@ -66,11 +74,6 @@ def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 
 
-def swinging(amplitude: float, frequency: float, *changes: str) -> CellRun:
-    """Hold 20 N on a plane that moves along its normal."""
-    return on_plane(f"part.motion_m={amplitude}", f"part.motion_hz={frequency}", *changes, hold=4.0).run()
-
-
 def phasor(run: CellRun, frequency: float, turns: int) -> complex:
     """Force at this frequency [N], as the complex amplitude against sin(2 pi f t), over the last turns."""
     steps = round(turns / frequency * 1000)
@@ -78,26 +81,72 @@ def phasor(run: CellRun, frequency: float, turns: int) -> complex:
     return complex(2j * np.mean((force - force.mean()) * np.exp(-2j * np.pi * frequency * time)))
 
 
-def test_without_a_force_loop_the_force_follows_the_part_by_k_times_its_travel():
-    found = phasor(swinging(0.0005, 1.0, "controller.name=position"), 1.0, 2)
-    assert abs(found) == pytest.approx(STIFFNESS * 0.0005, rel=0.02)
-    assert cmath.phase(found) == pytest.approx(0.0, abs=0.1)
-
-
-@pytest.mark.parametrize("frequency", [0.5, 2.0])
-def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency):
+@pytest.mark.parametrize(
+    ("controller", "frequency"), [("position", 1.0), ("hybrid-pi", 0.5), ("hybrid-pi", 2.0)]
+)
+def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequency):
     """The tool goes x = C (F0 - F - m x'') / s late, the spring gives F = k (x + d) for the part's travel d.
 
     C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the
-    delay is that of command, sensor, the sensor's low-pass and the servos.
+    delay is that of command, sensor, the sensor's low-pass and the servos. Without a force loop F = k d.
     """
     s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
+    motion = f"part.motion_m={travel}", f"part.motion_hz={frequency}", "controller.force_filter_hz=10"
+    run = cells.on_plane(f"controller.name={controller}", *motion, hold=4.0).run()
+    found = phasor(run, frequency, 1 if frequency < 1.0 else 2)
+    went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
+    if controller == "position":
+        assert abs(found) == pytest.approx(STIFFNESS * travel, rel=0.02)
+        assert cmath.phase(found) == pytest.approx(0.0, abs=0.1)
+        return
     delay = 0.006 + 0.002 + 1.0 / (2.0 * math.pi * 80.0) + 0.004
     controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 10.0)) * cmath.exp(-s * delay)
     spring = 1.0 / (1.0 / (STIFFNESS * 4.0 / 3.0 + 60.0 * s) + 1.0 / (STIFFNESS * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
-    run = swinging(travel, frequency, "controller.force_filter_hz=10")
-    found = phasor(run, frequency, 1 if frequency < 1.0 else 2)
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
-    went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
-    np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
+
+
+# The engine's own contact in place of ours, pressed by the head's spring alone: also 5000 N/m.
+
+HARD = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
+LEANING = cells.tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
+
+
+def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
+    """The robot with a colliding pad, over a plane or a ball touched at a tool pose."""
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    spec.joint("head_slide").stiffness[0] = STIFFNESS
+    pad = spec.geom("head_pad")
+    pad.contype, pad.conaffinity, pad.solref = 2, 2, HARD
+    outward = Rotation.from_matrix(T_base_touch[:3, :3] @ np.diag([1.0, -1.0, -1.0]))
+    kind, size, below = {
+        "plane": (mujoco.mjtGeom.mjGEOM_PLANE, [0.2, 0.2, 0.01], 0.0),
+        "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, [0.06, 0.0, 0.0], 0.06),
+    }[shape]
+    spec.worldbody.add_geom(
+        name="part", type=kind, size=size, pos=cells.along_tool(T_base_touch, z=below)[:3, 3],
+        quat=outward.as_quat(scalar_first=True), contype=2, conaffinity=2, solref=HARD,
+    )  # fmt: skip
+    return spec.compile()
+
+
+@pytest.mark.parametrize(("T_base_touch", "shape"), [(cells.TOUCH, "plane"), (LEANING, "sphere")])
+def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, shape):
+    model, depth, steps = scene(T_base_touch, shape), 0.004, 3000
+    above, below = cells.along_tool(T_base_touch, z=-0.005), cells.along_tool(T_base_touch, z=depth)
+    stroke = cells.free_stroke(above, below, feed=0.01, hold=2.5)
+    cell = cells.cell_for(cells.ideal("force", "controller.name=position"), stroke, model=model)
+    advance(cell.kernel, cell.real_arm, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
+    mujoco.mj_forward(model, cell.data)
+    assert cell.state.status.stop == NO_STOP
+    on_part, part = np.zeros(3), model.geom("part").id
+    for i, contact in enumerate(cell.data.contact):
+        wrench = np.zeros(6)
+        mujoco.mj_contactForce(model, cell.data, i, wrench)
+        on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
+        on_part += on_second if contact.geom[1] == part else -on_second
+    pushed = T_base_touch[:3, :3].T @ on_part
+    assert pushed[2] == pytest.approx(STIFFNESS * depth, rel=0.02)
+    assert np.linalg.norm(pushed[:2]) < 0.02 * pushed[2]
+    np.testing.assert_allclose(cell.state.measurement.wrench[:3], pushed, atol=0.05)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, wrist_sensor
-from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
+from polish_sim.cell.contact import RUN_DOWN_S, Spindle, build_spindle, pull_of_imbalance, turn_spindle
 from polish_sim.config import SensorConfig, SpindleConfig
 from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.experiments import default_scenario
@@ -57,18 +57,29 @@ def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(la
     np.testing.assert_array_equal(slow, [moving(n // 50 * 50 * DT) for n in range(len(slow))])
 
 
-def test_the_bias_is_constant_seeded_and_within_its_size():
-    config = replace(PERFECT, force_bias_n=3.0, torque_bias_nm=0.1)
-    biases = []
+@pytest.mark.parametrize(
+    ("config", "force", "torque", "share"),
+    [
+        (replace(PERFECT, force_bias_n=3.0, torque_bias_nm=0.1), 3.0, 0.1, np.ones_like),
+        (
+            replace(PERFECT, warm_up_force_n=6.5, warm_up_torque_nm=0.06, warm_up_s=0.02),
+            *(6.5, 0.06, lambda t: 1.0 - np.exp(-t / 0.02)),
+        ),
+    ],
+    ids=["bias", "warm-up"],
+)
+def test_bias_and_drift_of_a_cold_sensor_are_seeded_and_within_their_size(config, force, torque, share):
+    """The bias is constant, the drift grows with its time constant."""
+    grown, sizes = share(DT * np.arange(1, 51)), []
     for seed in range(40):
-        found = readings(config, steady, 0.01, seed) - LOAD
-        np.testing.assert_allclose(found, np.tile(found[0], (len(found), 1)), rtol=1e-12)
-        biases.append(found[0])
-    forces, torques = np.array(biases)[:, :3], np.array(biases)[:, 3:]
-    assert 2.8 < np.abs(forces).max() <= 3.0
-    assert 0.093 < np.abs(torques).max() <= 0.1
-    assert forces.std() == pytest.approx(3.0 / math.sqrt(3.0), rel=0.15)
-    np.testing.assert_array_equal(readings(config, steady, 0.01, 5)[0] - LOAD, biases[5])
+        found = readings(config, steady, 0.05, seed) - LOAD
+        sizes.append(found[-1] / grown[-1])
+        np.testing.assert_allclose(found, np.outer(grown, sizes[-1]), atol=1e-12)
+    forces, torques = np.array(sizes)[:, :3], np.array(sizes)[:, 3:]
+    assert 0.94 * force < np.abs(forces).max() <= force
+    assert 0.94 * torque < np.abs(torques).max() <= torque
+    assert forces.std() == pytest.approx(force / math.sqrt(3.0), rel=0.15)
+    np.testing.assert_array_equal(readings(config, steady, 0.05, 5)[-1] - LOAD, sizes[5] * grown[-1])
 
 
 def test_the_noise_is_white_with_the_given_rms_before_the_filter():
@@ -130,16 +141,24 @@ def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool
 G63 = 0.3 * 0.0063 * 2.0 * math.pi * 100.0  # m e omega^2 of 0.3 kg at G6.3 and 6000 1/min [N]
 
 
-def pulls(config: SpindleConfig, steps: int, dt: float = 1e-3) -> Array:
-    """Pull on an upright head at every step, shape (steps, 3)."""
-    spindle, found = build_spindle(config), np.zeros((steps, 3))
-    for row in found:
-        turn_spindle(spindle, dt)
-        pull_of_imbalance(spindle, np.eye(3).ravel(), row)
-    return found
+def pull_of(spindle: Spindle) -> Array:
+    """On an upright head [N]."""
+    force = np.zeros(3)
+    pull_of_imbalance(spindle, np.eye(3).ravel(), force)
+    return force
 
 
-def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms():
+def pulls(config: SpindleConfig, steps: int) -> Array:
+    """Pull at every step, shape (steps, 3)."""
+    spindle, found = build_spindle(config), []
+    for _ in range(steps):
+        turn_spindle(spindle, DT)
+        found.append(pull_of(spindle))
+    return np.array(found)
+
+
+def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms_and_less_when_it_runs_down():
+    """Without its drive it runs down evenly, and the pull falls with the square of its speed."""
     found = pulls(SpindleConfig(), 200)
     assert pytest.approx(1.19, abs=0.005) == G63
     for silent in (SpindleConfig(speed_rpm=0.0), SpindleConfig(imbalance_m_s=0.0)):
@@ -148,23 +167,17 @@ def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms():
     np.testing.assert_allclose(found[10:], found[:-10], atol=1e-12)
     np.testing.assert_allclose(found[5:], -found[:-5], atol=1e-12)
     np.testing.assert_array_equal(found[:, 2], 0.0)
-
-
-def test_without_its_drive_it_runs_down_evenly_and_the_pull_falls_with_the_square_of_its_speed():
     spindle = build_spindle(SpindleConfig())
     spindle.failed = True
     for speed in (0.5, 0.0):
-        for _ in range(round(0.5 * RUN_DOWN_S / 1e-3)):
-            turn_spindle(spindle, 1e-3)
-        force = np.zeros(3)
-        pull_of_imbalance(spindle, np.eye(3).ravel(), force)
+        for _ in range(round(0.5 * RUN_DOWN_S / DT)):
+            turn_spindle(spindle, DT)
         assert spindle.speed == pytest.approx(speed * spindle.commanded, abs=1e-9)
-        assert np.linalg.norm(force) == pytest.approx(speed**2 * G63, abs=1e-9)
+        assert np.linalg.norm(pull_of(spindle)) == pytest.approx(speed**2 * G63, abs=1e-9)
 
 
-# Sensors by their names, and what only those have: warming up, cross-talk, overload.
+# Sensors by their names, and what only those have: cross-talk, overload.
 
-MODELS = ("ur5e-built-in", "axia80", "hex-125hz")
 NO_OFFSET = [
     "sensor.force_bias_n=0", "sensor.torque_bias_nm=0", "sensor.force_drift_n_s=0",
     "sensor.torque_drift_nm_s=0", "sensor.warm_up_force_n=0", "sensor.warm_up_torque_nm=0",
@@ -172,37 +185,25 @@ NO_OFFSET = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ["ur5e-built-in", "axia80", "hex-125hz"])
 def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
     config = override(default_scenario("force"), [f"sensor.model={model}", *NO_OFFSET]).sensor
     shown = dict(SENSOR_MODELS[model])
-    found = readings(config, steady, 40.0)
-    noise, cut = found[2000:] - LOAD, shown["bandwidth_hz"] or math.inf
+    noise, quanta, full = (
+        np.repeat([shown[f"force_{name}_n"], shown[f"torque_{name}_nm"]], 3)
+        for name in ("noise", "quantum", "range")
+    )
+    found, cut = readings(config, steady, 40.0), shown["bandwidth_hz"] or math.inf
     blend = 1.0 - math.exp(-2.0 * math.pi * cut / shown["rate_hz"])
     left = math.sqrt(blend / (2.0 - blend))
-    expected = left * np.repeat([shown["force_noise_n"], shown["torque_noise_nm"]], 3)
-    np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.04)
+    np.testing.assert_allclose((found[2000:] - LOAD).std(axis=0), left * noise, rtol=0.04)
     if model == "hex-125hz":
-        assert expected[2] == pytest.approx(0.15, rel=0.04)  # behind its filter, by the data sheet
+        assert left * noise[2] == pytest.approx(0.15, rel=0.04)  # behind its filter, by the data sheet
     new = np.any(np.diff(found, axis=0) != 0.0, axis=1)
     assert new.mean() * 1000.0 == pytest.approx(shown["rate_hz"], rel=0.01)
-    quanta = np.repeat([shown["force_quantum_n"], shown["torque_quantum_nm"]], 3)
     if quanta[0] > 0.0 and blend == 1.0:
         np.testing.assert_allclose(found / quanta, np.round(found / quanta), atol=1e-6)
-    full = np.repeat([shown["force_range_n"], shown["torque_range_nm"]], 3)
     np.testing.assert_allclose(readings(config, lambda _t: 3.0 * full, 1.0)[-1], full, rtol=0.01)
-
-
-def test_a_cold_sensor_drifts_to_a_seeded_size_with_its_time_constant():
-    config = replace(PERFECT, warm_up_force_n=6.5, warm_up_torque_nm=0.06, warm_up_s=2.0)
-    drifts = [readings(config, steady, 0.05, seed)[-1] - LOAD for seed in range(40)]
-    sizes = np.array(drifts) / (1.0 - math.exp(-0.05 / 2.0))
-    forces, torques = sizes[:, :3], sizes[:, 3:]
-    assert 6.1 < np.abs(forces).max() <= 6.5
-    assert 0.056 < np.abs(torques).max() <= 0.06
-    warmth = 1.0 - np.exp(-DT * np.arange(1, 8001) / 2.0)
-    drift = readings(config, steady, 8.0, 39) - LOAD
-    np.testing.assert_allclose(drift, np.outer(warmth, sizes[-1]), atol=1e-9)
 
 
 def test_it_warms_up_on_the_way_between_poses_too():
@@ -216,17 +217,14 @@ def test_it_warms_up_on_the_way_between_poses_too():
 
 
 def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges():
-    config = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0)
-    full = np.repeat([200.0, 10.0], 3)
-    loads = np.diag(0.1 * full)
-    shares = np.array(
-        [
-            [readings(config, lambda _t, load=load: load, 0.002, seed)[-1] / (0.1 * full) for load in loads]
-            for seed in range(40)
-        ]
-    )
-    np.testing.assert_allclose(np.diagonal(shares, axis1=1, axis2=2), 1.0, rtol=1e-12)
-    others = shares[:, ~np.eye(6, dtype=bool)]
+    config, seeds = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0), range(40)
+    tenth = np.repeat([20.0, 1.0], 3)
+    found = [
+        [readings(config, lambda _t, load=load: load, 0.002, seed)[-1] / tenth for load in np.diag(tenth)]
+        for seed in seeds
+    ]
+    np.testing.assert_allclose(np.diagonal(found, axis1=1, axis2=2), 1.0, rtol=1e-12)
+    others = np.array(found)[:, ~np.eye(6, dtype=bool)]
     assert others.std() == pytest.approx(0.02, rel=0.05)
     assert abs(others.mean()) < 0.002
 
@@ -254,7 +252,7 @@ def pressed_hard(*settings: str) -> CellRun:
     return on_plane(*small, "safety.force_limit_n=80", "pad.friction=0.1", *settings, wanted=45.0).run()
 
 
-def test_an_overloaded_sensor_stops_the_robot_and_says_so():
+def test_an_overloaded_sensor_stops_the_robot_and_without_its_report_the_force_runs_away():
     run = pressed_hard("sensor.rate_hz=1000")
     assert "wrist sensor overloaded" in str(run.stop_reason)
     stopped = stopped_at(run)
@@ -262,9 +260,6 @@ def test_an_overloaded_sensor_stops_the_robot_and_says_so():
     shares = [wrist_sensor.share_of_range(np.repeat([22.0, 10.0], 3), row) for row in load]
     assert [share > 1.0 for share in shares] == [False, True, True]  # the sensor's sample is a step old
     assert run.safety.protective_stop_measured in {f"{100.0 * share:.0f}% of the range" for share in shares}
-
-
-def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs_away():
     run = pressed_hard("sensor.overload=0")
     assert "the surface has fallen away" in str(run.stop_reason)
     assert run.trace.normal_force_n.max() > 50.0

@@ -11,8 +11,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
-from tests.cell.test_dwell import FORCE, pressed_at
-from tests.cell.test_removal import STIFFNESS, R, level_nodes
+from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 
 
 def test_every_shipped_tool_is_a_scenario_and_the_spindle_pad_that_of_run_surface():
