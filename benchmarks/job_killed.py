@@ -54,7 +54,7 @@ def main() -> None:
             out, after = folder / f"killed_{number}", rng.uniform(0.0, lasts)
             process = subprocess.Popen([*COMMAND, str(file), "--out", str(out)], stderr=subprocess.DEVNULL,
                                        stdout=subprocess.DEVNULL)  # fmt: skip
-            while process.poll() is None and len(list(out.glob(f"{PASS}/pieces/0/0*.npz"))) < after:
+            while process.poll() is None and len(list(out.glob(f"{PASS}/pieces/0-*/0*.npz"))) < after:
                 time.sleep(0.02)
             process.kill()
             process.wait()

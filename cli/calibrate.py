@@ -33,14 +33,13 @@ from polish_sim.cli.options import (
     chosen,
     takes,
 )
-from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
 from polish_sim.page import Table
-from polish_sim.row_file import Metrics, save_plots, write_metrics
+from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics
 from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, refuse_beside, refuse_without, takes
-from polish_sim.cli.output_folder import claimed, put_file
+from polish_sim.cli.output_folder import claimed
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
 from polish_sim.page import save_page
-from polish_sim.row_file import write_json
+from polish_sim.row_file import put_file, write_json
 from polish_sim.scenario_file import numbers_of, override, to_toml
 
 if TYPE_CHECKING:
@@ -43,12 +43,12 @@ LOG_OPTIONS = (
 
 
 def read_measured_log(
-    file: Path, given: Given, need: Sequence[str], slides: Sequence[int] = (), *gap: float
+    file: Path, given: Given, need: Sequence[str], slides: Sequence[int] = (), *of_gap: str
 ) -> RobotRecording:
     """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`.
 
-    ``slides``: which joints slide, whose columns have our names or the map's; ``gap``: longest time without
-    rows [s].
+    ``slides``: which joints slide, whose columns have our names or the map's; ``of_gap``: what to do about a
+    gap, as there.
     """
     from polish_sim.exchange.robot_log import BY_NAME, columns_of, read_column_map, read_robot_recording
 
@@ -56,7 +56,7 @@ def read_measured_log(
     if given["--map"]:
         columns = read_column_map(given["--map"], len(slides) or 6)._replace(wanted=columns.wanted)
     window = given["--from"] or 0.0, math.inf if given["--to"] is None else given["--to"]
-    log = read_robot_recording(file, need, columns, given["--run"] or "", window, *gap)
+    log = read_robot_recording(file, need, columns, given["--run"] or "", window, *of_gap)
     if not log.whole and given["--to"] is None:
         console.note(
             f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."

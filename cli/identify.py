@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -220,16 +219,16 @@ def show_identification(found: Identification) -> tuple[str, ...]:
 def _read(given: Given, file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
     """Samples and states of a robot's log."""
     from polish_sim.arms import arm_table
+    from polish_sim.exchange.robot_log import CUT
     from polish_sim.identification import log_file
 
     period, arm, chain = given["--period"], given["--arm"], robot.model.chain
     constants = () if arm is None else arm_table(arm).torque_constants
-    gap = () if period is None else (math.inf,)
-
+    of_gap = "" if period else f"{CUT} If the whole motion repeats, give --period S."
     kinds = chain.geometry.kind.tolist() if arm is None else ()
     if given["--model"]:
         log_file.check_joints(file, given["--run"] or "", kinds, chain.joints)
-    recording = read_measured_log(file, given, ("q_rad",), kinds, *gap)
+    recording = read_measured_log(file, given, ("q_rad",), kinds, of_gap)
     log = log_file.log_of(file, recording, period, constants)
     return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)
 

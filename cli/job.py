@@ -14,11 +14,11 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.finished_plan import check_part
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
-from polish_sim.cli.output_folder import RESULTS, occupied, put_file, refuse_taken, room_for, unused
+from polish_sim.cli.output_folder import RESULTS, occupied, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import Table, number_or_dash, save_page
-from polish_sim.row_file import Metrics, write_json
+from polish_sim.row_file import Metrics, put_file, write_json
 
 if TYPE_CHECKING:
     from polish_sim.job.run_job import PassRow
@@ -55,9 +55,8 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     fresh = not folder.exists()
     if given["--resume"]:
         for plan in _passes(folder, "plan/path.json"):
-            made_on = plan_facts(plan)["part"]
-            again = "Do the job anew with --overwrite."
-            check_part(plan, asked.passes[0].scenario.part.file, made_on, again)
+            part_file, again = asked.passes[0].scenario.part.file, "Do the job anew with --overwrite."
+            check_part(plan, part_file, plan_facts(plan)["part"], again)
     rows: list[PassRow] = []
     with occupied(folder, LOCK, "job"):
         try:
@@ -121,7 +120,8 @@ def _folder(copy: bytes, given: Given) -> Path:
     out: Path | None = given["--out"]
     if given["--resume"]:
         if out is None or not (out / COPY).is_file():
-            raise InputError("--resume takes up a job's folder: name it with --out.")
+            held = f"'{out}' holds no {COPY}" if out else "there is no --out"
+            raise InputError(f"{held}: name the folder of a job begun before, or leave --resume out.")
         if (out / COPY).read_bytes() != copy:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
         return out

@@ -337,7 +337,9 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
         number = float(word)
     except ValueError:
         wanted = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
-        raise InputError(f"{name} '{text}' is not a number{wanted}.") from None
+        said = re.fullmatch(rf"([-+.\de]+) *{unit.name}", word)
+        write = f" Write {said[1]}." if said and unit.name else ""
+        raise InputError(f"{name} '{text}' is not a number{wanted}.{write}") from None
     if not low <= number * unit.si <= high:
         bounds = f"{number_text(low / unit.si, 4)} to {number_text(high / unit.si, 4)} {unit.name}".rstrip()
         message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
@@ -382,8 +384,7 @@ def _read_list(key: Key, text: str) -> list[float]:
             said = "six numbers in mm and deg, e.g. -100,-500,50,0,0,90"
         else:
             said = f"{COUNTS[count]} numbers in {units[0].name}"
-        form = "X,Y,Z,RX,RY,RZ" if count == 6 else "X,Y,Z"
-        raise InputError(f"{key.option.name} '{text}' is not {form}: {said}.")
+        raise InputError(f"{key.option.name} '{text}' is not {key.option.metavar}: {said}.")
     return [number * unit.si for number, unit in zip(numbers, units, strict=True)]
 
 

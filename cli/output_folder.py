@@ -13,7 +13,7 @@ from typing import Any
 
 from polish_sim.cli import console
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS, locked, whole_file
+from polish_sim.row_file import ROWS, locked, put_file
 
 try:
     import fcntl
@@ -187,12 +187,6 @@ def occupied(folder: Path, lock: str, what: str) -> Iterator[None]:
             (folder / lock).touch()
         with locked(folder / lock, what):
             yield
-
-
-def put_file(folder: Path, name: str, content: str | bytes) -> None:
-    """Write a file; it appears when it is whole."""
-    with whole_file(folder / name) as draft:
-        draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def _taken(folder: Path) -> str:

@@ -21,12 +21,13 @@ from polish_sim.cli.options import (
     OUTPUT_OPTIONS,
     Given,
     build_scenario,
+    named_options,
     refuse_beside,
     refuse_idle_on_path,
     refuse_without,
     takes,
 )
-from polish_sim.cli.output_folder import claimed, put_file, refuse_taken
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
@@ -44,7 +45,7 @@ from polish_sim.experiments.registry import (
     run_experiment,
 )
 from polish_sim.page import save_page
-from polish_sim.row_file import METRICS, save_plots, write_json
+from polish_sim.row_file import METRICS, put_file, save_plots, write_json
 from polish_sim.scenario_file import merge
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
+OF_RUNS = ("--controller", "--part", "--path", "--fault")  #: That not every experiment takes, set by name too
 PICTURES_MISSING = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
 
 
@@ -181,6 +183,7 @@ def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Chec
     from polish_sim.experiments.assembly import check
 
     row = experiment(scenario.experiment)
+    refuse_idle_options(row, named_options(given), OF_RUNS)
     source = scenario.plan.file
     path = None
     if source and row.along_plan:

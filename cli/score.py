@@ -14,12 +14,11 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, SHORT
 from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
-from polish_sim.cli.output_folder import put_file
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import count_text
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
-from polish_sim.row_file import METRICS, Row, Rows, package_versions, save_plots, write_json
+from polish_sim.row_file import METRICS, Row, Rows, package_versions, put_file, save_plots, write_json
 from polish_sim.scenario_file import to_toml
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
-from polish_sim.cli.output_folder import put_file
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion.rules.chain import Chain
@@ -23,7 +22,7 @@ from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning import PlanObserver
-from polish_sim.row_file import Metrics, save_plots, write_metrics
+from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics
 from polish_sim.smoothing.figures import (
     MeasuredMotion,
     even_times,

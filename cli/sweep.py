@@ -23,11 +23,11 @@ from polish_sim.cli.options import (
     named_options,
     takes,
 )
-from polish_sim.cli.run import checked_run
+from polish_sim.cli.run import OF_RUNS, checked_run
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import count_text, duration_text, needed, refuse_idle, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
-from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import ROWS, Metrics, Row
 
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 SHOWN = 3  #: Reasons of runs that failed
 MOST_CHECKED = 100  #: Values of an axis that are tried before the start
-OF_RUNS = ("--controller", "--part", "--path", "--fault")
 OF_STUDY = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
 What = Annotated[
     str,
@@ -104,7 +103,6 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
             file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
         )
     elif what in EXPERIMENTS:
-        refuse_idle_options(experiment(what), named_options(given), OF_RUNS)
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
         study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import filled
-from polish_sim.cli.options import Given, Own, argument, takes
-from polish_sim.cli.output_folder import put_file
+from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, needed, number_text, unknown_name
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
-from polish_sim.row_file import Rows, write_metrics
+from polish_sim.row_file import Rows, put_file, write_metrics
 from polish_sim.scenario_file import override
 from polish_sim.toml_text import toml_text
 
@@ -74,7 +73,10 @@ ControllerName = Annotated[
         1,
         1e3,
     ),
-    *("--workers", "--on", "--set", "--out"),
+    OWN["--set"]._replace(
+        text="KEY=VALUE of the config that all runs keep, shipped and tuned; may be repeated."
+    ),
+    *("--workers", "--on", "--out"),
 )
 def tune(controller: ControllerName, given: Given) -> int:
     """Search the parameters that make a figure of the score small, and write them as tuned.toml.

@@ -11,6 +11,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, SupportsFloat
 
+LARGEST = 1e12  #: No quantity a user gives is larger, in whatever unit
+
 
 class PolishSimError(Exception):
     """Base of all errors the command line turns into one message and an exit code."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 ROWS = "rows.jsonl"
 METRICS = "metrics.json"
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
-LONGEST_LINE = 1 << 24  #: Of a row, in bytes
 Row = dict[str, Any]
 Metrics = Mapping[str, Any]  #: By name, as in metrics.json; an undefined one is None or NaN
 
@@ -41,6 +40,12 @@ def whole_file(file: Path) -> Iterator[Path]:
         draft.replace(file)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def put_file(folder: Path, name: str, content: str | bytes) -> None:
+    """Write a file; it appears when it is whole."""
+    with whole_file(folder / name) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 @contextmanager
@@ -71,7 +76,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 def write_json(file: Path, figures: Metrics) -> None:
     """Write figures as strict JSON: what is not a finite number becomes null."""
-    file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    put_file(file.parent, file.name, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
 
 
 def write_metrics(folder: Path, figures: Metrics) -> None:
@@ -82,12 +87,9 @@ def write_metrics(folder: Path, figures: Metrics) -> None:
 def read_json(file: Path) -> dict[str, Any]:
     """Read figures written by ``write_json``."""
     try:
-        figures = json.loads(regular(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"cannot read '{file}': {error}.") from error
-    if not isinstance(figures, dict):
-        raise InputError(f"'{file}' does not hold figures by name.")
-    return figures
+        return {**json.loads(regular(file).read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"cannot read '{file}': {error}. Make it again.") from error
 
 
 def check_forms(values: Metrics, forms: Mapping[str, Any], file: Path, again: str) -> None:
@@ -162,7 +164,7 @@ class Rows:
                 try:
                     entry = json.loads(line)
                     key, row = str(entry["key"]), dict(entry["row"])
-                    whole = entry.get("sum", _check_sum(row)) == _check_sum(row) and self.needed <= row.keys()
+                    whole = entry.get("sum", check_sum(row)) == check_sum(row) and self.needed <= row.keys()
                 except (ValueError, KeyError, TypeError):
                     whole = False
                 if whole:
@@ -172,7 +174,7 @@ class Rows:
     def add(self, key: str, row: Metrics) -> None:
         """Append a row; the line is whole or, when next read, it is not there."""
         kept = plain(row)
-        line = json.dumps({"key": key, "row": kept, "sum": _check_sum(kept)}, allow_nan=False) + "\n"
+        line = json.dumps({"key": key, "row": kept, "sum": check_sum(kept)}, allow_nan=False) + "\n"
         try:
             with self.path.open("ab") as file:
                 file.write(line.encode())
@@ -182,7 +184,8 @@ class Rows:
         self.note(key, kept)
 
 
-def _check_sum(row: Row) -> int:
+def check_sum(row: Row) -> int:
+    """A number that changes with an edit of a row."""
     return zlib.crc32(json.dumps(row).encode())
 
 
@@ -215,8 +218,7 @@ def _cut_torn_line(file: Path) -> None:
     if not file.exists():
         return
     with file.open("r+b") as opened:
-        begin = opened.seek(max(0, file.stat().st_size - LONGEST_LINE))
-        opened.truncate(begin + opened.read().rfind(b"\n") + 1)
+        opened.truncate(sum(len(line) for line in opened if line.endswith(b"\n")))
 
 
 def _lock(descriptor: int) -> bool:

@@ -14,10 +14,9 @@ from typing import Self
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.errors import InputError, read_bytes
+from polish_sim.errors import LARGEST, InputError, read_bytes
 
 OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
-LARGEST = 1e12  #: No quantity in a file is larger, in whatever unit
 Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 

@@ -69,6 +69,16 @@ def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path
         run_record.read_record(tmp_path)
 
 
+def test_areas_that_contradict_each_other_are_named_beside_the_figures(record):
+    def notes(polished: float) -> list[str]:
+        areas = {"region_area_m2": 0.02, "polished_area_m2": polished, "left_out_area_m2": 0.005}
+        return run_record.notes_of([replace(record, metrics={**record.metrics, **areas})])
+
+    (said,) = notes(0.0151)
+    assert all(word in said for word in ("metrics.json", "polished_area_m2", "0.0151", record.name))
+    assert notes(0.015) == []
+
+
 def test_a_config_that_names_no_experiment_is_refused(record, tmp_path):
     run_record.write_record(tmp_path, record)
     (tmp_path / "config.toml").write_text("")

@@ -77,6 +77,22 @@ def test_many_seeds_are_rows_with_their_mean_and_worst(polish_sim, monkeypatch):
     assert metrics["mean"]["nrms_heldout_mean"] == pytest.approx(np.mean(errors))
 
 
+def test_a_log_that_cannot_be_taken_names_the_option_that_takes_it(polish_sim):
+    known = known_robot()
+    time = np.arange(2500) / RATE
+    columns = {"time_s": time, "q_rad": known.motion(time).q, "current_a": np.ones((2500, 6))}
+    np.savez(Path("currents.npz"), **columns)
+    torn = {name: np.delete(column, slice(900, 1200), 0) for name, column in columns.items()}
+    np.savez(Path("torn.npz"), **{**torn, "torque_nm": torn["q_rad"]})
+    for file, cure in (("torn", "--period"), ("currents", "--arm")):
+        call = polish_sim("identify", "--data", f"{file}.npz", "--out", "none")
+        assert (call.code, call.err.count(cure)) == (2, 1), call.err
+        assert f"{file}.npz" in call.err
+    call = polish_sim("compare", "torn.npz", "--out", "none")
+    assert (call.code, call.err.count("--period")) == (2, 0)
+    assert not Path("none").exists()
+
+
 def test_the_report_says_what_torques_can_tell(polish_sim):
     call = polish_sim("identify", "--report")
     assert call.code == 0

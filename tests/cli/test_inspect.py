@@ -81,3 +81,14 @@ def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim, case):
     write_raster(Path("deep.csv"), 16.0)
     words, message = BAD[case]
     assert_refused(polish_sim("inspect", *words), message, "raster.csv", "deep.csv")
+
+
+def test_a_plan_beside_a_path_that_was_cut_is_named_with_what_to_do(polish_sim):
+    write_raster(Path("path.csv"))
+    for text in ('{"part": {"na', "[1]"):
+        Path("path.json").write_text(text)
+        call = polish_sim("inspect", "path.csv", "--part", "plate", "--out", "seen")
+        assert call.code == 2
+        assert "'path.json'" in call.err
+        assert "Make it again" in call.err
+        assert not Path("seen").exists()

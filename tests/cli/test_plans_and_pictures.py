@@ -102,6 +102,10 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     done(polish_sim("run", "surface", "--config", "run/config.toml", "--out", "again"))
     assert Path("again/config.toml").read_text() == config
     document = json.loads(Path("plan/path.json").read_text())
+    for entry, value in (("part", {**document["part"], "unit": "cm"}), ("plan", {"pattern": "raster"})):
+        edited = document | {entry: {**document[entry], **value}}
+        Path(f"edited_{entry}.json").write_text(json.dumps(edited))
+    del document["sum"]  # as in older files
     document["plan"]["removal"] = "even"
     Path("even.json").write_text(json.dumps(document))
     for name, edited in (("up", {"up": [0, 0, 0]}), ("key", {"plan": {"foo": 1}}), ("null", {"part": None})):
@@ -116,6 +120,8 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
         (["--path", "up.json"], "'up' in 'up.json'"),
         (["--path", "key.json"], "the plan 'key.json': unknown key 'plan.foo'"),
         (["--path", "null.json"], "'null.json' does not say its part and plan"),
+        (["--path", "edited_part.json"], "'edited_part.json' was edited"),
+        (["--path", "edited_plan.json"], "'edited_plan.json' was edited"),
         (["--up", "x", "--units", "mm"], "--up, --units would change nothing"),
         (["--path", "even.json", "--feed", "8"], "those of its removal: plan again"),
     ):

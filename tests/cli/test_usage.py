@@ -38,6 +38,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("run arc --seeds 0", "--seeds"),
         ("run arc --seeds 2 --video", "--video would change nothing with --seeds"),
         ("run force --seeds 2 --set process.learn=x", "--set process.learn would change nothing with"),
+        ("run arc --set part.file=plate", "--set part.file would change nothing in 'run arc'"),
         ("sweep arc --set part.file=plate", "--set part.file would change nothing in 'run arc'"),
         ("sweep arc --vary part.file=plate", "--vary part.file would change nothing in 'run arc'"),
         ("run arc --controller pid", "'pid' ... FILE.py:CLASS, force-mode"),

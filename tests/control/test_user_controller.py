@@ -8,10 +8,9 @@ import pytest
 
 from polish_sim.analysis.run_record import once_more
 from polish_sim.config import ControllerConfig
-from polish_sim.config.key import LARGEST
 from polish_sim.control import build_controller
 from polish_sim.control.laws import law_parameters
-from polish_sim.errors import ConfigError, InputError, PolishSimError
+from polish_sim.errors import LARGEST, ConfigError, InputError, PolishSimError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import load_scenario, merge, override, to_toml
 

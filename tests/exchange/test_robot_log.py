@@ -115,6 +115,21 @@ def test_a_bad_log_is_refused_by_its_place(tmp_path, name):
         read_robot_recording(write_csv(tmp_path / "log.csv", change(LOG)))
 
 
+def test_a_wrong_number_is_named_by_its_line_in_the_file_and_a_gap_too(tmp_path):
+    log = {name: values.copy() for name, values in LOG.items()}
+    log["q_rad"][1507, 2] = np.nan
+    text = write_csv(tmp_path / "log.csv", log).read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join([text[0], "# a comment", "", *text[1:]]))
+    with pytest.raises(InputError, match=r"line 1511, 0\.514 s into the window: q_rad, column 3, is nan"):
+        read_robot_recording(tmp_path / "log.csv", window=(2.5, 4.0))
+    with pytest.raises(InputError, match=r"sample 1508, .*column 3"):
+        read_robot_recording(write_npz(tmp_path / "log.npz", log), window=(2.5, 4.0))
+    text[600] = "# " + text[600]
+    (tmp_path / "log.csv").write_text("\n".join(text[:700] + text[900:]))
+    with pytest.raises(InputError, match=r"line 701: a gap"):
+        read_robot_recording(tmp_path / "log.csv")
+
+
 def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
     names = {name: CSV_NAMES[name] for name in ("time_s", "qd_rad_s")}
     few = write_csv(tmp_path / "few.csv", LOG, ",", names)

@@ -1,6 +1,5 @@
 """Logs that would spoil an identification are refused, each by name and place."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,7 +26,7 @@ def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
 
 def _read(file: Path, kinds: Sequence[int] = (HINGE,) * 6, period: float | None = None) -> log_file.RobotLog:
     """The log as `polish-sim identify` takes it."""
-    gaps = {} if period is None else {"gap": math.inf}
+    gaps = {} if period is None else {"of_gap": ""}
     return log_file.log_of(file, read_robot_recording(file, ("q_rad",), columns_of(kinds), **gaps), period)
 
 
@@ -39,7 +38,7 @@ SPOILT = {
     "ten a second": (np.s_[:, 0], TABLE[:, 0] * 10.0, r"samples are 0.1 s apart.* 50 samples a second"),
     "saturated": (np.s_[:, 8], np.clip(TABLE[:, 8], -20.0, 20.0), r"torque of joint 2 stands at 20 in \d+%"),
     "dead": (np.s_[:, 9], 0.0, r"torque of joint 3 is 0 in every sample"),
-    "nothing": (np.s_[10, 3], np.nan, r"line 11 of the window.*q_rad, column 3, is nan"),
+    "nothing": (np.s_[10, 3], np.nan, r"line 12, 0\.1 s into the window: q_rad, column 3, is nan"),
 }
 
 

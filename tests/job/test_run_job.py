@@ -5,6 +5,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -86,6 +87,31 @@ def test_a_stopped_job_goes_on_and_takes_off_as_much(job, whole, tmp_path, after
         plan = json.loads((tmp_path / "setup_1/region_1/pass_1/plan/metrics.json").read_text())
         again = (1.5 * 0.02 + 0.5 * 0.05) / plan["path_length_m"]
         assert 1.0 < two.mean / one.mean < 1.0 + again
+
+
+def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do_not(job, tmp_path):
+    pieces = "setup_1/region_1/pass_1/pieces"
+
+    def stopped(folder: Path, after: float) -> list[Path]:
+        with pytest.raises(KeyboardInterrupt):
+            list(run_job(job, folder, Stops(after)))
+        return sorted((folder / pieces).glob("0-*/*.npz"))
+
+    def removal(folder: Path) -> np.ndarray:
+        (row,) = run_job(job, folder, Silent())
+        assert row.figures["pieces"] == 2
+        return read_removal(folder / FILE).exposure
+
+    stopped(tmp_path / "short", 8.0)[-1].unlink()
+    wanted = removal(tmp_path / "short")
+    last = stopped(tmp_path / "again", 8.0)[-1]
+    stopped(tmp_path / "again", 1.0)
+    assert len(list((tmp_path / "again" / pieces).iterdir())) == 2
+    for number, damage in enumerate((Path.unlink, lambda file: file.write_bytes(file.read_bytes()[:-9]))):
+        copy = tmp_path / f"copy_{number}"
+        shutil.copytree(tmp_path / "again", copy)
+        damage(copy / last.relative_to(tmp_path / "again"))
+        np.testing.assert_array_equal(removal(copy), wanted)
 
 
 def test_the_same_job_gives_the_same_bytes_and_so_does_a_pass_that_was_thrown_away(job, whole, tmp_path):
@@ -176,6 +202,11 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
 
     shutil.copy(plate_file(), part)
     file.write_text(text)
+    assert done("--resume") == 2
+    err = capfd.readouterr().err
+    assert str(out) in err
+    assert "leave --resume out" in err
+    assert not out.exists()
     assert done() == 0
     first = seconds()
     assert done() == 2

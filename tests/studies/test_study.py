@@ -165,6 +165,15 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert dict(page.tables["Ended"])[DONE] == "2"
 
 
+def test_a_torn_line_of_any_length_is_cut_off_and_no_whole_one_is(tmp_path):
+    table = RunTable(tmp_path)
+    table.add("a", {"config_hash": "a", "seed": 0, "outcome": DONE, "text": "x" * (17 << 20)})
+    whole = table.path.read_bytes()
+    table.path.write_bytes(whole + whole[:-1])
+    with locked(table.path):
+        assert table.path.read_bytes() == whole
+
+
 def test_a_row_that_was_edited_or_is_of_another_work_does_not_count(tmp_path):
     table = RunTable(tmp_path)
     for name in "abc":

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
+from polish_sim.analysis.metrics import AREAS
 from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
@@ -27,7 +28,7 @@ from polish_sim.log import (
     write_removal,
 )
 from polish_sim.planning.toolpath import ToolPath, interpolate
-from polish_sim.row_file import METRICS, Metrics, check_forms, fits, read_json, write_json
+from polish_sim.row_file import METRICS, Metrics, check_forms, fits, put_file, read_json, write_json
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
 
@@ -93,7 +94,7 @@ def stop_mark(metrics: Metrics) -> StopMark | None:
 
 def write_record(folder: Path, record: RunRecord) -> None:
     """Write the files of a run into an existing folder."""
-    (folder / CONFIG).write_text(to_toml(record.scenario), encoding="utf-8")
+    put_file(folder, CONFIG, to_toml(record.scenario))
     write_json(folder / METRICS, record.metrics)
     write_log(folder / LOG, record.log)
     if record.path is not None:
@@ -179,6 +180,12 @@ def notes_of(records: Records) -> list[str]:
             f"{', '.join(keys)}."
         )
     for record in records:
+        region, polished, left = (figure_of(record.metrics, name) for name in AREAS[:3])
+        if abs(region - polished - left) > 1e-6 * region:
+            notes.append(
+                f"'{record.name}': {METRICS} was edited: {polished:.4g} m^2 polished and {left:.4g} m^2 left "
+                f"out are not the region's {region:.4g} m^2 ({', '.join(AREAS[:3])}). Run it again."
+            )
         if ending(record) != WHOLE:
             reason = record.metrics.get("protective_stop")
             why = f" ({reason.rstrip('.?')})" if reason else ""

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, NamedTuple
 
+from polish_sim.errors import LARGEST
+
 
 class Unit(NamedTuple):
     """A unit of the command line."""
@@ -43,9 +45,6 @@ PANELS = (
 )
 """Panels of the help, in their order."""
 PART, PATH, AXIS, TOOL, HAND, PAIR, SENSOR, RUN, CONFIG, OUTPUT = PANELS
-
-
-LARGEST = 1e12  #: No quantity is larger, in whatever unit
 
 
 class Option(NamedTuple):

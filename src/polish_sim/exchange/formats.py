@@ -138,10 +138,8 @@ def export_plan(
     be written in a format, e.g. nothing to press on.
     """
     setup = setup or ExportSetup()
-    contents: dict[str, bytes] = {}
-    for name in check_formats(names):
-        content = FORMATS[name].write(result, setup)
-        contents[FORMATS[name].file] = content if isinstance(content, bytes) else content.encode("utf-8")
+    chosen = [FORMATS[name] for name in check_formats(names)]
+    contents = {each.file: each.write(result, setup) for each in chosen}
     write_files(Path(folder), contents)
     return tuple(Path(folder) / file for file in contents)
 

@@ -25,7 +25,7 @@ class Block(NamedTuple):
     """Some rows of a log."""
 
     rows: Array  #: One column for each name asked for, shape (n, k)
-    first: int  #: Line or number of the first row, counted from 1
+    places: Sequence[int]  #: Line or number of each row, counted from 1
 
 
 class LogSource(Protocol):
@@ -90,7 +90,7 @@ class CsvSource:
         columns = [self.names.index(name) for name in names]
         samples = islice(self._lines(), 1, None)
         while lines := list(islice(samples, BLOCK)):
-            yield Block(self._numbers(lines, columns), lines[0][0])
+            yield Block(self._numbers(lines, columns), [number for number, _ in lines])
 
     def _numbers(self, lines: list[tuple[int, str]], columns: list[int]) -> Array:
         try:
@@ -172,11 +172,13 @@ class NpzSource:
             if len(lengths := {shape[0] for shape, _ in heads.values()}) > 1:
                 found = ", ".join(f"{member} {shape[0]}" for member, (shape, _) in heads.items())
                 raise InputError(f"'{self.file}': columns are of different lengths: {found}.")
-            for start in range(0, next(iter(lengths)), BLOCK):
-                few = min(BLOCK, next(iter(lengths)) - start)
+            (length,) = lengths
+            for start in range(0, length, BLOCK):
+                few = min(BLOCK, length - start)
                 parts = {m: self._read(streams[m], *heads[m], few) for m in members}
                 places = (self._at[name] for name in names)
-                yield Block(np.stack([parts[m][:, column] for m, column in places], 1), start + 1)
+                rows = np.stack([parts[m][:, column] for m, column in places], 1)
+                yield Block(rows, range(start + 1, start + few + 1))
 
     def _read(self, stream: IO[bytes], shape: tuple[int, ...], dtype: Any, count: int) -> Array:
         wide = shape[1] if len(shape) > 1 else 1
@@ -241,7 +243,7 @@ class BagSource:
         for first in count(1, BLOCK):
             if not (block := list(islice(rows, BLOCK))):
                 return
-            yield Block(np.array(block)[:, columns], first)
+            yield Block(np.array(block)[:, columns], range(first, first + len(block)))
 
     def _rows(self) -> Iterator[Array]:
         wrench = np.full(6, np.nan)

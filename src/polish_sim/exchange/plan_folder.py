@@ -21,7 +21,16 @@ from polish_sim.exchange.way_points import (
     unit_axes,
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
-from polish_sim.row_file import METRICS, check_forms, fits, package_versions, plain, read_json, whole_file
+from polish_sim.row_file import (
+    METRICS,
+    check_forms,
+    check_sum,
+    fits,
+    package_versions,
+    plain,
+    put_file,
+    read_json,
+)
 from polish_sim.tables import Columns, csv_text, refuse_first
 
 if TYPE_CHECKING:
@@ -159,21 +168,20 @@ def write_plan(folder: str | Path, result: PlanResult) -> None:
     write_files(
         Path(folder),
         {
-            PATH_CSV: path_csv(result.path).encode(),
-            PATH_JSON: json_text(result).encode(),
-            METRICS: metrics_text(result).encode(),
+            PATH_CSV: path_csv(result.path),
+            PATH_JSON: json_text(result),
+            METRICS: metrics_text(result),
         },
     )
 
 
-def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
     """Write files into a folder, each under a temporary name until whole; InputError if it cannot be
     written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            with whole_file(folder / name) as draft:
-                draft.write_bytes(content)
+            put_file(folder, name, content)
     except OSError as error:
         raise InputError(
             f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder."
@@ -188,7 +196,8 @@ def path_csv(path: ToolPath) -> str:
 
 def json_text(result: PlanResult) -> str:
     """The path with all that is known about it as path.json."""
-    return json.dumps(_metadata(result) | {"path": path_columns(result.path)}) + "\n"
+    document = _metadata(result) | {"path": path_columns(result.path)}
+    return json.dumps(document | {"sum": check_sum(document)}) + "\n"
 
 
 def metrics_text(result: PlanResult) -> str:
@@ -211,6 +220,10 @@ def plan_facts(source: Path) -> dict[str, Any]:
             f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
         )
     check_forms(document, FACTS, file, "Plan again.")
+    if document.pop("sum", None) not in (None, check_sum(document)):
+        raise InputError(
+            f"'{file}' was edited: what it says of its plan is not as it was written. Plan again."
+        )
     return {name: document.get(name) for name in FACTS}
 
 

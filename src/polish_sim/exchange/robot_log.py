@@ -18,25 +18,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import LARGEST, InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.row_file import fits
-from polish_sim.tables import LARGEST, refuse_first
+from polish_sim.tables import refuse_first
 from polish_sim.toml_text import read_toml
 
-WIDTHS: Mapping[str, int] = {
-    "q_rad": 6,
-    "qd_rad_s": 6,
-    "q_desired_rad": 6,
-    "qd_desired_rad_s": 6,
-    "current_a": 6,
-    "current_desired_a": 6,
-    "torque_nm": 6,
-    "torque_desired_nm": 6,
-    "wrench": 6,
-    "force_n": 1,
-    #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
-}
+_SIX = (
+    *("q_rad", "qd_rad_s", "q_desired_rad", "qd_desired_rad_s", "current_a", "current_desired_a"),
+    *("torque_nm", "torque_desired_nm", "wrench"),
+)
+#: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
+WIDTHS: Mapping[str, int] = {**dict.fromkeys(_SIX, 6), "force_n": 1}
 TIME = "time_s"
 NAMES: Mapping[str, str] = {
     "timestamp": TIME,
@@ -80,6 +73,7 @@ _FULL_TURN = 2.0 * math.pi
 #: Steps longer than it and than `_GAP_STEPS` usual ones are gaps; splines hardly feel shorter ones [s]
 GAP_S = 0.1
 _GAP_STEPS = 10.0
+CUT = "Give --to before it or cut the log there."
 WHOLE = 0.0, math.inf  #: The window of all of a log [s]
 _SLOWEST_S = 0.5
 _INDEX = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
@@ -111,6 +105,9 @@ class RobotRecording(NamedTuple):
 
 HOW_TO_MAP = (
     "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."
+)
+OF_CURRENTS = (
+    "Of its currents the torques are known with --arm NAME, the make of a bare arm, in place of --model."
 )
 
 
@@ -174,13 +171,13 @@ def read_robot_recording(
     columns: ColumnMap = BY_NAME,
     run: str = "",
     window: tuple[float, float] = WHOLE,
-    gap: float = GAP_S,
+    of_gap: str = CUT,
 ) -> RobotRecording:
     """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first
     row.
 
-    ``need``: quantities it must have; ``run``: which of several in an npz; ``gap``: longest time without rows
-    [s], infinite: samples may lie anyhow.
+    ``need``: quantities it must have; ``run``: which of several in an npz; ``of_gap``: what to do about a
+    gap; empty: samples may lie anyhow.
 
     Raises:
         InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that
@@ -189,13 +186,13 @@ def read_robot_recording(
     source = open_source(file, run)
     plan = _match(file, source, columns, need)
     factors = np.repeat([columns.scale.get(name, 1.0) for name in plan], [*map(len, plan.values())])
-    kept, start, whole = _gather(file, source, plan, factors, window, gap)
+    kept, start, whole = _gather(file, source, plan, factors, window, of_gap)
     time = kept[:, 0]
-    parts = np.split(kept, np.cumsum([*map(len, plan.values())])[:-1], axis=1)
+    *parts, places = np.split(kept, np.cumsum([*map(len, plan.values())]), axis=1)
     values = {name: part for name, part in zip(plan, parts, strict=True)
               if name in need or not np.isnan(part).all()}  # fmt: skip
     del values[TIME]
-    _check_numbers(file, source, time, values)
+    _check_numbers(f"'{file}', {source.row}", places, time, values)
     _check_units(file, time, values, plan)
     return RobotRecording(time - time[0], values, start, whole)
 
@@ -218,15 +215,14 @@ def _match(file: Path, source: LogSource, columns: ColumnMap, need: Sequence[str
         named = name not in columns.columns and not any(one.endswith(("_m", "_n")) for one in usual)
         if named and (lost or not asked) and len(by_name) == (len(usual) or WIDTHS.get(name, 1)):
             asked = [by_name[k] for k in sorted(by_name)]
-        elif lost:
+        elif lost or (not asked and name in (TIME, *need)):
+            of_currents = name == "torque_nm" and "current_a" in found
             raise InputError(
-                f"'{file}' has no column {lost} for {name}. It has: {_some(source.names)}. {HOW_TO_MAP}"
+                f"'{file}' has no column {f'{lost} for' if lost else 'of'} {name}. It has: "
+                f"{_some(source.names)}. {OF_CURRENTS if of_currents else HOW_TO_MAP}"
             )
         if asked:
             plan[name] = asked
-    for name in (TIME, *need):
-        if name not in plan:
-            raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")
     return plan
 
 
@@ -247,9 +243,10 @@ def _gather(
     plan: Mapping[str, Sequence[str]],
     factors: Array,
     window: tuple[float, float],
-    gap: float,
+    of_gap: str,
 ) -> tuple[Array, float, bool]:
-    """Rows of the window, its begin from the log's first row [s], and whether the log ends with it."""
+    """Rows of the window, each with its place in the file behind it, its begin from the log's first row [s],
+    and whether the log ends with it."""
     kept = list[Array]()
     begin = math.nan
     last = math.nan
@@ -264,8 +261,8 @@ def _gather(
         last = float(rows[-1, 0])
         inside = (rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])
         joined = inside & np.append(inside[0] and count > 0, inside[:-1])
-        _check_steps(file, source.row, block.first, rows[:, 0], steps, usual, joined, gap)
-        kept.append(rows[inside][: MOST_ROWS - count])
+        _check_steps(file, source.row, block.places, rows[:, 0], steps, usual, joined, of_gap)
+        kept.append(np.column_stack([rows, block.places])[inside][: MOST_ROWS - count])
         count += len(kept[-1])
         if last - begin > window[1] or count == MOST_ROWS:
             whole = False
@@ -280,36 +277,44 @@ def _gather(
 
 
 def _check_steps(
-    file: Path, row: str, first: int, time: Array, steps: Array, usual: float, joined: Bools, gap: float
+    file: Path,
+    row: str,
+    places: Sequence[int],
+    time: Array,
+    steps: Array,
+    usual: float,
+    joined: Bools,
+    of_gap: str,
 ) -> None:
     """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
 
     def place(at: int) -> str:
-        return f"{row} {first + at}"
+        return f"{row} {places[at]}"
 
     refuse_first(
         ~(steps > 0.0), file, place,
         lambda at: f"{TIME} does not increase (it is {time[at]:.9g}). Sort the rows.",
     )  # fmt: skip
-    if usual > _SLOWEST_S and gap < math.inf:
+    if not of_gap:
+        return
+    if usual > _SLOWEST_S:
         raise InputError(
             f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
         )
     refuse_first(
-        joined & (steps > gap) & (steps > _GAP_STEPS * usual), file, place,
-        lambda at: f"a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give --to before it or cut "
-        "the log there.",
+        joined & (steps > GAP_S) & (steps > _GAP_STEPS * usual), file, place,
+        lambda at: f"a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. {of_gap}",
     )  # fmt: skip
 
 
-def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[str, Array]) -> None:
+def _check_numbers(row: str, places: Array, time: Array, values: Mapping[str, Array]) -> None:
     for name, value in values.items():
         bad = np.argwhere(~(np.abs(value) <= LARGEST))
         if len(bad):
-            row, column = (int(one) for one in bad[0])
+            at, column = bad[0]
             raise InputError(
-                f"'{file}', {source.row} {row + 1} of the window, at {time[row] - time[0]:.6g} s: {name}, "
-                f"column {column + 1}, is {value[row, column]}. Correct or leave out the row."
+                f"{row} {places[at, 0]:.0f}, {time[at] - time[0]:.6g} s into the window: {name}, column "
+                f"{column + 1}, is {value[at, column]}. Correct or leave out the row."
             )
 
 

@@ -19,7 +19,7 @@ from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, 
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed
 from polish_sim.identification.physical import ParameterRow, cell, parameter_rows, parameters_csv
 from polish_sim.motion.serial_chain import body_of
-from polish_sim.row_file import save_plots, write_metrics
+from polish_sim.row_file import put_file, save_plots, write_metrics
 from polish_sim.tables import csv_text
 
 PAYLOAD_FILE = "payload.csv"
@@ -28,7 +28,7 @@ PAYLOAD_COLUMNS = ("name", "value", "unit", "std", "low_95", "high_95", "nearest
 
 def write_folder(folder: Path, found: Identification, source: RobotSource = None) -> None:
     """Write all files of an identification; ``source`` is the robot's MJCF, the shipped robot's if None."""
-    (folder / "parameters.csv").write_text(parameters_csv(rows_of(found)), encoding="utf-8")
+    put_file(folder, "parameters.csv", parameters_csv(rows_of(found)))
     write_identified(folder, found.model.chain.joints, _joints(found), source)
     if found.weighed is not None:
         write_payload(folder, found.weighed)
@@ -76,7 +76,7 @@ def write_payload(folder: Path, weighed: Weighed) -> None:
             BODY_NAMES, BODY_UNITS, values, std, columns, strict=True
         )
     ]
-    (folder / PAYLOAD_FILE).write_text(csv_text(PAYLOAD_COLUMNS, rows), encoding="utf-8")
+    put_file(folder, PAYLOAD_FILE, csv_text(PAYLOAD_COLUMNS, rows))
 
 
 @styled

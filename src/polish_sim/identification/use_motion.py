@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -72,7 +71,7 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
         return _from_npz(source)
     if source.is_file() and source.suffix == ".csv" and _names_joints(source):
         columns = ColumnMap({}, {}, {"q_rad": columns_of((0,) * JOINTS).wanted["q_rad"]})
-        log = read_robot_recording(source, ("q_rad",), columns, gap=math.inf)
+        log = read_robot_recording(source, ("q_rad",), columns, of_gap="")
         return log.time, log.values["q_rad"], np.zeros(len(log.time))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))

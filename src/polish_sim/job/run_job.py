@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,11 +34,11 @@ from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.tools import naming_line
-from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
+from polish_sim.log import PROCESS_PHASE, UNREADABLE, RemovalMap, read_log, read_removal, write_arrays
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
-from polish_sim.row_file import METRICS, read_json, whole_file, whole_folder, write_json
+from polish_sim.row_file import METRICS, read_json, whole_folder, write_json
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import to_pose
 
@@ -123,7 +124,8 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         part = build_part(scenario, place)
         cell = build_cell(scenario, place, part)
         planned_s = planned_s if parts else cycle_time(cell.strokes)
-        pieces = folder / "pieces" / str(len(parts))
+        # Named by the path left to do: where fewer pieces before count than when it began, it begins anew.
+        pieces = folder / "pieces" / f"{len(parts)}-{plan.path.length_m:.6f}"
         before = _read_pieces(pieces)
         reached = max(
             (piece.trace["path_s_m"][-1] for piece in before if piece.trace["phase"][-1] >= PROCESS_PHASE),
@@ -198,17 +200,18 @@ def _play(cell: Cell, folder: Path, observer: Observer) -> list[Played]:
     played = list[Played]()
     while not cell.done:
         played.append(cell.play(round(PIECE_S / dt)))
-        with whole_file(folder / f"{len(played):06}.npz") as draft, draft.open("wb") as stream:
-            np.savez(stream, rows=played[-1].rows, trace=played[-1].trace)
+        write_arrays(folder / f"{len(played):06}.npz", played[-1]._asdict())
         observer.progress(min(cell.state.status.steps * dt, total), total)
     return played
 
 
 def _read_pieces(folder: Path) -> list[Played]:
-    found = []
-    for file in sorted(folder.glob("[0-9]*.npz")):
-        with np.load(file, allow_pickle=False) as piece:
-            found.append(Played(piece["rows"], piece["trace"]))
+    """The pieces up to the first that is not there or damaged."""
+    found = list[Played]()
+    with suppress(*UNREADABLE):
+        while True:
+            with np.load(folder / f"{len(found) + 1:06}.npz", allow_pickle=False) as piece:
+                found.append(Played(piece["rows"], piece["trace"]))
     return found
 
 

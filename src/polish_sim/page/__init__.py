@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from polish_sim.row_file import whole_file
+from polish_sim.row_file import put_file
 
 if TYPE_CHECKING:
     from polish_sim.page.page import Page
@@ -86,5 +86,4 @@ def save_page(folder: Path, page: Page | None) -> None:
         return
     from polish_sim.page.page import page_html  # numpy is slow to import
 
-    with whole_file(folder / PAGE) as draft:
-        draft.write_text(page_html(page), encoding="utf-8")
+    put_file(folder, PAGE, page_html(page))

@@ -13,10 +13,9 @@ from dataclasses import Field, dataclass, fields, is_dataclass
 from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
-from polish_sim.config.key import LARGEST
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import law_parameters
-from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.errors import LARGEST, InputError, number_text, unknown_name
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import is_number
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.errors import LARGEST
 from polish_sim.spatial import inverse, transform
-from polish_sim.tables import LARGEST
 from polish_sim.ur.kinematics import matrix_of, pose_from, pose_of
 
 LARGEST_INTEGER = 2**31
