@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.errors import InputError, PolishSimError, count_text
-from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
+from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_toml, load_limits
@@ -114,10 +114,7 @@ def _prepare(
         placed = path_without_robot(points)
     else:
         observer.stage("place it before the robot")
-        up = plan_facts(path).get("up")
-        placed = place_path(
-            points, None if up is None else np.array(up, dtype=float), tuple(given["--part-pose"] or ())
-        )
+        placed = place_path(points, given["--part-pose"] or ())
     repeated = len(points.path.s) - len(placed.rows)
     if repeated:
         notes.append(f"{count_text(repeated, 'repeated point')} left out")

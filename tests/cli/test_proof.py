@@ -26,6 +26,9 @@ def plan(polish_sim: Tool) -> Call:
 def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     assert "prove in the cell" in plan.err
     assert metrics_of("plan")["proven"] == 1
+    # Smoothed, it lies where it was proven.
+    assert polish_sim("smooth", "plan", "--rate", 20, "--out", "smooth").code == 0
+    assert np.allclose(metrics_of("smooth")["T_base_work"], metrics_of("plan")["T_base_work"], atol=1e-9)
     run = ("run", "surface", "--path", "plan")
     monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")

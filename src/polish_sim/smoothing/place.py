@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, in_groups, norms
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
-from polish_sim.exchange import WayPoints
+from polish_sim.exchange import WayPoints, plan_facts
 from polish_sim.experiments.placement import (
     Reach,
     default_placements,
@@ -44,16 +44,17 @@ def path_without_robot(points: WayPoints) -> PlacedPath:
     return PlacedPath(chain, rows, None)
 
 
-def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> PlacedPath:
+def place_path(points: WayPoints, pose: Sequence[float]) -> PlacedPath:
     """Lay a path before the robot as `run surface` does, and check that the arm follows it, else ReachError.
 
-    ``up``: side of the work frame that is turned up, None: the one most tool axes point to; ``pose``: of the
-    work frame in the robot's base [m, rad], empty: chosen.
+    ``pose``: of the work frame in the robot's base [m, rad]; empty: where a plan was proven, else chosen, the
+    side turned up that the plan says, or that most tool axes point to.
     """
-    rows = distinct_rows(points)
+    rows, facts = distinct_rows(points), plan_facts(points.file)
     positions = points.path.positions_work[rows]
     axes = points.path.axes_work[rows]
-    side = _main_side(axes) if up is None else up
+    side = np.array(facts.get("up") or _main_side(axes), dtype=float)
+    pose = pose or (facts.get("proof") or {}).get("pose", ())
     placements = (
         [from_pose(pose)] if pose else default_placements(positions, side, float((positions @ side).min()))
     )

@@ -108,7 +108,7 @@ def prepare_smooth(scenario: Checked) -> SmoothTask:
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
     if scenario.plan.file:
-        placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
+        placed = place_path(read_way_points(Path(scenario.plan.file)), scenario.part.pose)
         assert placed.arm is not None  # place_path lays every path before the robot
         chain, arm = placed.chain, placed.arm
     else:
