@@ -54,20 +54,18 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
     """Two triangles for each square of a grid of points numbered row by row, square by square."""
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    return (
-        np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2).reshape(-1, 3).astype(np.int32)
-    )
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
+    return faces.reshape(-1, 3).astype(np.int32)
 
 
 def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
     """Triangles between two closed rings of as many vertices, outward where the first runs to the left."""
     ahead, second_ahead = np.roll(first, -1), np.roll(second, -1)
-    return np.concatenate(
-        [np.stack([first, ahead, second_ahead], -1), np.stack([first, second_ahead, second], -1)]
-    )
+    sides = [first, ahead, second_ahead], [first, second_ahead, second]
+    return np.concatenate([np.stack(corners, -1) for corners in sides])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A mesh with its closed form."""
 
@@ -79,17 +77,21 @@ class Shape:
     """Principal curvatures at points on it, larger first, positive = convex, (n, 3) -> (n, 2)."""
 
 
+def unit(vectors: Floats) -> Floats:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def flat(points: Floats) -> Floats:
+    return points * [1.0, 1.0, 0.0]
+
+
 def sphere(subdivisions: int, radius: float = 1.0) -> Shape:
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
-
-    def normal(points: Floats) -> Floats:
-        return points / np.linalg.norm(points, axis=1, keepdims=True)
-
     return Shape(
         np.array(mesh.vertices),
         np.array(mesh.faces, dtype=np.int32),
-        foot=lambda points: radius * normal(points),
-        normal=normal,
+        foot=lambda points: radius * unit(points),
+        normal=unit,
         curvatures=lambda points: np.full((len(points), 2), 1.0 / radius),
     )
 
@@ -106,13 +108,8 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
     number = np.arange(along * around).reshape(along, around)
     faces = np.concatenate([strip(number[:, k - 1], number[:, k]) for k in range(around)])
 
-    def center(points: Floats) -> Floats:
-        flat = points * [1.0, 1.0, 0.0]
-        return major * flat / np.linalg.norm(flat, axis=1, keepdims=True)
-
     def normal(points: Floats) -> Floats:
-        away = points - center(points)
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
+        return unit(points - major * unit(flat(points)))
 
     def curvatures(points: Floats) -> Floats:
         ring = np.hypot(points[:, 0], points[:, 1])
@@ -121,7 +118,7 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
     return Shape(
         vertices,
         faces.astype(np.int32),
-        foot=lambda points: center(points) + minor * normal(points),
+        foot=lambda points: major * unit(flat(points)) + minor * normal(points),
         normal=normal,
         curvatures=curvatures,
     )
@@ -131,18 +128,11 @@ def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     """Open cylinder about z with one long strip of two facets per division, as CAD writes it."""
     angle = 2.0 * np.pi * np.arange(around) / around
     ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(around)], axis=-1)
-    vertices = np.concatenate([ring, ring + [0.0, 0.0, height]])
-    faces = strip(np.arange(around), np.arange(around) + around)
-
-    def normal(points: Floats) -> Floats:
-        flat = points * [1.0, 1.0, 0.0]
-        return flat / np.linalg.norm(flat, axis=1, keepdims=True)
-
     return Shape(
-        vertices,
-        faces.astype(np.int32),
-        foot=lambda points: radius * normal(points) + points * [0.0, 0.0, 1.0],
-        normal=normal,
+        np.concatenate([ring, ring + [0.0, 0.0, height]]),
+        strip(np.arange(around), np.arange(around) + around).astype(np.int32),
+        foot=lambda points: radius * unit(flat(points)) + points * [0.0, 0.0, 1.0],
+        normal=lambda points: unit(flat(points)),
         curvatures=lambda points: np.tile([1.0 / radius, 0.0], (len(points), 1)),
     )
 
@@ -158,9 +148,6 @@ def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: flo
 
     def upward(points: Floats) -> Floats:
         return np.column_stack([-points[:, 0] / radius, points[:, 1] / radius, np.ones(len(points))])
-
-    def normal(points: Floats) -> Floats:
-        return upward(points) / np.linalg.norm(upward(points), axis=1, keepdims=True)
 
     def foot(points: Floats) -> Floats:
         """Newton along the gradient: of points close to the surface, to second order in their distance."""
@@ -178,7 +165,8 @@ def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: flo
         spread = np.sqrt(mean**2 - r * t / size**2)
         return np.column_stack([mean + spread, mean - spread])
 
-    return Shape(vertices, grid_faces(sides + 1, sides + 1), foot, normal, curvatures)
+    faces = grid_faces(sides + 1, sides + 1)
+    return Shape(vertices, faces, foot, lambda points: unit(upward(points)), curvatures)
 
 
 def memory_to_load(file: Path) -> float:

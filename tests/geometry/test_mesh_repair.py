@@ -1,6 +1,6 @@
 """Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from tests.geometry.shapes import BLOCK, grid_faces, memory_to_load, stl_bytes
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
+RNG = np.random.default_rng
 
 
 def soup(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -32,6 +33,10 @@ def said(part, *words: str) -> bool:
     return any(all(word in note for word in words) for note in part.notes)
 
 
+def joined(*meshes: np.ndarray):
+    return from_soup(np.concatenate(meshes))
+
+
 def from_soup(triangles: np.ndarray):
     triangles = np.asarray(triangles, dtype=np.float64)
     return part_from_arrays(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), unit="mm")
@@ -41,7 +46,7 @@ def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
     triangles = soup(BALL)
     corner, edge = triangles[0, 0], triangles[0, 1]
     empty = [[corner, edge, corner], [corner, corner, corner]]
-    part = from_soup(np.concatenate([empty, triangles, triangles[:40:2], triangles[100:120, ::-1]]))
+    part = joined(empty, triangles, triangles[:40:2], triangles[100:120, ::-1])
     # Facets keep their numbers in the file.
     assert part.stl_facets.tolist() == list(range(2, 1282))
     assert said(part, "2 facets without area")
@@ -49,13 +54,18 @@ def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
     assert said(part, "40 facets that occur twice", "the first at (")
 
 
-def test_facets_wound_at_random_end_up_outward():
+def test_however_facets_were_wound_bodies_look_outward_and_hollows_inward():
     triangles = soup(BALL)
     triangles[::3] = triangles[::3, ::-1]
     part = from_soup(triangles)
     assert is_solid(part, BALL.volume)
     assert said(part, "turned")
     assert said(from_soup(soup(BALL)[:, ::-1]), "inside out")
+    hollow, other = 0.5 * soup(BLOCK), soup(BLOCK) + [150.0, 0.0, 0.0]
+    for outer_way, inner_way in product((1, -1), (1, -1)):
+        part = joined(soup(BLOCK)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1])
+        assert as_trimesh(part).volume == pytest.approx(1e-9 * (2 - 1 / 8) * 100 * 60 * 20)
+        assert said(part, "hollow inside: 1 closed shell within")
 
 
 def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
@@ -63,31 +73,19 @@ def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
     of a tetrahedron share an edge, divided on one side only."""
     a, b, left, right = np.array([[0, 0, 0], [60, 0, 0], [30, 50, 0], [30, 20, 40.0]])
     middle = 0.5 * (a + b)
-    part = from_soup(
-        [
-            [a, left, b],
-            [a, middle, right],
-            [middle, b, right],
-            [a, b, middle],
-            [b, left, right],
-            [left, a, right],
-        ]
-    )
+    undivided, divided = [a, left, b], [[a, middle, right], [middle, b, right], [a, b, middle]]
+    part = from_soup([undivided, *divided, [b, left, right], [left, a, right]])
     assert said(part, "flipped the long edge of 1 facets")
     assert is_solid(part, 60 * 50 * 40 / 6)
     assert as_trimesh(part).area_faces.min() > 1e-6
 
 
-def test_tiny_gaps_are_closed_and_reported():
+def test_tiny_gaps_and_t_junctions_all_round_a_box_are_closed_and_reported():
+    """Each side of the box is divided into its own number of strips."""
+    rng, triangles = np.random.default_rng(4), []
     part = from_soup(soup(BALL) + np.random.default_rng(0).uniform(-1e-4, 1e-4, (1280, 3, 3)))
     assert len(part.vertices) == 642
     assert said(part, "closed gaps")
-
-
-def test_t_junctions_all_round_a_box_close_it():
-    """Each side of a box is divided into its own number of strips."""
-    rng = np.random.default_rng(4)
-    triangles = []
     for face in soup(trimesh.creation.box((90.0, 60.0, 40.0))):
         cuts = np.sort(rng.uniform(0.1, 0.9, 3))
         line = np.concatenate([[face[0]], face[0] + cuts[:, None] * (face[1] - face[0]), [face[1]]])
@@ -113,53 +111,34 @@ def test_small_holes_are_closed_with_place_and_size_and_a_large_one_is_left():
     assert is_solid(from_soup(np.delete(triangles, one, axis=0)), BALL.volume, rel=1e-4)
 
 
-def test_several_bodies_are_kept_counted_and_measured():
-    part = from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 90.0]]))
+def test_several_bodies_are_kept_counted_and_measured_and_those_that_pass_through_each_other_reported():
+    part = joined(soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0])
     assert len(part.faces) == 24
     assert said(part, "2 bodies in one file (2 of them closed)", "100 x 60 x 20; 100 x 60 x 20 mm")
+    assert not said(part, "self-intersecting")
+    part = joined(soup(BLOCK), soup(trimesh.creation.box((10.0, 10.0, 80.0))))
+    assert said(part, "self-intersecting: ", "pass through each other")
 
 
-def test_bodies_look_outward_and_hollows_inward_however_they_were_wound():
-    hollow, other = 0.5 * soup(BLOCK), soup(BLOCK) + [150.0, 0.0, 0.0]
-    for outer_way in (1, -1):
-        for inner_way in (1, -1):
-            part = from_soup(
-                np.concatenate([soup(BLOCK)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]])
-            )
-            assert as_trimesh(part).volume == pytest.approx(1e-9 * (2 - 1 / 8) * 100 * 60 * 20)
-            assert said(part, "hollow inside: 1 closed shell within")
-
-
-def test_solids_glued_at_a_face_become_one():
+def test_solids_glued_at_a_face_become_one_and_those_that_touch_along_an_edge_stay_two():
     # the same diagonals where they meet
     right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]
-    part = from_soup(np.concatenate([soup(BLOCK), right]))
+    part = joined(soup(BLOCK), right)
     assert is_solid(part, 200 * 60 * 20)
     assert said(part, "walls inside the part")
-
-
-def test_solids_that_touch_along_an_edge_are_told_apart():
-    corner = soup(BLOCK) + [100.0, 60.0, 0.0]
     for way in (1, -1):
-        part = from_soup(np.concatenate([soup(BLOCK), corner])[:, ::way])
+        part = joined(soup(BLOCK)[:, ::way], (soup(BLOCK) + [100.0, 60.0, 0.0])[:, ::way])
         assert is_solid(part, 2 * 100 * 60 * 20)
         assert as_trimesh(part).body_count == 2
         assert said(part, "1 edges of more than two facets", "the first at (50, 30, 0) mm")
 
 
 def test_a_loose_fin_is_dropped_if_small_and_a_sheet_of_its_own_if_large():
-    small = from_soup(np.concatenate([soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]]]))
+    small = joined(soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]])
     assert said(small, "dropped 1 facets of 1 loose fins")
     assert as_trimesh(small).is_watertight
-    large = from_soup(np.concatenate([soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]]]))
+    large = joined(soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]])
     assert said(large, "2 bodies in one file (1 of them closed)")
-
-
-def test_bodies_that_pass_through_each_other_are_reported_with_the_place():
-    part = from_soup(np.concatenate([soup(BLOCK), soup(trimesh.creation.box((10.0, 10.0, 80.0)))]))
-    assert said(part, "self-intersecting: ", "pass through each other")
-    apart = from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0]]))
-    assert not said(apart, "self-intersecting")
 
 
 def dome(noise: float, seed: int = 0):
@@ -193,16 +172,14 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     assert surface.smooth[facets].all()  # noise makes no creases
 
 
-def test_the_flat_base_a_scan_was_closed_with_hides_no_noise():
-    """Walls and base, which are exact, have more vertices than the scan."""
+def test_noise_is_found_over_the_flat_base_a_scan_was_closed_with_and_not_where_there_is_none():
+    """Walls and base, which are exact, have more vertices than the scan; thin facets along creases are no
+    needles."""
     points, faces = dome(0.00005)
     base = [np.column_stack([points[:, :2], np.full(len(points), height)]) for height in (0.0, 0.01)]
     below = np.concatenate([faces[:, ::-1] + len(points), faces + 2 * len(points)])
     part = part_from_arrays(np.concatenate([points, *base]), np.concatenate([faces, below]), up="z")
     assert noise_mm(part) == pytest.approx(0.05, rel=0.15)
-
-
-def test_a_part_without_noise_or_with_thin_facets_along_its_creases_is_left_as_it_is():
     points, faces = dome(0.0)
     part = part_from_arrays(points, faces, up="z")
     assert not said(part, "noise")
@@ -246,23 +223,25 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
     assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02
 
 
-def test_a_file_that_lost_a_byte_in_the_middle_takes_no_more_memory_than_a_whole(tmp_path):
-    whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
+def test_a_broken_file_takes_no_more_memory_than_a_whole_one(tmp_path):
+    """One that lost a byte in the middle; triangles without neighbours; facets too many and corners wrong, so
+    that nearly every edge is a border with thousands of vertices near."""
+    ball, file, rng = trimesh.creation.icosphere(subdivisions=5, radius=50.0), tmp_path / "broken.stl", RNG(0)
+    whole = ball.export(file_type="stl")
     broken = np.frombuffer(whole[84:500_084] + whole[500_085:] + b"\0", dtype="V50")
     # Numbers that are not finite are refused as such: let all be finite.
     corners = np.array(broken.view("V12,V36,V2")["f1"]).view("<f4").reshape(-1, 3, 3)
     with np.errstate(invalid="ignore"):
         corners = np.nan_to_num(corners, nan=0.0, posinf=0.0, neginf=0.0).clip(-60.0, 60.0)
-    (tmp_path / "broken.stl").write_bytes(stl_bytes(corners))
-    assert memory_to_load(tmp_path / "broken.stl") < 60
-
-
-def test_triangles_without_neighbours_are_no_surface(tmp_path):
-    corners = np.random.default_rng(1).uniform(-60.0, 60.0, (14_400, 3, 3))
-    (tmp_path / "soup.stl").write_bytes(stl_bytes(corners))
+    faces, count = np.array(ball.faces), len(ball.vertices)
+    faces = np.concatenate([faces, rng.integers(count, size=(len(faces) // 4, 3))])
+    wrong = rng.random(len(faces)) < 0.28
+    faces[wrong, 0] = rng.integers(count, size=int(wrong.sum()))
+    for triangles in (corners, ball.vertices[faces], RNG(1).uniform(-60.0, 60.0, (14_400, 3, 3))):
+        file.write_bytes(stl_bytes(triangles))
+        assert memory_to_load(file) < 60
     with pytest.raises(MeshError, match=r"14400 of 14400 facets .* facet 0"):
-        load_part(tmp_path / "soup.stl")
-    assert memory_to_load(tmp_path / "soup.stl") < 60
+        load_part(file)
 
 
 # Broken mesh files, a seeded few of those `python -m benchmarks.fuzz` tries.
@@ -281,15 +260,3 @@ def test_the_worker_of_the_fuzz_holds_its_memory_limit():
     assert not outcome.faults
     assert sum(outcome.counts.values()) == 7
     assert outcome.peak < LARGEST
-
-
-def test_a_large_file_with_many_wrong_facets_takes_no_more_memory_than_a_whole_one(tmp_path):
-    """Facets too many and corners wrong: nearly every edge is a border with thousands of vertices near."""
-    rng = np.random.default_rng(0)
-    ball = trimesh.creation.icosphere(subdivisions=6, radius=40.0)
-    faces, corners = np.array(ball.faces), len(ball.vertices)
-    faces = np.concatenate([faces, rng.integers(corners, size=(len(faces) // 4, 3))])
-    wrong = rng.random(len(faces)) < 0.28
-    faces[wrong, 0] = rng.integers(corners, size=int(wrong.sum()))
-    trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "wrong.stl")
-    assert memory_to_load(tmp_path / "wrong.stl") < 60
