@@ -52,11 +52,9 @@ def test_exact_readings_give_tool_bias_and_drift(count):
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent():
-    """The noise is found from the residuals; 1500 draws determine an rms to 1.8%."""
+    """The noise is found from the residuals; 800 draws determine an rms to 2.5%."""
     rng = np.random.default_rng(4)
-    found = [
-        fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(1500)
-    ]
+    found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(800)]
     rows = (payload_regressor(POSES[:, 2, :]) / NOISE[:, None]).reshape(-1, 10)
     bound = np.linalg.inv(rows.T @ rows)
     ratio = np.sqrt(np.mean([(one.theta - THETA) ** 2 for one in found], axis=0) / np.diag(bound))
@@ -119,7 +117,7 @@ def test_touched_readings_are_left_out_and_named(knocks):
 
 
 def test_honest_readings_are_kept_and_of_a_few_all():
-    found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(150, 300)]
+    found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(150, 251)]
     assert np.mean([one.used.all() for one in found]) > 0.99
     first = knocked(np.random.default_rng(1), {0: PUSH})
     few = PayloadReadings(

@@ -6,21 +6,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.dual.budget import PairBudgetTrial, draw_errors
+from polish_sim.dual import budget
+from polish_sim.dual.budget import PairBudgetTrial
 from tests.cli.conftest import metrics_of, undrawn
 
+_predict = cache(budget.predict)
 
-@pytest.fixture
-def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Predict with one design of the calibrations instead of ten."""
-    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
+
+@pytest.fixture(autouse=True)
+def numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Numbers of the draws that were made, at first order: a calibration each would take most of the time, as
+    would ten designs of them for the prediction. Real draws are compared in tests/dual."""
+    made: list[int] = []
+
+    def drawn(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+        made.append(number)
+        rng, found = np.random.default_rng(number), _predict(trial)
+        unknowns = {name: rng.multivariate_normal(np.zeros(15), C) for name, C in found.shares.items()}
+        unknowns[budget.TOGETHER] = np.sum(list(unknowns.values()), axis=0)
+        return {name: found.slopes @ x for name, x in unknowns.items()}
+
+    monkeypatch.setattr(budget, "DESIGNS", 1)
+    monkeypatch.setattr(budget, "draw_errors", drawn)
+    monkeypatch.setattr(budget, "predict", _predict)
+    return made
 
 
 @pytest.mark.pictures
-@pytest.mark.usefixtures("one_design")
-def test_a_budget_leaves_its_files_meets_what_is_asked_and_draws_only_what_is_missing(
-    polish_sim, tmp_path, monkeypatch
-):
+def test_a_budget_leaves_its_files_and_draws_only_what_is_missing(polish_sim, tmp_path, numbers):
     words = ("calibrate", "budget", "--on", "here", "--check", "--out", "one")
     call = polish_sim(*words, "--draws", "30")
     assert call.code == 0
@@ -34,35 +47,15 @@ def test_a_budget_leaves_its_files_meets_what_is_asked_and_draws_only_what_is_mi
     assert sources["together"]["predicted_rms_m"] == pytest.approx(np.linalg.norm(alone))
     assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
     assert figures["settings"]["tracker_noise_m"] == 3e-5
-    numbers: list[int] = []
-
-    def drawn(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
-        numbers.append(number)
-        return draw_errors(trial, number)
-
-    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn)
     with undrawn():
         assert polish_sim(*words, "--draws", "30").code == 0
         assert metrics_of(tmp_path / "one") == figures
         assert polish_sim(*words, "--draws", "32").code == 0
-    assert numbers == [30, 31]
+    assert numbers == list(range(32))
     assert "another calibrate-budget" in polish_sim(*words, "--draws", "32", "--seed", "1").err
 
 
-def drawn_cheaply(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
-    """A draw as large as one real draw: a calibration each would take most of the time."""
-    scale = np.random.default_rng(number).standard_normal()
-    return {name: scale * errors for name, errors in _one_draw(trial).items()}
-
-
-@cache
-def _one_draw(trial: PairBudgetTrial) -> dict[str, Any]:
-    return draw_errors(trial, 0)
-
-
-@pytest.mark.usefixtures("one_design")
-def test_worse_instruments_fall_short(polish_sim, tmp_path, monkeypatch):
-    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn_cheaply)
+def test_worse_instruments_fall_short(polish_sim, tmp_path):
     words = "calibrate budget --draws 30 --tracker-noise 0 --touch-noise 0.2 --marks 4 --closing 0"
     assert polish_sim(*words.split(), "--on", "here", "--check", "--out", "bad").code == 1
     figures = metrics_of(tmp_path / "bad")
@@ -72,17 +65,18 @@ def test_worse_instruments_fall_short(polish_sim, tmp_path, monkeypatch):
     assert figures["sources"]["bases"]["predicted_rms_m"] == 0.0
 
 
-@pytest.mark.usefixtures("one_design")
 @pytest.mark.parametrize(("after", "enough"), [(30, True), (3, False), (0, False)])
 def test_broken_off_what_was_drawn_is_kept_and_summed_up_if_it_is_enough(
     after, enough, polish_sim, tmp_path, monkeypatch
 ):
+    draw = budget.draw_errors
+
     def interrupted(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
         if number == after:
             raise KeyboardInterrupt
-        return drawn_cheaply(trial, number)
+        return draw(trial, number)
 
-    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", interrupted)
+    monkeypatch.setattr(budget, "draw_errors", interrupted)
     code, _, err = polish_sim("calibrate", "budget", "--on", "here", "--out", "cut")
     assert code == 130
     assert "interrupted" in err

@@ -62,9 +62,9 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets):
 
 @pytest.mark.parametrize(("apart", "origin", "tilt"), [(5e-4, 2.1e-5, 1.1e-3), (0.0, 1.7e-5, 1e-3)])
 def test_the_base_is_as_good_as_asked_and_as_stated(apart, origin, tilt):
-    """Of axes that miss each other and of those that meet, with noise, 300 times."""
+    """Of axes that miss each other and of those that meet, with noise, 150 times."""
     rng, exact = np.random.default_rng(1), (arc(0), arc(1) + apart * T_TRACKER_BASE[:3, 0])
-    circles = ([fit_circle(noisy(points, rng), SIGMA) for points in exact] for _ in range(300))
+    circles = ([fit_circle(noisy(points, rng), SIGMA) for points in exact] for _ in range(150))
     found = [base_from_circles(*pair) for pair in circles]
     assert {base.meets for base in found} == {apart == 0.0}
     assert np.mean([base.gap for base in found]) == pytest.approx(apart, abs=6e-5)
@@ -120,7 +120,7 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors():
     root = [1e-5 * rng.standard_normal((6, 6)) for _ in range(2)]
     _, stated = relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
     truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
-    for _ in range(4000):
+    for _ in range(2000):
         a = moved_frame(T_TRACKER_BASE, root[0] @ rng.standard_normal(6))
         b = moved_frame(T_b, root[1] @ rng.standard_normal(6))
         errors.append(step_from(truth, inverse(a) @ b))

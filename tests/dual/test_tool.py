@@ -35,9 +35,9 @@ def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_name
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance():
-    """The mean square of 4000 draws gives the rms to 0.65%."""
+    """The mean square of 1500 draws gives the rms to 1.1%."""
     rng, R = np.random.default_rng(1), planned()
-    found = [tool.fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
+    found = [tool.fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(1500)]
     errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
     rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
     assert 0.98 < rms / tool_checks.point_error_bound(R, SIGMA) <= 1.02
@@ -117,7 +117,7 @@ def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little():
 def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so_stated(tilt):
     rng, moves = np.random.default_rng(1), MOVES + np.array([[0.0], [0.0], [1.0]]) * [tilt, 0.0, 0.0]
     errors = []
-    for _ in range(3000):
+    for _ in range(1500):
         points = moves @ R_FLANGE_TOOL.T + SIGMA * rng.standard_normal((3, 3))
         found = tool.orientation_from_three_points(points, SIGMA)
         errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())

@@ -186,7 +186,7 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
     tmp_path, capfd, monkeypatch
 ):
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
-    text = JOB.replace(str(plate_file()), str(part))
+    text = JOB.replace(str(plate_file()), str(part)).replace("0.02", "0.04")
 
     def done(*words: str) -> int:
         return execute(commands, ["job", str(file), "--out", str(out), *words])

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.special import gammainc
+from scipy.special import erf
 
 from polish_sim.arrays import Array, norms
 from polish_sim.calibration.matched_points import point_slopes
@@ -282,15 +282,15 @@ def length_probability(covariances: Array, lengths: Array) -> Array:
     """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) [m].
 
     Such an error is z L u with C = L L^T: u a direction, all equally likely, z a chi with three degrees of
-    freedom, so that P(length <= r) = mean over u of gammainc(3/2, r^2 / (2 u^T C u)).
+    freedom, so that P(length <= r) = mean over u of erf(x) - 2 x exp(-x^2) / sqrt(pi) with
+    x = r / sqrt(2 u^T C u).
     """
     # Turned to its own axes the covariance is diagonal; directions are as likely as before.
     variances = np.linalg.eigvalsh(covariances)
     squares, weights = _directions()
-    s = np.maximum(variances, 0.0) @ squares.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        below = gammainc(1.5, 0.5 * lengths[:, None, None] ** 2 / s)
-    return np.mean(np.where(s > 0.0, below, 1.0) @ weights, axis=1)
+    s = np.maximum(variances @ squares.T, 1e-30)  # an error without spread is shorter than a femtometre
+    x = lengths[:, None, None] / np.sqrt(2.0 * s)
+    return np.mean((erf(x) - 2.0 / np.sqrt(np.pi) * x * np.exp(-x * x)) @ weights, axis=1)
 
 
 def length_quantile(covariances: Array, share: float) -> float:
@@ -302,7 +302,7 @@ def length_quantile(covariances: Array, share: float) -> float:
         return 0.0
 
     def beyond(length: float) -> float:
-        return float(length_probability(covariances, np.array([length]))[0]) - share
+        return length_probability(covariances, np.array([length]))[0] - share
 
     return float(brentq(beyond, 0.0, longest, xtol=1e-6 * longest))
 
