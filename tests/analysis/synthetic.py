@@ -64,8 +64,9 @@ def surface_trace(
 ) -> Trace:
     """Fed along a path with the set force, less a dip of 10 mm half-width at each strong bend."""
     time = np.arange(0.0, path.length_m / feed_m_s, DT)
-    s = feed_m_s * time
-    centres = path.s[_bends(path)]
+    s, bend = feed_m_s * time, path.curvature
+    peaks = (bend[1:-1] > bend[:-2]) & (bend[1:-1] > bend[2:]) & (bend[1:-1] > 10.0)
+    centres = path.s[1:-1][peaks]
     dips = sum((np.exp(-0.5 * ((s - c) / 0.005) ** 2) for c in centres), np.zeros_like(s))
     process = (s >= path.s[20]) & (s <= path.s[-21])
     phase = np.where(process, 2, np.where(s < path.s[20], 0, 3)).astype(np.int8)
@@ -95,22 +96,6 @@ def removal_map(exposure: Array, preston_1_pa: float = 0.0) -> RemovalMap:
     vertices = np.column_stack([x, np.tile([0.0, 0.01], n), np.zeros(2 * n)])
     first = 2 * np.arange(n - 1)[:, None]
     triangles = np.concatenate([first + [0, 2, 3], first + [0, 3, 1]])
-    up = np.array([0.0, 0.0, 1.0])
-    return RemovalMap(
-        vertices,
-        np.tile(up, (2 * n, 1)),
-        triangles,
-        np.full(2 * n, 1e-4),
-        np.repeat(exposure, 2),
-        up,
-        preston_1_pa,
-        elsewhere_nm=0.0,
-        unplaced_share=0.0,
-        field_ratio=1.0,
-    )
-
-
-def _bends(path: ToolPath) -> NDArray[np.intp]:
-    curvature = path.curvature
-    inner = (curvature[1:-1] > curvature[:-2]) & (curvature[1:-1] > curvature[2:]) & (curvature[1:-1] > 10.0)
-    return np.flatnonzero(inner) + 1
+    up, areas = np.array([0.0, 0.0, 1.0]), np.full(2 * n, 1e-4)
+    on_nodes = vertices, np.tile(up, (2 * n, 1)), triangles, areas, np.repeat(exposure, 2)
+    return RemovalMap(*on_nodes, up, preston_1_pa, elsewhere_nm=0.0, unplaced_share=0.0, field_ratio=1.0)

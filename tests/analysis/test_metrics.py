@@ -1,4 +1,4 @@
-"""Figures of arc, force, surface and taught paths from synthetic traces with known answers."""
+"""Figures of synthetic traces with known answers; what is asked of them, and when it counts as met."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis import metrics
+from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
+from polish_sim.dual.experiment import CALIBRATIONS
+from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.hand_guiding.figures import measure_taught
+from polish_sim.identification.settings import IDENTIFY
 from polish_sim.log import Trace
-from polish_sim.planning.toolpath import ToolPath
-from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
+from polish_sim.scenario_file import merge, override
+from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace, trace_of
 from tests.planning.shapes import path_through
 
 
@@ -26,9 +31,8 @@ def test_a_first_order_force_response_has_the_textbook_figures():
     assert figures["steady_within_3n"] == 1.0
     assert figures["steady_std_n"] < 0.1  # the retract is no loss of force
     assert figures["overshoot_n"] == 0.0
-    assert metrics.measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(
-        5.0, abs=1e-3
-    )
+    harder = metrics.measure_force(force_trace(contact_force=25.0), 20.0)
+    assert harder["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
 
 
 def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface():
@@ -40,39 +44,34 @@ def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_n
     assert figures["curvature_peaks"] == 0
 
 
-def test_a_constant_radial_error_is_the_tracking_error_of_the_arc():
+def test_a_constant_radial_error_and_a_slow_ripple_of_the_speed_are_those_of_the_arc():
     figures = metrics.measure_arc(arc_trace(radial_error_m=7e-5))
     assert figures["tracking_error_max_m"] == pytest.approx(7e-5, abs=1e-12)
     assert figures["tracking_error_rms_m"] == pytest.approx(7e-5, abs=1e-12)
     assert figures["speed_mean_m_s"] == pytest.approx(0.01)
     assert figures["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_second():
-    trace = arc_trace(ripple_m_s=2e-4)
-    ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
-    # the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it
-    known = pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
-    assert metrics.measure_arc(ramped)["speed_max_deviation_m_s"] == known
-
-
-def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim():
     centre, normal = np.asarray(metrics.PAPER_ARC.center), np.asarray(metrics.PAPER_ARC.normal)
     rim_top = centre + np.array([0.0, 0.0, metrics.PAPER_ARC.radius])
     points = np.array([centre, rim_top, rim_top + 0.03 * normal])
     assert metrics.distance_to_circle(points, metrics.PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
+    # But for the first second: the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it.
+    trace = arc_trace(ripple_m_s=2e-4)
+    ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
+    known = pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
+    assert metrics.measure_arc(ramped)["speed_max_deviation_m_s"] == known
 
 
-def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top():
+def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top_where_noise_is_as_large_as_between():
     path = bumpy_path(bumps=6)
     assert path.s[metrics.curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
-
-    assert (
-        len(metrics.curvature_peaks(bumpy_path(bumps=4, sharpness=-1 / 0.06))) == 4
-    )  # hollows count like humps
-    assert len(metrics.curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0  # gentle ones do not
+    for sharpness, count in ((-1 / 0.06, 4), (1 / 0.3, 0)):  # hollows count like humps, gentle ones do not
+        assert len(metrics.curvature_peaks(bumpy_path(bumps=4, sharpness=sharpness))) == count
     rippled = path.curvature + 1.0 * np.sin(path.s / 0.0005)
     assert len(metrics.curvature_peaks(replace(path, curvature=rippled))) == 6
+    s = np.linspace(0.0, 2.0, 200_000)
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
+    errors = metrics.errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
+    assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
 
 
 def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
@@ -88,22 +87,12 @@ def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     assert figures["force_within_4n"] == pytest.approx(1.0 - outside, abs=1e-3)
     assert figures["contact_lost_s"] == 0.0
     assert figures["speed_mean_m_s"] == pytest.approx(0.01)
-    force = trace.normal_force_n.copy()
-    force[50_000:50_250] = 0.0
-    lost = metrics.measure_surface(trace._replace(normal_force_n=force), path, 20.0)
-    assert lost["contact_lost_s"] == pytest.approx(0.25)
+    lost = np.where((trace.time_s >= 50.0) & (trace.time_s < 50.25), 0.0, trace.normal_force_n)
+    figures = metrics.measure_surface(trace._replace(normal_force_n=lost), path, 20.0)
+    assert figures["contact_lost_s"] == pytest.approx(0.25)
     until = int(np.searchsorted(trace.path_s_m, 0.5 + metrics.WINDOW_M))
-    assert (
-        metrics.measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)["curvature_peaks"]
-        == 3
-    )
-
-
-def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them():
-    s = np.linspace(0.0, 2.0, 200_000)
-    noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
-    errors = metrics.errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
-    assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
+    figures = metrics.measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)
+    assert figures["curvature_peaks"] == 3
 
 
 TIME = np.arange(0.0, 3.0, 1e-3)
@@ -132,29 +121,22 @@ def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished
     assert not metrics.map_notes({"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4})
 
 
-def test_settling_counts_from_the_last_excursion_not_the_first_entry():
+def test_settling_counts_from_the_last_excursion_and_is_undefined_when_it_ends_outside():
     error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
     assert abs(metrics.settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
-
-
-def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or_is_not_a_number():
     assert metrics.settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
-    assert math.isnan(metrics.settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
-    assert math.isnan(metrics.settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
-    assert math.isnan(metrics.settling_time(np.empty(0), np.empty(0), 3.0))
+    for bad in (np.linspace(0.0, 10.0, len(TIME)), np.full_like(TIME, math.nan), np.empty(0)):
+        assert math.isnan(metrics.settling_time(TIME[: len(bad)], bad, 3.0))
     assert math.isnan(metrics.rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
     assert metrics.moving_average(TIME[:20], TIME[:20], 0.05).size == 0  # shorter than the window
 
 
-def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
-    x = np.arange(0.0, last + 1e-9, 0.001)
-    positions = np.stack([x, np.zeros_like(x), np.full_like(x, height)], axis=1)
-    return path_through(positions, (0.0, np.sin(tilt), np.cos(tilt)))
-
-
 def test_a_path_taught_two_millimetres_high_and_too_short():
-    meant, taught = straight(0.0), straight(0.002, last=0.09, tilt=0.1)
-    figures = measure_taught(taught.positions_work, taught, meant)
+    x = np.arange(0.0, 0.1 + 1e-9, 0.001)
+    meant = path_through(np.column_stack([x, 0.0 * x, 0.0 * x]), (0.0, 0.0, 1.0))
+    points = np.column_stack([x, 0.0 * x, 0.0 * x + 0.002])[:91]
+    taught = path_through(points, (0.0, np.sin(0.1), np.cos(0.1)))
+    figures = measure_taught(points, taught, meant)
     assert figures["taught_deviation_max_m"] == pytest.approx(0.002)
     assert figures["recorded_deviation_rms_m"] == pytest.approx(0.002)
     assert figures["taught_missed_max_m"] == pytest.approx(np.hypot(0.01, 0.002))
@@ -169,3 +151,70 @@ def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again():
     assert np.diff(s)[4703] > 0.99e-5
     steady = metrics.steady_feed(time >= 0.0, time, s)
     assert time[steady][-1] == pytest.approx(4.01, abs=0.003)
+
+
+def asked_of(name: str) -> tuple[Claim, ...]:
+    row = experiment(name)
+    return row.claims(row.defaults)
+
+
+def test_every_claim_names_a_figure_that_is_measured():
+    path, removal = bumpy_path(), metrics.measure_removal(removal_map(np.ones(5)))
+    for name, figures in (
+        ("arc", metrics.measure_arc(arc_trace())),
+        ("force", metrics.measure_force(force_trace(), 20.0)),
+        ("surface", metrics.measure_surface(surface_trace(path), path, 20.0) | removal),
+    ):
+        assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
+
+
+def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error():
+    ideal = experiment("arc").claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
+    good, wide = (metrics.measure_arc(arc_trace(off)) | {"path_done": 1.0} for off in (5e-5, 2e-4))
+    assert shortfalls(ideal, good) == []
+    assert [claim.figure for claim in shortfalls(ideal, wide)] == ["tracking_error_max_m"]
+    assert shortfalls(asked_of("arc"), wide) == []
+    assert [claim.figure for claim in shortfalls(asked_of("arc"), wide | {"path_done": 0.5})] == ["path_done"]
+
+
+def test_an_undefined_figure_meets_no_bound_and_the_worst_of_several_seeds_is_the_least_good():
+    assert not Claim("x", "x", "N", high=1.0).met_by(math.nan)
+    assert Claim("x", "x", "N").met_by(math.nan)
+    claim = Claim("x", "x", "mm", low=5e-5, high=1e-4)
+    assert (bound_text(claim), value_text(claim, math.nan)) == ("0.05 to 0.1", "-")
+    assert Claim("x", "x", "%", more_is_better=True).worst_of([0.9, 0.7, 0.8]) == 0.7
+    assert Claim("x", "x", "N", high=0.5).worst_of([0.1, 0.4, 0.2]) == 0.4
+    assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([0.1, math.nan]))
+    assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([]))
+
+
+def test_a_lower_bound_goes_with_more_being_better():
+    tables = [*map(asked_of, experiments()), *CALIBRATIONS.values(), *IDENTIFY.values(), PAYLOAD_CLAIMS]
+    for claim in (claim for claims in tables for claim in claims):
+        assert claim.more_is_better or math.isinf(claim.low)
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("arc", {"process": {"feed_m_s": 0.02}}),
+        ("force", {"part": {"file": "freeform"}}),
+        ("surface", {"process": {"contact_force_n": 12.0}}),
+        ("surface", {"plan": {"file": "mine.csv"}}),
+        ("smooth", {"plan": {"file": "mine.csv"}}),
+    ],
+)
+def test_the_paper_s_figures_stand_beside_its_own_trial_only(name, changed):
+    trial = default_scenario(name)
+    other = merge(trial, changed, "")
+    assert claims_shown([trial]) == asked_of(name)
+    figures = [claim.figure for claim in asked_of(name)]
+    for scenarios in ([other], [trial, other]):
+        assert {claim.paper for claim in claims_shown(scenarios)} == {"-"}
+        assert [claim.figure for claim in claims_shown(scenarios)] == figures
+
+
+def test_a_single_mode_of_hand_guiding_is_not_called_the_last():
+    for key, value, label in (("mode", "gravity", "peak"), ("direction", "x", "last mode, peak")):
+        scenario = merge(default_scenario("teach"), {"guide": {key: value}}, "")
+        assert claims_shown([scenario])[0].label == f"hand force, {label}"

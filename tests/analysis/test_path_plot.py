@@ -17,13 +17,14 @@ def result():
     return plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
 
 
-@pytest.fixture(scope="module")
-def figure(result):
-    return plot_plan(result)
+def drawn_on(flat):
+    """Points of the path drawn from above or from its side [mm]."""
+    return np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
 
 
-def test_from_above_the_path_lies_where_it_was_planned(result, figure):
-    flat = figure.axes[1]
+def test_from_above_the_path_lies_where_it_was_planned_and_in_space_it_fills_the_view(result):
+    figure = plot_plan(result)
+    solid, flat = figure.axes[:2]
     drawn = np.concatenate([line.vertices for line in flat.collections[1].get_paths()])
     process = result.path.positions_work[result.path.process] * 1e3
     assert drawn.min(axis=0) == pytest.approx(process[:, :2].min(axis=0))
@@ -32,42 +33,6 @@ def test_from_above_the_path_lies_where_it_was_planned(result, figure):
     assert flat.get_ylabel() == "to the back (+y) [mm]"
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["approach, lead-in", "lead-out, retract"]
-
-
-@pytest.fixture(scope="module")
-def box(tmp_path_factory):
-    file = tmp_path_factory.mktemp("box") / "box.stl"
-    trimesh.creation.box((60, 60, 60)).export(file)
-    return PartConfig(str(file), up="z")
-
-
-def test_no_side_the_part_hides_is_drawn_through_it(box):
-    result = plan_part(box, PlanConfig(region="all", stepover_m=0.03))
-    solid, flat, _ = plot_plan(result).axes
-    tops = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
-    assert np.abs(tops).max() < 29.0  # of the top alone, which keeps off its rim; walls would lie at 30
-    drawn = np.concatenate(
-        [np.asarray(piece._segments3d) for piece in solid.collections if hasattr(piece, "_segments3d")]
-    )
-    sides = np.isclose(np.abs(drawn).max(axis=2), 30.0).all(axis=1)
-    strokes = drawn[sides].mean(axis=1)
-    assert (strokes.max(axis=0) > 29.9)[[0, 2]].all()
-    assert (strokes.min(axis=0) < -29.9)[1]
-    assert not (strokes.min(axis=0) < -29.9)[[0, 2]].any()
-    assert not (strokes.max(axis=0) > 29.9)[1]
-
-
-def test_a_side_of_the_part_is_seen_along_its_face(box):
-    result = plan_part(box, PlanConfig(region="point:30,0,0", stepover_m=0.02))
-    _, flat, _ = plot_plan(result).axes
-    drawn = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
-    process = result.path.positions_work[result.path.process] * 1e3
-    assert np.ptp(drawn, axis=0) == pytest.approx(np.ptp(process[:, [1, 2]], axis=0))
-    assert flat.get_ylabel() == "up (+z) [mm]"
-
-
-def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure):
-    solid = figure.axes[0]
     corners = np.concatenate([result.mesh.vertices, result.path.positions_work]) * 1e3
     across = np.array(proj3d.proj_transform(*corners.T, solid.get_proj())[:2])
     view = np.array([solid.viewLim.intervalx, solid.viewLim.intervaly])
@@ -77,7 +42,26 @@ def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure)
     assert (across.max(axis=1) <= view[:, 1]).all()
 
 
-def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen():
+def test_no_side_the_part_hides_is_drawn_through_it_and_a_side_is_seen_along_its_face(tmp_path):
+    trimesh.creation.box((60, 60, 60)).export(tmp_path / "box.stl")
+    box = PartConfig(str(tmp_path / "box.stl"), up="z")
+    solid, flat, _ = plot_plan(plan_part(box, PlanConfig(region="all", stepover_m=0.03))).axes
+    # Of the top alone, which keeps off its rim; walls would lie at 30.
+    assert np.abs(drawn_on(flat)).max() < 29.0
+    pieces = [np.asarray(piece._segments3d) for piece in solid.collections if hasattr(piece, "_segments3d")]
+    drawn = np.concatenate(pieces)
+    sides = np.isclose(np.abs(drawn).max(axis=2), 30.0).all(axis=1)
+    strokes = drawn[sides].mean(axis=1)
+    assert (strokes.max(axis=0) > 29.9).tolist() == [True, False, True]
+    assert (strokes.min(axis=0) < -29.9).tolist() == [False, True, False]
+    result = plan_part(box, PlanConfig(region="point:30,0,0", stepover_m=0.02))
+    _, flat, _ = plot_plan(result).axes
+    process = result.path.positions_work[result.path.process] * 1e3
+    assert np.ptp(drawn_on(flat), axis=0) == pytest.approx(np.ptp(process[:, [1, 2]], axis=0))
+    assert flat.get_ylabel() == "up (+z) [mm]"
+
+
+def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen_and_long_thin_facets_hide_as_well():
     ball = trimesh.creation.icosphere(4)
     third = np.array([0.6, -0.48, 0.64])
     assert axis_name(third) == "0.6, -0.48, 0.64"
@@ -91,9 +75,6 @@ def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen():
     # What is lifted by 3% of the radius looks over the rim from 0.23 behind it.
     clear = np.abs(facing) > 0.25
     assert (seen_in(picture, normals, normals) == (facing > 0.0))[clear].all()
-
-
-def test_long_thin_facets_hide_as_well_as_square_ones():
     low, high = np.array([0.0, 0.0, 0.0]), np.array([10.0, 0.02, 0.0])
     strip = np.array([[low, [10.0, 0.0, 0.0], high], [low, high, [0.0, 0.02, 0.0]]])
     picture = depth_picture(strip, lambda points: points)

@@ -25,25 +25,20 @@ def arc_record(trace: Trace | None = None) -> RunRecord:
 
 
 def force_record(trace: Trace | None = None, seed: int = 0) -> RunRecord:
-    run = force_trace() if trace is None else trace
-    return RunRecord(
-        "f", Scenario(experiment="force", seed=seed), measure_force(run, 20.0), log_of(run), None
-    )
+    run, scenario = force_trace() if trace is None else trace, Scenario(experiment="force", seed=seed)
+    return RunRecord("f", scenario, measure_force(run, 20.0), log_of(run), None)
 
 
 def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") -> RunRecord:
     path = bumpy_path(bumps=3, length=0.3)
-    run = surface_trace(path) if trace is None else trace
-    scenario = Scenario()
+    run, scenario = surface_trace(path) if trace is None else trace, Scenario()
     scenario = replace(scenario, controller=replace(scenario.controller, name=controller))
     return RunRecord("s", scenario, measure_surface(run, path, 20.0), log_of(run), path)
 
 
 def with_force(record: RunRecord, force_n: float) -> RunRecord:
-    scenario = record.scenario
-    return replace(
-        record, scenario=replace(scenario, process=replace(scenario.process, contact_force_n=force_n))
-    )
+    process = replace(record.scenario.process, contact_force_n=force_n)
+    return replace(record, scenario=replace(record.scenario, process=process))
 
 
 RECORDS = [arc_record, force_record, surface_record]
@@ -94,29 +89,28 @@ def test_a_run_stopped_early_still_draws(make, phase):
         assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
 
 
-def test_the_drawn_force_is_the_logged_one_and_each_curvature_peak_is_numbered():
+def test_the_drawn_force_is_the_logged_one_each_curvature_peak_is_numbered_and_the_dip_at_it_is_the_mean():
     record = surface_record()
     figure = draw_plots(record)["force.png"]
     drawn = next(line for line in figure.axes[0].lines if line.get_label() == "exact contact force")
-    fed = record.log.fed
-    np.testing.assert_array_equal(drawn.get_ydata(), record.log["normal_force_n"][fed])
+    np.testing.assert_array_equal(drawn.get_ydata(), record.log["normal_force_n"][record.log.fed])
     assert [text.get_text() for text in figure.axes[0].texts] == [" 1", " 2", " 3"]
-
-
-def stopped(record: RunRecord, time: float, s: float) -> RunRecord:
-    """The same run as if it had stopped itself then and there."""
-    on = np.array(record.log["time_s"] <= time)
-    log = RunLog({name: column[on] for name, column in record.log.columns.items()})
-    at = {"name": "a limit", "time_s": time, "path_s_m": s, "tool_m": [0.0, 0.0, 0.0]}
-    return replace(record, log=log, metrics={**record.metrics, "protective_stop_at": at})
+    errors, bends = around_peaks(record, np.array([-0.03, 0.0, 0.03]))
+    assert errors.shape == (3, 3)
+    assert errors.mean(axis=0) == pytest.approx([0.0, -5.0, 0.0], abs=0.05)
+    assert bends.mean(axis=0) == pytest.approx([1.0, 1.0 + 1 / 0.06, 1.0], abs=0.02)
 
 
 def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked():
     record = surface_record()
     fed = record.log.fed
-    time, s = (float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m"))
-    for run, where in ((stopped(record, time, s), s), (stopped(force_record(), 3.0, 0.0), 1.0)):
-        figure = draw_plots(run)["force.png"]
+    tenth = [float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m")]
+    for run, time, s, where in ((record, *tenth, tenth[1]), (force_record(), 3.0, 0.0, 1.0)):
+        on = np.array(run.log["time_s"] <= time)
+        log = RunLog({name: column[on] for name, column in run.log.columns.items()})
+        at = {"name": "a limit", "time_s": time, "path_s_m": s, "tool_m": [0.0, 0.0, 0.0]}
+        stopped = replace(run, log=log, metrics={**run.metrics, "protective_stop_at": at})
+        figure = draw_plots(stopped)["force.png"]
         assert "a limit" in head_of(figure)
         for axes in figure.axes:
             low, high = axes.get_xlim()
@@ -139,36 +133,29 @@ def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controll
 
 
 def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_each_other():
-    (figure,) = draw_comparison([arc_record(), arc_record()]).values()
-    assert len(figure.axes) == 1
-    assert_labelled(figure)
-    (figure,) = draw_comparison([force_record(), with_force(force_record(), 10.0)]).values()
-    assert len(figure.axes) == 1
-    assert_labelled(figure)
+    for runs in ([arc_record(), arc_record()], [force_record(), with_force(force_record(), 10.0)]):
+        (figure,) = draw_comparison(runs).values()
+        assert len(figure.axes) == 1
+        assert_labelled(figure)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
     with pytest.raises(InputError, match="arc, force"):
         draw_comparison([arc_record(), force_record()])
 
 
-def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small():
-    record = surface_record()
-    round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
+def test_a_path_without_bends_or_with_one_too_near_an_end_says_so_and_noise_of_its_curvature_stays_small():
+    record, noise = surface_record(), 0.01 * np.random.default_rng(0).standard_normal(2401)
+    round_, noisy = (
+        replace(record, path=replace(record.path, curvature=curvature))
+        for curvature in (np.full(2401, 20.0), 10.0 + noise)
+    )
     assert "peaks.png" not in draw_plots(round_)
     metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
-    plots = draw_plots(replace(record, metrics=metrics))
-    assert "no curvature peak" in head_of(plots["force.png"])
-    noise = 10.0 + 0.01 * np.random.default_rng(0).standard_normal(len(record.path.s))
-    figure = draw_plots(replace(record, path=replace(record.path, curvature=noise)))["force.png"]
-    low, high = figure.axes[1].get_ylim()
+    assert "no curvature peak" in head_of(draw_plots(replace(record, metrics=metrics))["force.png"])
+    low, high = draw_plots(noisy)["force.png"].axes[1].get_ylim()
     assert low < 0.0
     assert high > 10.0
-
-
-def test_a_bend_too_near_an_end_to_be_drawn_is_told():
-    record = surface_record()
-    fed = np.flatnonzero(record.log.fed)
-    cut = record.log["phase"].copy()
+    fed, cut = np.flatnonzero(record.log.fed), record.log["phase"].copy()
     cut[fed[: len(fed) // 8]] = 1
     figure = draw_plots(replace(record, log=RunLog({**record.log.columns, "phase": cut})))["peaks.png"]
     assert "1 less than 40 mm from an end, not drawn" in head_of(figure)
@@ -185,10 +172,3 @@ def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_dr
     assert "seed 7, the worst of 2" in head_of(plots["worst_seed.png"])
     names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
     assert names["force error, max [N]"] == "seed 7: 7"
-
-
-def test_the_dip_at_every_bend_is_the_mean_at_offset_zero():
-    errors, bends = around_peaks(surface_record(), np.array([-0.03, 0.0, 0.03]))
-    assert errors.shape == (3, 3)
-    assert errors.mean(axis=0) == pytest.approx([0.0, -5.0, 0.0], abs=0.05)
-    assert bends.mean(axis=0) == pytest.approx([1.0, 1.0 + 1 / 0.06, 1.0], abs=0.02)

@@ -12,22 +12,28 @@ from polish_sim.analysis.removal_plot import write_removal_mesh
 from polish_sim.analysis.run_record import RunRecord, read_record, write_record
 from polish_sim.config import Scenario
 from polish_sim.experiments.report import draw_comparison, draw_plots
-from polish_sim.log import RunLog, with_column
+from polish_sim.log import with_column
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace
 
 UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
 """Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
 
 
-def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_counted():
-    figures = measure_removal(removal_map(3e5 * UNEVEN))
-    assert figures["under_polished_share"] == pytest.approx(0.10)
-    assert figures["over_polished_share"] == pytest.approx(0.10)
-    assert figures["unpolished_share"] == pytest.approx(0.05)
-    assert figures["removal_max"] == pytest.approx(2.0)
-    assert figures["removal_cv"] == pytest.approx(math.sqrt(float(np.mean((UNEVEN - 1.0) ** 2))))
-    assert figures["exposure_mean_n_m"] == pytest.approx(3e5)
-    assert figures["exposure_nm"] == pytest.approx(3e5 * 40 * 1e-4)
+def test_shares_below_half_and_above_one_and_a_half_means_are_counted_and_depths_with_a_wear_coefficient():
+    relative, absolute = (measure_removal(removal_map(3e5 * UNEVEN, wear)) for wear in (0.0, 1e-13))
+    for figures in (relative, absolute):
+        assert figures["under_polished_share"] == pytest.approx(0.10)
+        assert figures["over_polished_share"] == pytest.approx(0.10)
+        assert figures["unpolished_share"] == pytest.approx(0.05)
+        assert figures["removal_max"] == pytest.approx(2.0)
+        assert figures["removal_cv"] == pytest.approx(math.sqrt(float(np.mean((UNEVEN - 1.0) ** 2))))
+        assert figures["exposure_mean_n_m"] == pytest.approx(3e5)
+        assert figures["exposure_nm"] == pytest.approx(3e5 * 40 * 1e-4)
+    assert math.isnan(relative["removal_volume_m3"])
+    assert math.isnan(relative["removal_mean_m"])
+    assert absolute["removal_mean_m"] == pytest.approx(3e-8)
+    assert absolute["removal_max_m"] == pytest.approx(6e-8)
+    assert absolute["removal_volume_m3"] == pytest.approx(3e-8 * 40 * 1e-4)
     even, nothing = (measure_removal(removal_map(np.full(20, size))) for size in (7.0, 0.0))
     assert (even["removal_p5"], even["removal_p95"]) == pytest.approx((1.0, 1.0))
     assert math.isnan(nothing["removal_cv"])
@@ -45,16 +51,6 @@ def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram():
     assert "untouched 50.00% left out" in shares.get_xlabel()
 
 
-def test_depth_and_volume_are_known_only_with_a_wear_coefficient():
-    relative, absolute = (measure_removal(removal_map(3e5 * UNEVEN, wear)) for wear in (0.0, 1e-13))
-    assert math.isnan(relative["removal_volume_m3"])
-    assert math.isnan(relative["removal_mean_m"])
-    assert absolute["removal_mean_m"] == pytest.approx(3e-8)
-    assert absolute["removal_max_m"] == pytest.approx(6e-8)
-    assert absolute["removal_volume_m3"] == pytest.approx(3e-8 * 40 * 1e-4)
-    assert absolute["removal_cv"] == relative["removal_cv"]
-
-
 def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path):
     removal = removal_map(3e5 * UNEVEN, 1e-13)
     write_removal_mesh(tmp_path / "removal.ply", removal)
@@ -68,8 +64,7 @@ def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path):
 
 @pytest.fixture
 def run() -> RunRecord:
-    path = bumpy_path(bumps=2, length=0.1)
-    removal = removal_map(3e5 * UNEVEN)
+    path, removal = bumpy_path(bumps=2, length=0.1), removal_map(3e5 * UNEVEN)
     log = log_of(surface_trace(path))
     log = with_column(log, "exposure_nm", np.linspace(0.0, 1.0, len(log)))
     figures = {"force_mean_n": 20.0, **measure_removal(removal)}
@@ -83,23 +78,16 @@ def test_a_saved_run_is_drawn_again_alone_and_beside_others(run, tmp_path):
     np.testing.assert_array_equal(back.removal.triangles, run.removal.triangles)
     assert "removal.png" in draw_plots(back)
     assert "removal.png" in draw_comparison([back, back, run])
+    with pytest.raises(ValueError, match="exposure_nm"):  # a column added to a log must fit it
+        with_column(run.log, "exposure_nm", np.zeros(len(run.log) + 1))
 
 
-@pytest.mark.parametrize("kept", [None, "nothing removed"])
-def test_a_run_without_removal_is_drawn_without_its_map(run, kept):
-    bare = replace(run, removal=removal_map(np.zeros(20)) if kept else None)
-    assert "removal.png" not in draw_plots(bare)
-    assert "removal.png" not in draw_comparison([run, bare])
-
-
-def test_with_a_wear_coefficient_the_colours_are_micrometres(run):
+def test_a_run_without_removal_is_drawn_without_its_map_and_with_a_wear_coefficient_in_micrometres(run):
+    for removal in (None, removal_map(np.zeros(20))):
+        bare = replace(run, removal=removal)
+        assert "removal.png" not in draw_plots(bare)
+        assert "removal.png" not in draw_comparison([run, bare])
     removal = removal_map(3e5 * UNEVEN, 1e-13)
     figure = draw_plots(replace(run, removal=removal, metrics=measure_removal(removal)))["removal.png"]
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert any("µm" in label for label in labels), labels
-
-
-def test_a_column_added_to_a_log_must_fit_it(run):
-    log = RunLog(run.log.columns)
-    with pytest.raises(ValueError, match="exposure_nm"):
-        with_column(log, "exposure_nm", np.zeros(len(log) + 1))

@@ -45,11 +45,6 @@ def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path):
     assert read == {"a": None, "b": 2.0, "c": 3, "d": [None, 1.0], "e": [1.0]}
 
 
-def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path):
-    with pytest.raises(InputError, match=r"lacks config.toml, metrics.json, log.npz"):
-        run_record.read_record(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("figure", "value"),
     [
@@ -79,13 +74,6 @@ def test_areas_that_contradict_each_other_are_named_beside_the_figures(record):
     assert notes(0.015) == []
 
 
-def test_a_config_that_names_no_experiment_is_refused(record, tmp_path):
-    run_record.write_record(tmp_path, record)
-    (tmp_path / "config.toml").write_text("")
-    with pytest.raises(InputError, match=r"config\.toml' is not the config of a run"):
-        run_record.read_record(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("name", "array", "change"),
     [
@@ -111,61 +99,55 @@ def test_arrays_that_do_not_fit_are_refused_by_file(record, tmp_path, name, arra
         run_record.read_record(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", run_record.REMOVAL])
-def test_a_truncated_file_is_refused_by_name(record, tmp_path, name):
-    run_record.write_record(tmp_path, record)
-    file = tmp_path / name
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    with pytest.raises(InputError, match=name):
+def test_a_folder_that_is_no_run_or_holds_a_truncated_file_is_refused_by_name(record, tmp_path):
+    with pytest.raises(InputError, match=r"lacks config.toml, metrics.json, log.npz"):
         run_record.read_record(tmp_path)
+    run_record.write_record(tmp_path, record)
+    for name in ("metrics.json", "log.npz", "path.npz", run_record.REMOVAL, "config.toml"):
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(whole[: len(whole) // 2] if name != "config.toml" else b"")
+        with pytest.raises(InputError, match=name) as refused:
+            run_record.read_record(tmp_path)
+        (tmp_path / name).write_bytes(whole)
+    assert "config.toml' is not the config of a run" in str(refused.value)
 
 
 def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> run_record.RunRecord:
-    scenario = merge(Scenario(), dict(sections), "")
-    log = log_of(trace_of(np.zeros(4, np.int8)))
+    scenario, log = merge(Scenario(), dict(sections), ""), log_of(trace_of(np.zeros(4, np.int8)))
     return run_record.RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
 
 
-def row(records: list[run_record.RunRecord], label: str) -> list[str]:
-    (found,) = [row for row in setting_rows(records) if row[0] == label]
-    return found[2:]
-
-
 def test_part_force_and_feed_of_every_run_stand_in_its_own_column():
-    runs = [run(), run(part={"file": "my/bowl.stl"}, process={"contact_force_n": 12.0, "feed_m_s": 0.04})]
-    assert row(runs, "part") == ["freeform", "bowl.stl"]
-    assert row(runs, "set force") == ["20", "12"]
-    assert row(runs, "feed") == ["10", "40"]
-    runs = [run(), run(plan={"file": "plans/mine.csv"})]
-    assert row(runs, "path") == ["spiral", "mine.csv"]
-    assert row(runs, "step-over") == ["8", "-"]
-    runs = [run(experiment="teach"), run(experiment="teach", drag={"follow": "rim"})]
-    assert row(runs, "along") == ["the trial's moves", "rim"]
-    assert row(runs, "mode") == ["every", "default"]
-    assert row([run(experiment="dual")], "path") == ["around the rim"]
+    bowl = {"part": {"file": "my/bowl.stl"}, "process": {"contact_force_n": 12.0, "feed_m_s": 0.04}}
+    teach = {"experiment": "teach"}
+    for runs, wanted in (
+        ([{}, bowl], {"part": ["freeform", "bowl.stl"], "set force": ["20", "12"], "feed": ["10", "40"]}),
+        (
+            [{}, {"plan": {"file": "plans/mine.csv"}}],
+            {"path": ["spiral", "mine.csv"], "step-over": ["8", "-"]},
+        ),
+        ([teach, {**teach, "drag": {"follow": "rim"}}], {"along": ["the trial's moves", "rim"]}),
+        ([teach, {**teach, "drag": {"follow": "rim"}}], {"mode": ["every", "default"]}),
+        ([{"experiment": "dual"}], {"path": ["around the rim"]}),
+    ):
+        rows = {label: found for label, _, *found in setting_rows([run(**sections) for sections in runs])}
+        assert wanted.items() <= rows.items()
 
 
-@pytest.mark.parametrize(
-    ("metrics", "said"),
-    [
+def test_how_a_run_ended_is_said_and_what_runs_differ_in_but_seed_and_controller_is_named():
+    stopped = {"path_done": 0.5, "protective_stop": "the force was too large"}
+    for metrics, said in (
         ({}, "whole"),
         ({"path_done": 0.351, "interrupted": True}, "interrupted at 35.1%"),
-        ({"path_done": 0.5, "protective_stop": "the force was too large"}, "stopped at 50.0%"),
+        (stopped, "stopped at 50.0%"),
         ({"path_done": 0.25}, "cut short at 25.0%"),
-    ],
-)
-def test_how_a_run_ended_is_said(metrics, said):
-    assert run_record.ending(run(metrics=metrics)) == said
-
-
-def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not_whole():
+    ):
+        assert run_record.ending(run(metrics=metrics)) == said
     other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
     assert run_record.notes_of([run(), replace(run(), scenario=other)]) == []
-    stopped = run("b", {"path_done": 0.5, "protective_stop": "the force was too large"})
-    (note,) = run_record.notes_of([run("a"), stopped])
+    (note,) = run_record.notes_of([run("a"), run("b", stopped)])
     assert note.startswith("'b' stopped at 50.0% (the force was too large)")
-    runs = [run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})]
-    (note,) = run_record.notes_of(runs)
+    (note,) = run_record.notes_of([run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})])
     assert note.endswith("they differ in part.file, sensor.force_noise_n.")
 
 
