@@ -375,7 +375,7 @@ def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
     if not rig.recorded:
         console.note("nothing was recorded: no programme ran.")
         return
-    points = apply(job.place.reach.T_base_work, path.in_contact[0])
+    points = apply(job.place.reach.T_base_work, path.in_contact.positions)
     run = rig.result(job.wall_s, points, path.s[path.process], job.most_s)
     if not run.trace.fed.any():
         console.note(

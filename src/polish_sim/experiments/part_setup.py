@@ -248,7 +248,7 @@ def real_shape(
         return RealShape(mesh, surface, given=False)
     actual = load_part(part_path(config.real_file), mesh.unit, config.up)
     shape = RealShape(actual, fit_surface(actual, angle), given=True)
-    _check_place(shape, mesh, config, path.in_contact[0])
+    _check_place(shape, mesh, config, path.in_contact.positions)
     return shape
 
 

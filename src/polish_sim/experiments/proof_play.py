@@ -106,7 +106,7 @@ class Play:
         guards, part, path = self.cell.state.guards, self.usual.part, self.place.path
         kept = 1.0 - self.margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
-        extent = diagonal_of(path.in_contact[0])
+        extent = diagonal_of(path.in_contact.positions)
         # From where the force is first held: how far the part lies off there counts no more.
         drawn = part.rotation_rad * extent + part.form_error_m
         less = drawn if self.nominal else self.margin * guards.offset

@@ -173,7 +173,7 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
     """Where the path begins if that is not within two step-overs of the start asked for."""
     if not plan.start:
         return []
-    begin = path.in_contact[0][0]
+    begin = path.in_contact.positions[0]
     distance = np.linalg.norm(begin - plan.start)
     if distance <= FAR_START * plan.stepover_m:
         return []

@@ -128,7 +128,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
     """Advice if the path would fit the part in place and size in another unit; else empty."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    points = path.in_contact[0]
+    points = path.in_contact.positions
     size = (high - low).max()
     for factor in UNITS:
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
@@ -149,7 +149,7 @@ def _reason(mesh: PartMesh, path: ToolPath, heights: Array, middle: float) -> st
             f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface "
             "itself."
         )
-    sizes = np.ptp(path.in_contact[0], axis=0), np.ptp(mesh.vertices, axis=0)
+    sizes = np.ptp(path.in_contact.positions, axis=0), np.ptp(mesh.vertices, axis=0)
     own, part = (" x ".join(f"{1e3 * value:.0f}" for value in size) for size in sizes)
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 

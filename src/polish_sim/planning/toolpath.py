@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,13 @@ from polish_sim.errors import PlanError
 SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
 APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
 BEFORE = "it was polished before (--from)"  #: Why the begin of a path is left out that is not lost by that
+
+
+class ContactPoints(NamedTuple):
+    """Points of a path at which the tool is on the part."""
+
+    positions: Array  #: [m], shape (n, 3)
+    axes: Array  #: Of the tool, shape (n, 3)
 
 
 @dataclass(frozen=True)
@@ -69,9 +76,9 @@ class ToolPath:
         return (self.segment == PROCESS) | (self.segment == LINK)
 
     @property
-    def in_contact(self) -> tuple[Array, Array]:
-        """Tool points [m] and axes of these points, (n, 3) each."""
-        return self.positions_work[self.process], self.axes_work[self.process]
+    def in_contact(self) -> ContactPoints:
+        """The points at which the tool is on the part."""
+        return ContactPoints(self.positions_work[self.process], self.axes_work[self.process])
 
     def length_along(self, rows: Bools) -> float:
         """Length along some of its points, mask (n,): of the chords between two of them [m]."""

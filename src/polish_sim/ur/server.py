@@ -6,6 +6,7 @@ import itertools
 import selectors
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,7 +40,7 @@ class Session:
         """It has gone."""
 
 
-class _Lines(Session):
+class _Lines(Session, ABC):
     """A client that sends lines, in pieces of any size."""
 
     longest = LONGEST
@@ -55,9 +56,9 @@ class _Lines(Session):
         on = all(self._take(line.decode("utf-8", "replace").rstrip("\r")) for line in lines)
         return on and len(self._buffer) + self._size <= self.longest
 
+    @abstractmethod
     def _take(self, line: str) -> bool:
         """Whether the client stays."""
-        raise NotImplementedError
 
 
 class _Dashboard(_Lines):
