@@ -1,33 +1,37 @@
-"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, ROS YAML."""
+"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, ROS YAML;
+files to look at: PLY, glTF, HTML."""
 
-from collections.abc import Callable
+import io
+import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import InputError, PlanError
-from polish_sim.exchange import FORMATS, ExportSetup, RobotTool, export_plan
+from polish_sim.exchange import FORMATS, ExportSetup, RobotTool, export_plan, viewers
 from polish_sim.exchange.formats import yaml_text
 from polish_sim.exchange.strokes import feed_frames, rows_without_straight_air, steady_frames
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.planning.toolpath import RETRACT, SEGMENTS
 from tests.cli.conftest import polish_sim, refused
-from tests.planning.shapes import shipped_plan
+from tests.planning.shapes import shipped_plan, to_polyline
 
 __all__ = ["polish_sim"]
-Polish = Callable[..., tuple[int, str, str]]
+sphere = partial(shipped_plan, "sphere_100")
 
 
 def test_all_means_every_format_once_and_the_same_plan_gives_the_same_bytes(tmp_path):
-    plan = shipped_plan("sphere_100")
-    one, two = (export_plan(tmp_path / name, plan, ["html", "all", "html"]) for name in ("one", "two"))
-    assert sorted(file.name for file in (tmp_path / "one").iterdir()) == sorted(
-        kind.file for kind in FORMATS.values()
-    )
+    one, two = (export_plan(tmp_path / name, sphere(), ["html", "all", "html"]) for name in ("one", "two"))
+    files = sorted(file.name for file in (tmp_path / "one").iterdir())
+    assert files == sorted(kind.file for kind in FORMATS.values())
     assert len(one) == len(FORMATS)
     for file, again in zip(one, two, strict=True):
         content = file.read_bytes()
@@ -36,65 +40,56 @@ def test_all_means_every_format_once_and_the_same_plan_gives_the_same_bytes(tmp_
 
 
 def test_a_path_that_touches_nothing_is_no_robot_program(tmp_path):
-    result = shipped_plan("sphere_100")
-    path = replace(result.path, segment=np.full(len(result.path.s), RETRACT, dtype=np.int8))
+    path = replace(sphere().path, segment=np.full_like(sphere().path.segment, RETRACT))
     with pytest.raises(PlanError, match="no process point"):
-        export_plan(tmp_path, replace(result, path=path), ["urscript"])
+        export_plan(tmp_path, replace(sphere(), path=path), ["urscript"])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_line_writes_what_is_asked_for(polish_sim):
-    words = ("--export", "urscript", "--export", "html", "--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]")
-    assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 3
-    assert {"path.script", "path.html", "path.csv", "path.png"} <= {
-        file.name for file in Path("plan").iterdir()
-    }
+def test_the_command_line_writes_what_is_asked_for_and_of_an_unknown_export_nothing(polish_sim):
+    words = ("plan", "sphere_100", "--out", "plan", "--export")
+    refused(polish_sim(*words, "step"), "unknown export format 'step'")
+    assert not Path("plan").exists()
+    setup = ("--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]", "--contact-force", "12")
+    assert polish_sim(*words, "urscript", "--export", "html", *setup)[0] == 3
+    files = {file.name for file in Path("plan").iterdir()}
+    assert {"path.script", "path.html", "path.csv", "path.png"} <= files
     script = Path("plan/path.script").read_text()
     assert "global T_base_work = p[0.4, 0, 0.1, 0, 0, 0]" in script
     assert "global part_is_placed = True" in script
     assert "global force_n = 12 " in script
 
 
-def test_an_unknown_export_is_one_message_and_nothing_is_written(polish_sim):
-    refused(
-        polish_sim("plan", "sphere_100", "--export", "step", "--out", "plan"), "unknown export format 'step'"
-    )
-    assert not Path("plan").exists()
-
-
-def test_the_default_tool_is_that_of_the_shipped_cell():
+def test_the_default_tool_is_that_of_the_shipped_cell_and_half_a_pose_is_refused():
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
-    data = mujoco.MjData(model)
+    data, tool = mujoco.MjData(model), RobotTool()
     mujoco.mj_forward(model, data)
-    bodies = [model.body(name).id for name in ("tool_mount", "head")]
-    mass = model.body_mass[bodies]
-    flange = data.site("flange")
-    middle = flange.xmat.reshape(3, 3).T @ ((mass @ data.xipos[bodies]) / mass.sum() - flange.xpos)
-    tcp = flange.xmat.reshape(3, 3).T @ (data.site("tool").xpos - flange.xpos)
-    tool = RobotTool()
+    bodies, flange = [model.body(name).id for name in ("tool_mount", "head")], data.site("flange")
+    mass, R = model.body_mass[bodies], flange.xmat.reshape(3, 3)
+    middle = R.T @ ((mass @ data.xipos[bodies]) / mass.sum() - flange.xpos)
+    tcp = R.T @ (data.site("tool").xpos - flange.xpos)
     assert tool.payload_kg == pytest.approx(mass.sum())
     assert tool.payload_center_m == pytest.approx(middle, abs=1e-4)
     assert tool.tcp_pose == pytest.approx([*tcp, 0.0, 0.0, 0.0], abs=1e-9)
-
-
-@pytest.mark.parametrize("pose", [(0.1, 0.2, 0.3), (0.0,) * 5 + (np.nan,)])
-def test_half_a_pose_is_refused(pose):
-    with pytest.raises(InputError, match=r"part_pose .* is no pose"):
-        ExportSetup(part_pose=pose)
-    with pytest.raises(InputError, match=r"tool\.tcp_pose .* is no pose"):
-        ExportSetup(tool=RobotTool(tcp_pose=pose))
+    for pose in ((0.1, 0.2, 0.3), (0.0,) * 5 + (np.nan,)):
+        with pytest.raises(InputError, match=r"part_pose .* is no pose"):
+            ExportSetup(part_pose=pose)
+        with pytest.raises(InputError, match=r"tool\.tcp_pose .* is no pose"):
+            ExportSetup(tool=RobotTool(tcp_pose=pose))
 
 
 @pytest.mark.parametrize(("name", "comment"), [("apt", "$$"), ("urscript", "#"), ("ros", "#")])
 def test_programs_say_where_the_tool_is_in_the_part(tmp_path, name, comment):
-    plan = shipped_plan("sphere_100")
-    pressed = plan.path.positions_work[plan.path.process]
+    points = sphere().path.positions_work
+    pressed = points[sphere().path.process]
     middle = pressed[len(pressed) // 2]
-    near = plan.path.process & (np.linalg.norm(plan.path.positions_work - middle, axis=1) < 0.01)
-    (file,) = export_plan(tmp_path, replace(plan, in_part=plan.path.positions_work[near]), [name])
+    near = sphere().path.process & (np.linalg.norm(points - middle, axis=1) < 0.01)
+    (file,) = export_plan(tmp_path, replace(sphere(), in_part=points[near]), [name])
     lines = [line.strip() for line in file.read_text().splitlines()]
-    begins = [k for k, line in enumerate(lines) if line == f"{comment} the tool is in the part from here"]
-    ends = [k for k, line in enumerate(lines) if line == f"{comment} the tool is in the part up to here"]
+    begins, ends = (
+        [k for k, line in enumerate(lines) if line == f"{comment} the tool is in the part {word} here"]
+        for word in ("from", "up to")
+    )
     assert len(begins) > 0
     assert len(begins) - len(ends) in (0, 1)  # a stroke may end in the part
     assert all(begin < end for begin, end in zip(begins, ends, strict=False))
@@ -102,13 +97,12 @@ def test_programs_say_where_the_tool_is_in_the_part(tmp_path, name, comment):
         marked = [line for line in lines[begins[0] : ends[0]] if line.startswith("GOTO/")]
         points = 1e-3 * np.array([[float(x) for x in line[5:].split(",")[:3]] for line in marked])
         assert np.linalg.norm(points - middle, axis=1).min() < 0.01
-    (clean,) = export_plan(tmp_path / "clean", plan, [name])
+    (clean,) = export_plan(tmp_path / "clean", sphere(), [name])
     assert "in the part" not in clean.read_text()
 
 
 def test_the_yaml_is_a_pose_array_with_one_entry_per_pose_in_every_list_beside_it():
-    yaml = pytest.importorskip("yaml")
-    result = shipped_plan("sphere_100")
+    yaml, result = pytest.importorskip("yaml"), sphere()
     odd = replace(result, mesh=replace(result.mesh, name="it's\n: a #part\x07"))
     # By YAML 1.1, which reads 1e-5 as a string; in C, for it is long.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -126,22 +120,107 @@ def test_the_yaml_is_a_pose_array_with_one_entry_per_pose_in_every_list_beside_i
     assert np.linalg.norm(quaternions, axis=1) == pytest.approx(1.0, abs=1e-8)
     frames = Rotation.from_quat(quaternions).as_matrix()[path.process]
     # Middle of the sphere of 100 mm radius; 0.1 deg is what the fitted normals may be off.
-    inward = np.array([0.0, 0.0, -0.065]) - places[path.process]
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    assert np.sum(frames[:, :, 2] * inward, axis=1).min() > np.cos(np.radians(0.1))
-    feed = np.diff(places[path.process], axis=0)
-    feed /= np.linalg.norm(feed, axis=1, keepdims=True)
-    assert np.sum(frames[:-1, :, 0] * feed, axis=1).min() > 0.99
+    for inward, axes, least in (
+        (np.array([0.0, 0.0, -0.065]) - places[path.process], frames[:, :, 2], np.cos(np.radians(0.1))),
+        (np.diff(places[path.process], axis=0), frames[:-1, :, 0], 0.99),
+    ):
+        along = inward / np.linalg.norm(inward, axis=1, keepdims=True)
+        assert np.sum(axes * along, axis=1).min() > least
 
 
 @pytest.mark.parametrize("frames_of", [feed_frames, steady_frames])
 def test_tool_frames_are_right_handed_with_z_into_the_part_and_keep_x_on_straight_leads(frames_of):
-    path = shipped_plan("sphere_100").path
-    frames = frames_of(path)
-    assert np.swapaxes(frames, 1, 2) @ frames == pytest.approx(
-        np.tile(np.eye(3), (len(frames), 1, 1)), abs=1e-12
-    )
+    path, frames = sphere().path, frames_of(sphere().path)
+    unity = np.tile(np.eye(3), (len(frames), 1, 1))
+    assert np.swapaxes(frames, 1, 2) @ frames == pytest.approx(unity, abs=1e-12)
     assert np.linalg.det(frames) == pytest.approx(1.0)
     assert frames[:, :, 2] == pytest.approx(-path.axes_work, abs=1e-12)
     first = int(path.process.argmax())
     assert frames[:first, :, 0] == pytest.approx(np.tile(frames[first, :, 0], (first, 1)), abs=1e-9)
+
+
+SETUP = ExportSetup()
+
+
+def test_the_tube_wraps_the_path_is_closed_and_coloured_along_its_length():
+    result = shipped_plan("plate_two_holes")
+    tube = viewers.path_tube(result)
+    solid = trimesh.Trimesh(tube.vertices, tube.faces, process=False)
+    assert solid.is_watertight
+    assert solid.volume > 0.0
+    radius, points = viewers.RADIUS_SHARE * result.plan.stepover_m, result.path.positions_work
+    assert cKDTree(points).query(tube.vertices)[0].max() < 1.3 * radius
+    middle = tube.vertices.reshape(-1, viewers.SIDES, 3).mean(axis=1)
+    assert to_polyline(points[::25], middle).max() < viewers.CHORD_SHARE * radius * 1.01
+    tube = viewers.path_tube(sphere())
+    in_the_air = (tube.colors == viewers.LEAD_COLOR).all(axis=1)
+    assert in_the_air[[0, -1]].all()
+    in_contact = tube.colors[~in_the_air]
+    # Viridis, from violet to yellow; the leads take up the last 2% of the length.
+    for color, wanted in ((in_contact[0], (68, 1, 84)), (in_contact[-1], (253, 231, 37))):
+        assert np.abs(color.astype(int) - wanted).max() < 20
+
+
+def test_ply_and_glb_hold_part_and_path_in_metres_with_colours():
+    """In glb two named meshes with y up."""
+    part, tube = sphere().mesh, viewers.path_tube(sphere())
+    mesh = trimesh.load(io.BytesIO(viewers.ply_bytes(sphere(), SETUP)), file_type="ply", process=False)
+    assert mesh.vertices == pytest.approx(np.concatenate([part.vertices, tube.vertices]), abs=1e-6)
+    assert len(mesh.faces) == len(part.faces) + len(tube.faces)
+    assert (mesh.visual.vertex_colors[-len(tube.colors) :, :3] == tube.colors).all()
+    scene = trimesh.load(io.BytesIO(viewers.glb_bytes(sphere(), SETUP)), file_type="glb")
+    assert set(scene.geometry) == {"part", "path"}
+    assert len(scene.geometry["part"].faces) == len(part.faces)
+    placed = scene.geometry["part"].copy().apply_transform(scene.graph.get("part")[0])
+    assert placed.bounds[1, 1] == pytest.approx(part.vertices[:, 2].max(), abs=1e-6)
+    assert scene.geometry["path"].visual.vertex_colors.shape[1] == 4
+
+
+def test_the_page_fetches_nothing_and_a_name_cannot_break_out_of_it():
+    page = viewers.html_text(sphere(), SETUP)
+    code = re.sub('<script type="text/plain" id="data">.*?</script>', "", page, flags=re.DOTALL)
+    for word in ("://", "src=", "url(", "import", "fetch(", "XMLHttpRequest", "WebSocket", "eval("):
+        assert word not in code, word
+    assert not re.search("@[A-Z]+@", code)
+    named = replace(sphere().mesh, name="</script><script>alert(1)</script>")
+    page = viewers.html_text(replace(sphere(), mesh=named), SETUP)
+    assert "<script>alert" not in page
+    assert page.count("</script>") == 2
+
+
+def test_the_page_has_part_path_and_figures_and_its_pad_stands_on_the_path_at_the_feed():
+    result, path = sphere(), sphere().path
+    page = viewers.path_page(result, SETUP)
+    part = next(solid for solid in page.solids if solid.kind == "part")
+    assert (part.vertices == result.mesh.vertices).all()
+    assert (part.faces == result.mesh.faces).all()
+    assert (page.path == path.positions_work).all()
+    in_contact = np.ptp(page.motion.time[path.process])
+    assert in_contact == pytest.approx(np.ptp(path.s[path.process]) / SETUP.process.feed_m_s)
+    length = f"{result.figures['path_length_m']:.3f}"
+    assert ["path length in contact", "m", length] in page.tables["Figures"]
+    assert ["retracts", "", "1"] in page.tables["Figures"]
+    for row in range(0, len(page.motion.time), 97):
+        pose = np.eye(4)
+        for body in page.bodies[1:]:  # the first one turns the part upright
+            joint, step = body.joint, np.eye(4)
+            value = page.motion.joints[row, joint] if joint >= 0 else 0.0
+            if body.slide:
+                step[:3, 3] = value * np.array(body.axis)
+            else:
+                step[:3, :3] = Rotation.from_rotvec(value * np.array(body.axis)).as_matrix()
+            pose = pose @ np.array(body.rest) @ step
+        assert pose[:3, 3] == pytest.approx(path.positions_work[row], abs=1e-12)
+        assert pose[:3, 2] == pytest.approx(-path.axes_work[row], abs=1e-9)
+
+
+def test_a_part_of_many_facets_is_shown_by_a_lighter_copy_close_to_it():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.1)
+    mesh = replace(sphere().mesh, vertices=ball.vertices, faces=ball.faces.astype(np.int32))
+    assert len(mesh.faces) > viewers.MOST_FACETS
+    for most in (viewers.MOST_FACETS, 10_000):  # the latter far fewer: vertices are joined on a grid first
+        vertices, faces = lighter_mesh(mesh.vertices, mesh.faces, most)
+        assert most // 2 < len(faces) <= most
+        assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
+        assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(ball.volume, rel=0.01)
+    assert len(viewers.html_text(replace(sphere(), mesh=mesh), SETUP)) < 3_000_000

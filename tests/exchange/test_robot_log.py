@@ -20,15 +20,12 @@ def check(read: RobotRecording, *names: str, tolerance: float = 1e-9) -> None:
 
 
 @pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
-def test_csv_of_recorders(tmp_path, separator):
+def test_csv_of_recorders_and_our_own_columns_of_identify(tmp_path, separator):
     file = write_csv(tmp_path / "log.csv", LOG, separator)
     read = read_robot_recording(file, ("q_rad", "current_a"))
     check(read, "q_rad", "qd_rad_s", "current_a", "torque_desired_nm")
-
-
-def test_our_own_columns_of_identify(tmp_path):
     names = {"time_s": "time_s", "q_rad": "q{j}_rad", "torque_nm": "torque{j}_nm"}
-    check(read_robot_recording(write_csv(tmp_path / "log.csv", LOG, ",", names)), "q_rad", "torque_nm")
+    check(read_robot_recording(write_csv(file, LOG, separator, names)), "q_rad", "torque_nm")
 
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite"])
@@ -52,13 +49,12 @@ def test_npz_with_runs_in_it(tmp_path):
         read_robot_recording(file, run="c")
 
 
-def test_a_mapping_names_columns_and_units(tmp_path):
+def test_a_mapping_names_columns_and_units_and_a_wrong_one_is_refused(tmp_path):
     names = {"time_s": "clock", "q_rad": "Joint {i} angle"}
     odd = LOG | {"time_s": 1e3 * LOG["time_s"], "q_rad": np.degrees(LOG["q_rad"])}
-    file = write_csv(tmp_path / "log.csv", odd, ",", names)
+    file, mapping = write_csv(tmp_path / "log.csv", odd, ",", names), tmp_path / "map.toml"
     with pytest.raises(InputError, match="time_s"):
         read_robot_recording(file)
-    mapping = tmp_path / "map.toml"
     mapping.write_text(
         "[columns]\ntime_s = 'clock'\nq_rad = 'Joint {i} angle'\nforce_n = ['Joint 0 angle']\n"
         "[units]\ntime_s = 'ms'\nq_rad = 'deg'\n"
@@ -66,53 +62,35 @@ def test_a_mapping_names_columns_and_units(tmp_path):
     read = read_robot_recording(file, columns=read_column_map(mapping))
     check(read, "q_rad")
     np.testing.assert_allclose(read.values["force_n"], odd["q_rad"][:, :1], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "what"),
-    [
+    for text, what in (
         ("[columns]\nq_grad = 'a'\n", "q_rad"),
         ("[units]\nq_rad = 'turns'\n", "deg"),
         ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"),
         ("columns = 3\n", "are sections"),
         ("[units]\nq_rad = ['deg']\n", "are sections"),
-    ],
-)
-def test_a_wrong_mapping_is_refused(tmp_path, text, what):
-    (tmp_path / "map.toml").write_text(text)
-    with pytest.raises(InputError, match=what):
-        read_column_map(tmp_path / "map.toml")
+    ):
+        mapping.write_text(text)
+        with pytest.raises(InputError, match=what):
+            read_column_map(mapping)
 
 
-def test_a_window_leaves_out_the_rest_and_a_gap_in_it(tmp_path):
-    torn = {name: np.delete(values, slice(500, 700), 0) for name, values in LOG.items()}
-    file = write_csv(tmp_path / "log.csv", torn)
-    read = read_robot_recording(file, window=(1.5, 3.0))
-    assert (read.start, read.time[-1], read.whole) == (pytest.approx(1.5), pytest.approx(1.5), False)
-    assert abs(len(read_robot_recording(file, window=(0.0, 0.9)).time) - 451) <= 1
-
-
+GAP = {name: np.delete(values, slice(500, 700), 0) for name, values in LOG.items()}
+NAN = np.where(np.arange(2000)[:, None] == 7, np.nan, LOG["q_rad"])
 BAD = {
-    "gap": (
-        lambda log: {k: np.delete(v, slice(500, 700), 0) for k, v in log.items()},
-        "line 502: a gap of 0.402 s",
-    ),
-    "back": (lambda log: log | {"time_s": np.roll(log["time_s"], 3)}, "does not increase"),
-    "nan": (
-        lambda log: log | {"q_rad": np.where(np.arange(2000)[:, None] == 7, np.nan, log["q_rad"])},
-        "q_rad, column 1, is nan",
-    ),
-    "degrees": (lambda log: log | {"q_rad": np.degrees(log["q_rad"])}, "degrees"),
-    "milliseconds": (lambda log: log | {"time_s": 1e3 * log["time_s"]}, "ms"),
-    "speed in degrees": (lambda log: log | {"qd_rad_s": np.degrees(log["qd_rad_s"])}, "Units of time"),
+    "gap": (GAP, "line 502: a gap of 0.402 s"),
+    "back": ({"time_s": np.roll(LOG["time_s"], 3)}, "does not increase"),
+    "nan": ({"q_rad": NAN}, "q_rad, column 1, is nan"),
+    "degrees": ({"q_rad": np.degrees(LOG["q_rad"])}, "degrees"),
+    "milliseconds": ({"time_s": 1e3 * LOG["time_s"]}, "ms"),
+    "speed in degrees": ({"qd_rad_s": np.degrees(LOG["qd_rad_s"])}, "Units of time"),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_log_is_refused_by_its_place(tmp_path, name):
-    change, what = BAD[name]
+    changed, what = BAD[name]
     with pytest.raises(InputError, match=what):
-        read_robot_recording(write_csv(tmp_path / "log.csv", change(LOG)))
+        read_robot_recording(write_csv(tmp_path / "log.csv", LOG | changed))
 
 
 def test_a_wrong_number_is_named_by_its_line_in_the_file_and_a_gap_too(tmp_path):
@@ -131,8 +109,6 @@ def test_a_wrong_number_is_named_by_its_line_in_the_file_and_a_gap_too(tmp_path)
 
 
 def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
-    names = {name: CSV_NAMES[name] for name in ("time_s", "qd_rad_s")}
-    few = write_csv(tmp_path / "few.csv", LOG, ",", names)
     for share in (0.3, 0.9):
         for write, name in ((write_csv, f"{share}.csv"), (write_npz, f"{share}.npz")):
             whole = write(tmp_path / name, LOG).read_bytes()
@@ -144,18 +120,25 @@ def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
     for name, what in (("a.csv", "header"), ("b.npz", "npz"), ("c.csv", "there is no log")):
         with pytest.raises(InputError, match=what):
             read_robot_recording(tmp_path / name)
+    names = {name: CSV_NAMES[name] for name in ("time_s", "qd_rad_s")}
     with pytest.raises(InputError, match=r"no column of q_rad.*actual_qd_0.*--map"):
-        read_robot_recording(few, ("q_rad",))
+        read_robot_recording(write_csv(tmp_path / "few.csv", LOG, ",", names), ("q_rad",))
+
+
+def test_a_window_leaves_out_the_rest_and_a_gap_in_it(tmp_path):
+    file = write_csv(tmp_path / "log.csv", GAP)
+    read = read_robot_recording(file, window=(1.5, 3.0))
+    assert (read.start, read.time[-1], read.whole) == (pytest.approx(1.5), pytest.approx(1.5), False)
+    assert abs(len(read_robot_recording(file, window=(0.0, 0.9)).time) - 451) <= 1
 
 
 def test_a_large_file_takes_the_memory_of_its_window(tmp_path):
-    """60 MB of text; what is read of it grows with the window, not with the file."""
+    """Over 40 MB of text; what is read of it grows with the window, not with the file."""
     file = write_csv(tmp_path / "log.csv", LOG)
     header, *lines = file.read_text().splitlines()
-    with open(file, "w") as out:
-        out.write(header + "\n")
-        for k in range(100_000):
-            out.write(f"{0.002 * k:.3f},{lines[k % len(lines)].partition(',')[2]}\n")
+    rests = [line.partition(",")[2] for line in lines] * 50
+    rows = [f"{0.002 * k:.3f},{rest}\n" for k, rest in enumerate(rests)]
+    file.write_text("".join([header, "\n", *rows]))
     assert file.stat().st_size > 4e7
     program = (
         "import resource, sys; from pathlib import Path; from polish_sim.exchange.robot_log import *\n"
@@ -164,7 +147,6 @@ def test_a_large_file_takes_the_memory_of_its_window(tmp_path):
         "assert abs(read.start - 180.0) < 0.01\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=True
-    )
+    words = [sys.executable, "-c", program, str(file)]
+    run = subprocess.run(words, capture_output=True, text=True, check=True)
     assert int(run.stdout) < 30_000

@@ -1,6 +1,7 @@
 """The robot program is run by our URScript machine: what it does to the tool is what the plan says."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ PART_POSE = (0.4, -0.3, 0.1, 0.1, -0.2, 0.7)
 MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])  #: Middle of the sphere of 100 mm radius whose cap `sphere_100` is
 SETUP = ExportSetup(part_pose=PART_POSE)
 PRINTED_M = 2e-6
+sphere, holes = partial(shipped_plan, "sphere_100"), partial(shipped_plan, "plate_two_holes")
 
 
 def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Recorder:
@@ -29,12 +31,12 @@ def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Recorder:
 
 @pytest.fixture(scope="module")
 def ball() -> Recorder:
-    return executed(shipped_plan("sphere_100"))
+    return executed(sphere())
 
 
 @pytest.fixture(scope="module")
 def plate() -> Recorder:
-    return executed(shipped_plan("plate_two_holes"))
+    return executed(holes())
 
 
 def in_work(T_base_tool: list[Array]) -> Array:
@@ -42,25 +44,29 @@ def in_work(T_base_tool: list[Array]) -> Array:
 
 
 def test_without_a_measured_part_the_program_stops_before_it_moves():
-    robot = executed(shipped_plan("sphere_100"), ExportSetup())
+    robot = executed(sphere(), ExportSetup())
     assert robot.motions == []
     assert "popup" in robot.names()
 
 
 def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_order(ball, plate):
     order = ["set_tcp", "set_payload", "spindle False", "zero_ftsensor", "spindle True", "force_mode"]
-    order += ["end_force_mode"]
-    places = [ball.names().index(event) for event in order]
+    places = [ball.names().index(event) for event in [*order, "end_force_mode"]]
     assert places == sorted(places), "the sensor is zeroed with the spindle still"
-    for machine, lifts in ((ball, 1), (plate, shipped_plan("plate_two_holes").figures["retracts"])):
+    for machine, lifts in ((ball, 1), (plate, holes().figures["retracts"])):
         events = machine.names()
         assert events.count("force_mode") == events.count("end_force_mode") == lifts
         assert [event for event in events if event != "stopj"][-2:] == ["end_force_mode", "spindle False"]
         assert all(motion.spindle for motion in machine.motions if motion.pressing)
+        # Blends never overlap.
+        place = np.stack([motion.T_base_tool[:3, 3] for motion in machine.motions])
+        blend = np.array([motion.blend for motion in machine.motions])
+        assert (blend[:-1] + blend[1:] < np.linalg.norm(np.diff(place, axis=0), axis=1) + 1e-12).all()
+        assert blend.max() > 0.0
 
 
 def test_moves_in_contact_run_through_points_of_the_unpressed_path_and_pass_every_one_closely(ball):
-    path = shipped_plan("sphere_100").path
+    path = sphere().path
     corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
     planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
     gap = np.linalg.norm(corners[:, None] - planned, axis=2)
@@ -71,8 +77,7 @@ def test_moves_in_contact_run_through_points_of_the_unpressed_path_and_pass_ever
 
 def test_nothing_touches_the_part_without_force_mode(ball, plate):
     """In position control the tool stays clear of the surface, in landing by the standoff."""
-    for machine, name in ((ball, "sphere_100"), (plate, "plate_two_holes")):
-        result = shipped_plan(name)
+    for machine, result in ((ball, sphere()), (plate, holes())):
         free = in_work([motion.T_base_tool for motion in machine.motions if not motion.pressing])[:, :3, 3]
         height = np.linalg.norm(result.surface.closest(free).positions - free, axis=1)
         assert height.min() > 0.9e-3
@@ -100,32 +105,18 @@ def test_force_mode_pushes_along_the_inward_normal_of_the_sphere_wherever_the_to
         assert max(pressing.limits[:2]) <= 0.01
 
 
-def test_blends_never_overlap(ball, plate):
-    for machine in (ball, plate):
-        place = np.stack([motion.T_base_tool[:3, 3] for motion in machine.motions])
-        blend = np.array([motion.blend for motion in machine.motions])
-        assert (blend[:-1] + blend[1:] < np.linalg.norm(np.diff(place, axis=0), axis=1) + 1e-12).all()
-        assert blend.max() > 0.0
-
-
 def test_a_spiral_does_not_wind_up_the_last_joint(ball):
     """x keeps its direction over all turns of the spiral; along the feed it would go round once per turn."""
     x_axes = np.stack([motion.T_base_tool[:3, 0] for motion in ball.motions])
     middle = x_axes.mean(axis=0)
     assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
-    along_feed = feed_frames(shipped_plan("sphere_100").path)[:, :, 0]
-    assert np.linalg.norm(along_feed.mean(axis=0)) < 0.2
+    assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
 
 
 def test_without_contact_the_program_switches_everything_off_and_stops():
-    machine = run_program(urscript_text(shipped_plan("sphere_100"), SETUP), contact_after_s=np.inf)
-    ended = machine.names().index("end_force_mode")
-    assert [event for event in machine.names()[ended:] if event != "stopj"] == [
-        "end_force_mode",
-        "spindle False",
-        "popup",
-    ]
-    path = shipped_plan("sphere_100").path
+    machine, path = run_program(urscript_text(sphere(), SETUP), contact_after_s=np.inf), sphere().path
+    ended = [event for event in machine.names() if event != "stopj"]
+    assert ended[ended.index("end_force_mode") :] == ["end_force_mode", "spindle False", "popup"]
     first = np.flatnonzero(path.process)[0]
     pressed = in_work([motion.T_base_tool for motion in machine.motions if motion.pressing])[:, :3, 3]
     beside = np.cross(pressed - path.positions_work[first], path.axes_work[first])
@@ -148,27 +139,24 @@ def test_an_arc_is_followed_to_its_end_in_force_mode_so_that_the_tool_lands_on_t
 
 
 def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
-    result = shipped_plan("sphere_100")
-    slow = executed(result, replace(SETUP, process=ProcessConfig(contact_force_n=12.0, feed_m_s=0.02)))
+    slow = executed(sphere(), replace(SETUP, process=ProcessConfig(contact_force_n=12.0, feed_m_s=0.02)))
     assert {pressing.wrench[2] for pressing in slow.pressings} == {12.0}
     assert {motion.speed for motion in slow.motions if motion.blend > 0.0} == {0.02}
-    count = len(result.path.s)
+    count = len(sphere().path.s)
     force = np.where(np.arange(count) < count // 2, 10.0, 15.0)
-    path = replace(result.path, force=force, feed=np.full(count, 0.03))
-    machine = executed(replace(result, path=path))
+    machine = executed(replace(sphere(), path=replace(sphere().path, force=force, feed=np.full(count, 0.03))))
     assert (machine.pressings[0].wrench[2], machine.pressings[-1].wrench[2]) == (10.0, 15.0)
     assert {motion.speed for motion in machine.motions if motion.blend > 0.0} == {0.03}
 
 
 def test_a_path_without_leads_is_landed_from_above():
-    result = shipped_plan("sphere_100")
-    machine = executed(replace(result, path=result.path.rows(result.path.process)))
+    machine = executed(replace(sphere(), path=sphere().path.rows(sphere().path.process)))
     ends = in_work([machine.motions[k].T_base_tool for k in (0, -1)])[:, :3, 3]
     assert np.linalg.norm(ends - MIDDLE, axis=1) - 0.1 == pytest.approx([0.03, 0.03], abs=1e-5)
 
 
 def test_the_program_says_where_the_part_is_why_the_path_is_not_pressed_in_and_has_short_functions():
-    text = urscript_text(shipped_plan("plate_two_holes"), SETUP)
+    text = urscript_text(holes(), SETUP)
     head = text[: text.index("def ")]
     assert "ON the surface" in head
     assert "Never run these poses pressed in" in head
