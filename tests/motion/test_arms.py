@@ -39,27 +39,23 @@ def _back_to_the_first() -> Iterator[None]:
     use_arm(FIRST)
 
 
+REACH = {"ur5e": 0.8172, "ur10e": 1.18425}  # from the shoulder's axis to the wrist, all joints at zero [m]
+
+
 @pytest.mark.parametrize("name", ARMS)
-def test_the_inverse_gives_back_what_forward_took(name):
+def test_the_inverse_gives_back_what_forward_took_and_a_stretched_arm_reaches_what_its_maker_says(name):
     use_arm(name)
+    assert forward(np.zeros(6))[0, 3] == pytest.approx(-REACH[name], abs=1e-12)
     q = RNG.uniform(-2.5, 2.5, (40, 6))
-    for pose, angles in zip(forward(q), q, strict=True):
-        found = inverse_all(np.ascontiguousarray(pose), 0.0)
+    for pose, angles in zip(np.ascontiguousarray(forward(q)), q, strict=True):
+        found = inverse_all(pose, 0.0)
         found = found[~np.isnan(found[:, 0])]
-        np.testing.assert_allclose(forward(found), np.broadcast_to(pose, (len(found), 4, 4)), atol=1e-9)
-        nearest = nearest_solution(np.ascontiguousarray(pose), angles, False)
-        np.testing.assert_allclose(nearest, angles, atol=1e-9)
-
-
-def test_a_stretched_arm_reaches_what_its_maker_says():
-    """UR5e 0.8172 m, UR10e 1.18425 m from the shoulder's axis to the wrist with all joints at zero."""
-    for name, out in (("ur5e", 0.8172), ("ur10e", 1.18425)):
-        use_arm(name)
-        assert forward(np.zeros(6))[0, 3] == pytest.approx(-out, abs=1e-12)
+        np.testing.assert_allclose(forward(found), np.tile(pose, (len(found), 1, 1)), atol=1e-9)
+        np.testing.assert_allclose(nearest_solution(pose, angles, False), angles, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_model_stands_where_the_table_says(name):
+def test_the_model_stands_where_the_table_says_with_its_links(name):
     model = build_scene(override(default_scenario("arc"), [f"robot.arm={name}"]), None, None)
     data = mujoco.MjData(model)
     assert used_arm() is ARMS[name]
@@ -68,11 +64,7 @@ def test_the_model_stands_where_the_table_says(name):
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(data.site("flange").xpos, forward(q)[:3, 3], atol=1e-9)
     assert model.actuator_forcerange[:, 1] == pytest.approx(ARMS[name].torque)
-
-
-def test_links_are_the_tables():
-    model = build_scene(override(default_scenario("arc"), ["robot.arm=ur10e"]), None, None)
-    for number, link in enumerate(ARMS["ur10e"].links, 1):
+    for number, link in enumerate(ARMS[name].links, 1):
         body = model.body(f"link_{number}")
         assert body.mass[0] == pytest.approx(link.mass)
         np.testing.assert_allclose(body.ipos, link.center, atol=1e-12)
@@ -91,12 +83,9 @@ def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path):
     assert changed == {"encoder_rad", "gear_ratio"}
 
 
-def test_an_unknown_make_is_refused_with_the_known_ones():
+def test_an_unknown_make_is_refused_with_the_known_ones_and_the_table_in_use_cannot_be_written_to():
     with pytest.raises(InputError, match=r"ideal, ur10e, ur5e"):
         override(Scenario(), ["robot.arm=ur20"])
-
-
-def test_the_table_of_the_arm_in_use_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
         NOMINAL[1, 0] = 0.2
 
@@ -136,33 +125,23 @@ def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_b
             assert np.linalg.norm(tool[:3, 3] - tip) < 0.012  # lifted, or pressed in
 
 
-def test_strokes_keep_the_joints_of_their_scenarios_arm():
-    scenario = checked("force", "ur10e")
-    place = place_force(scenario)
-    use_arm("ur5e")
-    strokes_for(scenario, place)
-    assert used_arm() is ARMS["ur10e"]
-
-
-def test_a_path_is_smoothed_for_its_scenarios_arm():
-    scenario = checked("smooth", "ur10e")
-    use_arm("ur5e")
-    prepare_smooth(scenario)
-    assert used_arm() is ARMS["ur10e"]
-
-
-def test_two_robots_are_of_their_scenarios_make_from_the_first_stage_on():
-    scenario, arms = checked("dual", "ur10e"), []
+def test_strokes_and_smoothed_paths_are_of_their_scenarios_arm_and_two_robots_from_the_first_stage_on():
+    pressed, smooth, dual = (checked(name, "ur10e") for name in ("force", "smooth", "dual"))
+    place, arms = place_force(pressed), []
 
     class Watching(Silent):
         def stage(self, name: str) -> None:
             arms.append(used_arm())
             raise StopIteration
 
+    for prepare in (lambda: strokes_for(pressed, place), lambda: prepare_smooth(smooth)):
+        use_arm("ur5e")
+        prepare()
+        arms.append(used_arm())
     use_arm("ur5e")
     with pytest.raises(StopIteration):
-        prepare_dual(scenario, None, Watching())
-    assert arms == [ARMS["ur10e"]]
+        prepare_dual(dual, None, Watching())
+    assert arms == 3 * [ARMS["ur10e"]]
 
 
 def test_the_payload_of_another_make_is_found():

@@ -15,10 +15,8 @@ from polish_sim.motion.serial_chain import chain_model, chain_torque
 
 
 def test_every_segment_ends_in_the_next_way_point_s_frame():
-    tips, frames = (
-        np.random.default_rng(0).normal(size=(40, 3)),
-        Rotation.random(40, random_state=0).as_matrix(),
-    )
+    tips = np.random.default_rng(0).normal(size=(40, 3))
+    frames = Rotation.random(40, random_state=0).as_matrix()
     chain = build_chain(tips, frames)
     ends = chain.tips[:-1] + chain.lengths[:, None] * chain.directions
     np.testing.assert_allclose(ends, tips[1:], atol=1e-14)
@@ -37,13 +35,30 @@ def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
     np.testing.assert_allclose(chain.turn_axes[0], [0.0, 0.0, float(angle > 0.0)], atol=1e-12)
 
 
-def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place():
-    tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
-    axes = np.array([[0.0, 0, 1], [0.0, 0, 1], [0.0, 0, 1], [0.0, 0, -1]])
-    with pytest.raises(SmoothingError, match=r"180 deg .*\(10, 0, 0\) mm .* 2 and 3"):
-        chain_from_axes(tips, axes)
-    with pytest.raises(SmoothingError, match=r"way point 1 .* zero"):
-        chain_from_axes(tips[:2], np.array([[0.0, 0, 1], [0.0, 0, 0]]))
+TIPS = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
+NAN_TIPS, STRAIGHT = np.where(np.arange(4)[:, None] == 1, np.nan, TIPS), np.tile([0.0, 0, 1], (4, 1))
+HALF_TURN, NO_AXIS = STRAIGHT * [[1], [1], [1], [-1]], STRAIGHT * [[1], [0], [1], [1]]
+FRAMES = np.tile(np.eye(3), (4, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("build", "tips", "frames", "words"),
+    [
+        (chain_from_axes, TIPS, HALF_TURN, r"180 deg .*\(10, 0, 0\) mm .* 2 and 3"),
+        (chain_from_axes, TIPS, NO_AXIS, r"way point 1 .* zero"),
+        (build_chain, np.zeros((0, 3)), np.zeros((0, 3, 3)), "shape"),
+        (build_chain, NAN_TIPS, FRAMES, "way point 1 .* not finite"),
+        (
+            build_chain,
+            TIPS,
+            np.array([1.0, 2.0, 1.0, 1.0])[:, None, None] * FRAMES,
+            "way point 1 .* no rotation",
+        ),
+    ],
+)
+def test_what_is_no_chain_is_refused_with_its_place(build, tips, frames, words):
+    with pytest.raises(SmoothingError, match=words):
+        build(tips, frames)
 
 
 def test_points_that_repeat_tip_and_axis_are_left_out_others_stay():
@@ -59,26 +74,14 @@ def test_points_that_repeat_tip_and_axis_are_left_out_others_stay():
     assert len(build_chain(tips[:1], frames[:1]).lengths) == 0
 
 
-@pytest.mark.parametrize(
-    ("tips", "frames", "words"),
-    [
-        (np.zeros((0, 3)), np.zeros((0, 3, 3)), "shape"),
-        (np.array([[0.0, 0, 0], [np.nan, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)), "way point 1 .* not finite"),
-        (np.zeros((2, 3)), np.stack([np.eye(3), 2.0 * np.eye(3)]), "way point 1 .* no rotation"),
-    ],
-)
-def test_what_is_no_chain_is_refused_with_its_place(tips, frames, words):
-    with pytest.raises(SmoothingError, match=words):
-        build_chain(tips, frames)
-
-
 ROBOT = mujoco.MjModel.from_xml_path(str(robot_model_path()))
 
 
-def test_torques_are_those_of_the_regressor():
-    chain = read_chain(ROBOT, ARM_JOINTS)
-    rigid, states = TorqueModel(chain, ("armature",)), random_states(6, 100, np.random.default_rng(1))
-    wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(6)
+@pytest.mark.parametrize(("joints", "count"), [(ARM_JOINTS, 6), (None, 7)], ids=["arm", "arm and slide"])
+def test_torques_are_those_of_the_regressor(joints, count):
+    chain = read_chain(ROBOT, joints)
+    rigid, states = TorqueModel(chain, ("armature",)), random_states(count, 100, np.random.default_rng(1))
+    wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(count)
     for row in range(100):
         chain_torque(model, states.q[row], states.qd[row], states.qdd[row], 1.0, torque)
         np.testing.assert_allclose(torque, wanted[row], atol=1e-11)
@@ -92,12 +95,3 @@ def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses(
     np.testing.assert_allclose(more, 1.2 * torque, rtol=1e-12)
     chain_torque(chain_model(chain), q, still, still, 0.0, torque)
     np.testing.assert_array_equal(torque, still)
-
-
-def test_torques_of_a_chain_with_a_slide_are_those_of_the_regressor():
-    chain = read_chain(ROBOT)
-    rigid, states = TorqueModel(chain, ("armature",)), random_states(7, 20, np.random.default_rng(2))
-    wanted, torque = rigid.torque(states, rigid.truth()), np.zeros(7)
-    for row in range(20):
-        chain_torque(chain_model(chain), states.q[row], states.qd[row], states.qdd[row], 1.0, torque)
-        np.testing.assert_allclose(torque, wanted[row], atol=1e-11)

@@ -1,14 +1,19 @@
-"""Deviations of smoothed motions from their polyline: closed forms of paper 4 against what is measured."""
+"""Deviations of smoothed motions from their polyline: closed forms of paper 4 against what is measured; the
+filtered box against exact rational arithmetic, and the fastest one from rest to rest."""
+
+from fractions import Fraction
+from itertools import chain as joined
+from itertools import combinations
 
 import numpy as np
 import pytest
 
+from polish_sim.motion.rules import fir
 from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
 from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, filter_rise, fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 
-MM = 1e-3
 TRIPLE = np.array([0.1, 0.05, 0.02])
 
 
@@ -54,15 +59,14 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
 @pytest.mark.parametrize(("t2", "t3"), [(0.07, 0.03), (0.05, 0.05), (0.07, 0.0)])
 def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2, t3):
     for overlap in np.linspace(0.001, t2 + t3, 40):
-        assert 2.0 * filter_rise(t2, t3, vertex_error(overlap, t2, t3, 1.0)) == pytest.approx(
-            overlap, rel=1e-9
-        )
+        rise = filter_rise(t2, t3, vertex_error(overlap, t2, t3, 1.0))
+        assert 2.0 * rise == pytest.approx(overlap, rel=1e-9)
     assert filter_rise(t2, t3, 100.0) == pytest.approx(0.5 * (t2 + t3))
 
 
 @pytest.mark.parametrize("turn", [0.05, 1.5, 3.1])
 def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn):
-    chain = straight(5.0 * MM * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]]))
+    chain = straight(0.005 * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]]))
     found = measure_deviation(Smoothed(chain, overlapped(chain, 0.05)), chain)
     change = corner_speed(0.05, 0.05, np.cos(turn))
     contour = contour_error(0.05, 0.05, 0.02, change, np.cos(turn))
@@ -76,7 +80,7 @@ def test_unlike_corners_stay_within_their_tolerance():
     rng, used = np.random.default_rng(1), []
     for _ in range(60):
         triples = -np.sort(-(10.0 ** rng.uniform(-2.0, 0.0, (2, 3))), axis=1)
-        lengths, turn, tolerance = rng.uniform(1.0, 20.0, 2) * MM, rng.uniform(0.05, 3.1), 0.02 * MM
+        lengths, turn, tolerance = rng.uniform(0.001, 0.020, 2), rng.uniform(0.05, 3.1), 2e-5
         end = lengths[1] * np.array([np.cos(turn), np.sin(turn), 0.0])
         chain = straight(np.array([[-lengths[0], 0, 0], [0, 0, 0], end]))
         change = corner_speed(*(lengths / triples[:, 0]), np.cos(turn))
@@ -101,16 +105,13 @@ def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one
         assert bound * (1.0 - exact) <= found <= bound * (1.0 + 1e-9)
 
 
-def test_stopping_everywhere_strays_nowhere():
+def test_stopping_everywhere_strays_nowhere_and_a_path_that_crosses_itself_is_measured_on_its_own_strand():
     chain = straight(np.random.default_rng(0).normal(size=(30, 3)))
     found = measure_deviation(Smoothed(chain, overlapped(chain, 0.0)), chain)
     assert found.contour.value < 1e-14  # rounding of places some metres from the origin
     assert found.vertex.value < 1e-15
     assert found.axis.value == 0.0
-
-
-def test_a_path_that_crosses_itself_is_measured_on_its_own_strand():
-    """The corner at (1, 0) is cut; another strand runs through just there."""
+    # The corner at (1, 0) is cut; another strand runs through just there.
     chain = straight(np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1, 0], [0.97, 1, 0], [1.0, -1.0, 0]]))
     motion = Smoothed(chain, overlapped(chain, 0.07))
     wanted = vertex_error(0.07, 0.05, 0.02, 10.0 * np.sqrt(2.0))
@@ -149,3 +150,89 @@ def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
     polygon = radius * np.sinc(1.0 / count) ** 2
     wanted = polygon * np.prod(np.sinc(turning * filters / (2.0 * np.pi)))
     np.testing.assert_allclose(np.linalg.norm(samples.tips[:, 0], axis=1), wanted, rtol=1e-8)
+
+
+SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
+FACTORIALS = (6, 2, 1, 1)
+
+
+def exact(triple: list[float], time: float, derivative: int) -> Fraction:
+    """The sum over the subsets, with fractions."""
+    times, total = [Fraction(value) for value in triple], Fraction(0)
+    for subset in SUBSETS:
+        late = Fraction(time) - sum((times[i] for i in subset), Fraction(0))
+        if late > 0:
+            total += (-1) ** len(subset) * late ** (3 - derivative)
+    return total / (FACTORIALS[derivative] * times[0] * times[1] * times[2])
+
+
+def triples(count: int, seed: int) -> np.ndarray:
+    """Times that differ by up to five orders, some equal."""
+    drawn = 10.0 ** np.random.default_rng(seed).uniform(-4.0, 1.0, (count, 3))
+    drawn[::5, 1] = drawn[::5, 0]
+    drawn[::10, 2] = drawn[::10, 0]
+    return drawn
+
+
+def progress(triple: np.ndarray, time: float) -> np.ndarray:
+    rates = np.empty(4)
+    fir.box_progress(*fir.sorted_times(*triple), time, rates)
+    return rates
+
+
+def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12_from_nought_to_one():
+    """The third derivative away from its steps; times of nought leave fewer filters."""
+    rng = np.random.default_rng(1)
+    for triple in triples(200, 0):
+        steps = np.array([triple[list(subset)].sum() for subset in SUBSETS])
+        size = 1.0 / np.cumprod(np.concatenate([[1.0], np.sort(triple)[::-1]]))
+        for time in rng.uniform(0.0, triple.sum(), 6):
+            found = progress(triple, time)
+            for derivative in range(3):
+                true = exact(list(triple), time, derivative)
+                assert abs(Fraction(found[derivative]) - true) <= 1e-12 * size[derivative]
+            if np.abs(steps - time).min() > 1e-9:
+                true = float(exact(list(triple), time, 3))
+                assert found[3] == pytest.approx(true, rel=1e-12, abs=1e-12 / triple.prod())
+        np.testing.assert_array_equal(progress(triple, 0.0)[:3], [0.0, 0.0, 0.0])
+        np.testing.assert_array_equal(progress(triple, -1.0), [0.0, 0.0, 0.0, 0.0])
+        np.testing.assert_array_equal(progress(triple, triple.sum() + 1.0), [1.0, 0.0, 0.0, 0.0])
+    assert progress(np.array([2.0, 0.0, 0.0]), 0.5)[0] == 0.25
+    np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
+
+
+def test_the_pieces_are_the_closed_form():
+    durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
+    special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
+    for triple in np.concatenate([triples(50, 6), special]):
+        count = fir.box_pieces(*triple, durations, coefficients)
+        assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
+        begin = 0.0
+        for length, piece in zip(durations[:count], coefficients[:count], strict=True):
+            for share in (0.01, 0.5, 0.99):
+                t = share * length
+                true = progress(triple, begin + t)
+                assert piece @ t ** np.arange(4) == pytest.approx(true[0], abs=1e-13)
+                rate = piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t]
+                assert rate == pytest.approx(true[1], rel=1e-9, abs=1e-12 * true[1])
+            begin += length
+
+
+def test_no_profile_within_the_limits_is_shorter():
+    """Each limit is kept, and the profile is limited throughout; among symmetric jerk, acceleration and speed
+    plateaus from a grid of their times there is no shorter one."""
+    rng, grid = np.random.default_rng(7), np.geomspace(1e-4, 1.0, 60)
+    for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (500, 4)):
+        times = np.array(fir.stop_times(length, v, a, j))
+        # peaks of a box of length 1 whose longest time is at least b + c
+        plateau = 1.0 / (times[0] * times[1])
+        ratios = [length / times[0] / v, length * plateau / a, length * plateau / times[2] / j]
+        assert max(ratios) <= 1.0 + 1e-9
+        assert times[0] >= (times[1] + times[2]) * (1.0 - 1e-12)
+        assert ratios[2] == pytest.approx(1.0) or ratios[0] == pytest.approx(1.0)
+        ramp = grid * min(a / j, np.sqrt(v / j), np.cbrt(0.5 * length / j))
+        hold = np.concatenate([[0.0], grid])[:, None] * v / a
+        top = j * ramp * (ramp + hold)
+        way = top * (2.0 * ramp + hold)
+        time = 2.0 * (2.0 * ramp + hold) + (length - way) / top
+        assert sum(times) <= time[(top <= v) & (way <= length)].min() * (1.0 + 1e-9)

@@ -12,7 +12,7 @@ from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes, joint_motion
-from polish_sim.spatial import from_pose, inverse, transform
+from polish_sim.spatial import from_pose, inverse
 
 # a [m], d [m], alpha [deg] as published.
 TABLE = [
@@ -22,38 +22,27 @@ TABLE = [
 TOOL_POINT = np.array([0.01, -0.02, 0.22])
 
 
-def frames_by_table(q):
-    frames = [np.eye(4)]
-    for (a, d, alpha), angle in zip(TABLE, q, strict=True):
-        about_z = transform(Rotation.from_euler("z", angle).as_matrix(), np.array([0.0, 0.0, d]))
-        about_x = transform(Rotation.from_euler("x", np.radians(alpha)).as_matrix(), np.array([a, 0.0, 0.0]))
-        frames.append(frames[-1] @ about_z @ about_x)
-    return frames
-
-
-def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-2 * np.pi, 2 * np.pi, (n, 6))
-
-
 def test_every_frame_is_the_product_of_the_tables_four_motions_per_joint():
-    q = random_configurations(200)
-    np.testing.assert_allclose(motion.link_frames(q), [frames_by_table(row) for row in q], atol=1e-14)
+    q = np.random.default_rng(0).uniform(-2 * np.pi, 2 * np.pi, (200, 6))
+    expected = [np.tile(np.eye(4), (200, 1, 1))]
+    for (a, d, alpha), angles in zip(TABLE, q.T, strict=True):
+        about_z, about_x = np.tile(np.eye(4), (200, 1, 1)), np.eye(4)
+        about_z[:, :3, :3] = Rotation.from_euler("z", angles[:, None]).as_matrix()
+        about_z[:, 2, 3], about_x[0, 3] = d, a
+        about_x[:3, :3] = Rotation.from_euler("x", alpha, degrees=True).as_matrix()
+        expected.append(expected[-1] @ about_z @ about_x)
+    np.testing.assert_allclose(motion.link_frames(q), np.stack(expected, axis=1), atol=1e-14)
     np.testing.assert_array_equal(motion.forward(q), motion.link_frames(q)[:, 6])
 
 
-def velocity_by_differences(q, joint, step=1e-5):
-    """Central difference of the tool point and of the rotation for one joint."""
-    dq = step * np.eye(6)[joint]
-    T_plus, T_minus = motion.forward(q + dq), motion.forward(q - dq)
-    linear = (T_plus - T_minus)[:3] @ np.append(TOOL_POINT, 1.0) / (2 * step)
-    W = (T_plus - T_minus)[:3, :3] @ motion.forward(q)[:3, :3].T / (2 * step)
-    return np.append(linear, [W[2, 1], W[0, 2], W[1, 0]])
-
-
 def test_jacobian_is_the_derivative_of_the_pose():
-    for q in random_configurations(20):
-        expected = np.stack([velocity_by_differences(q, joint) for joint in range(6)], axis=1)
-        np.testing.assert_allclose(motion.jacobian(q, TOOL_POINT), expected, atol=1e-9)
+    """By central differences of the tool point and of the rotation for each joint."""
+    for q in np.random.default_rng(0).uniform(-2 * np.pi, 2 * np.pi, (20, 6)):
+        for dq, column in zip(1e-5 * np.eye(6), motion.jacobian(q, TOOL_POINT).T, strict=True):
+            rate = (motion.forward(q + dq) - motion.forward(q - dq)) / 2e-5
+            W = rate[:3, :3] @ motion.forward(q)[:3, :3].T
+            expected = [*rate[:3] @ np.append(TOOL_POINT, 1.0), W[2, 1], W[0, 2], W[1, 0]]
+            np.testing.assert_allclose(column, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("straight", [2, 4])
@@ -80,15 +69,13 @@ def test_all_solutions_reach_the_pose_and_are_distinct_and_one_is_where_it_came_
     eight = 0
     for q in np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 6)):
         T = motion.forward(q)
-        solutions = reachable(motion.inverse_all(T, 0.0))
-        np.testing.assert_allclose(
-            motion.forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9
-        )
-        assert angle_difference(solutions, q).max(axis=1).min() < 1e-9
-        assert np.abs(solutions).max() <= np.pi
-        for i in range(len(solutions) - 1):
-            assert angle_difference(solutions[i + 1 :], solutions[i]).max(axis=1).min() > 1e-6
-        eight += len(solutions) == 8
+        found = reachable(motion.inverse_all(T, 0.0))
+        np.testing.assert_allclose(motion.forward(found), np.tile(T, (len(found), 1, 1)), atol=1e-9)
+        assert angle_difference(found, q).max(axis=1).min() < 1e-9
+        assert np.abs(found).max() <= np.pi
+        for i in range(len(found) - 1):
+            assert angle_difference(found[i + 1 :], found[i]).max(axis=1).min() > 1e-6
+        eight += len(found) == 8
     assert eight > 100
 
 
@@ -97,32 +84,22 @@ def test_an_aligned_wrist_keeps_wrist_3_where_it_was_and_a_stretched_arm_is_foun
     q = np.array([0.5, -1.2, 1.4, 0.3, aligned, 0.9])
     np.testing.assert_allclose(motion.inverse_near(motion.forward(q), q), q, atol=1e-7)
     q[[2, 4]] = 0.0, 1.1
-    np.testing.assert_allclose(
-        motion.forward(motion.inverse_near(motion.forward(q), q)), motion.forward(q), atol=1e-9
-    )
+    T = motion.forward(q)
+    np.testing.assert_allclose(motion.forward(motion.inverse_near(T, q)), T, atol=1e-9)
 
 
-def nearest_by_listing(T, q_near):
-    """The nearest configuration among all solutions with every joint turned by -2 to 2 full turns."""
-    turns = 2 * np.pi * np.arange(-2, 3)
-    listed = []
-    for solution in reachable(motion.inverse_all(T, 0.0)):
-        angles = solution[:, None] + turns
-        inside = (angles >= motion.JOINT_LIMITS[:, :1]) & (angles <= motion.JOINT_LIMITS[:, 1:])
-        nearest = np.argmin(np.where(inside, np.abs(angles - q_near[:, None]), np.inf), axis=1)
-        listed.append(angles[np.arange(6), nearest])
-    return min(listed, key=lambda q: np.sum((q - q_near) ** 2))
-
-
-def test_the_choice_is_the_nearest_of_all_configurations_inside_the_limits():
-    rng = np.random.default_rng(8)
+def test_the_choice_is_the_nearest_of_all_configurations_inside_the_limits_and_out_of_reach_says_where():
+    """Of all solutions with every joint turned by -2 to 2 full turns."""
+    rng, (low, high), turns = np.random.default_rng(8), motion.JOINT_LIMITS.T, 2 * np.pi * np.arange(-2, 3)
     for _ in range(100):
-        q_near = rng.uniform(motion.JOINT_LIMITS[:, 0], motion.JOINT_LIMITS[:, 1])
+        q_near = rng.uniform(low, high)
         T = motion.forward(q_near + rng.normal(0, 0.3, 6))
-        np.testing.assert_allclose(motion.inverse_near(T, q_near), nearest_by_listing(T, q_near), atol=1e-12)
-
-
-def test_out_of_reach_says_where_and_what_to_do():
+        angles = reachable(motion.inverse_all(T, 0.0))[..., None] + turns
+        inside = (angles >= low[:, None]) & (angles <= high[:, None])
+        away = np.where(inside, np.abs(angles - q_near[:, None]), np.inf)
+        listed = np.take_along_axis(angles, away.argmin(axis=2)[..., None], axis=2)[..., 0]
+        nearest = listed[np.sum((listed - q_near) ** 2, axis=1).argmin()]
+        np.testing.assert_allclose(motion.inverse_near(T, q_near), nearest, atol=1e-12)
     T = motion.forward(HOME)
     T[:3, 3] = [0.0, -1.2, 0.2]
     assert np.isnan(motion.nearest_solution(T, HOME, True)).all()
@@ -134,7 +111,7 @@ def tool_poses(q):
     return motion.forward(q) @ T_FLANGE_TOOL
 
 
-def test_track_follows_a_smooth_joint_motion_back_to_itself():
+def test_track_follows_a_smooth_joint_motion_and_names_a_joint_beyond_its_limits_and_the_singular_place():
     t = np.linspace(0, 1, 2000)[:, None]
     q = HOME + 0.4 * np.sin(2 * np.pi * t * np.array([1, 2, 1, 3, 1, 2]))
     path = motion.track(tool_poses(q), T_FLANGE_TOOL, HOME)
@@ -142,6 +119,16 @@ def test_track_follows_a_smooth_joint_motion_back_to_itself():
     assert path.first_unreachable is path.first_beyond_limit is path.limit_joint is None
     assert path.largest_step < 0.01
     assert path.smallest_singular_value > 0.01
+    q = np.tile(HOME, (100, 1))
+    q[:, 5] = np.linspace(5.8, 6.8, 100)
+    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    assert path.first_beyond_limit == np.argmax(q[:, 5] > 2 * np.pi)
+    assert path.limit_joint == 5
+    q = np.tile(HOME, (101, 1))
+    q[:, 4] = np.linspace(-0.5, 0.5, 101)
+    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
+    assert path.smallest_singular_index == 50
+    assert path.smallest_singular_value < 1e-6
 
 
 def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
@@ -157,19 +144,6 @@ def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     assert path.smallest_singular_value < 0.1
     beyond = motion.track(poses[path.first_unreachable :], T_FLANGE_TOOL, HOME)
     assert (beyond.first_unreachable, beyond.largest_step) == (0, 0.0)
-
-
-def test_track_names_the_joint_that_leaves_its_limits_and_the_singular_place():
-    q = np.repeat(HOME[None], 100, axis=0)
-    q[:, 5] = np.linspace(5.8, 6.8, 100)
-    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
-    assert path.first_beyond_limit == np.argmax(q[:, 5] > 2 * np.pi)
-    assert path.limit_joint == 5
-    q = np.repeat(HOME[None], 101, axis=0)
-    q[:, 4] = np.linspace(-0.5, 0.5, 101)
-    path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
-    assert path.smallest_singular_index == 50
-    assert path.smallest_singular_value < 1e-6
 
 
 # Joint derivatives along segments and in time against finite differences, and the branch kept.

@@ -1,31 +1,27 @@
-"""A path as a callable of arc length, against a helix whose every derivative is known."""
+"""A path as a callable of arc length, against a helix whose every derivative is known; a motion over time, at
+the speed wanted, from rest to rest, its acceleration continuous."""
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.motion import trajectory
+from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.schedule import Schedule, Smoothed, turning
+from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
 RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
 SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
 
 
-class Sample(NamedTuple):
-    """A place on a path."""
-
-    position: np.ndarray
-    tangent: np.ndarray
-    quaternion: np.ndarray
-    turning: np.ndarray
-    row: int
-
-
-def sample(table: trajectory.PathTable, s: float) -> Sample:
-    position, tangent, quaternion, turning = np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)
-    row = trajectory.sample_path(table, s, position, tangent, quaternion, turning)
-    return Sample(position, tangent, quaternion, turning, row)
+def sample(table: trajectory.PathTable, s: float) -> tuple[np.ndarray, ...]:
+    """Position, tangent, quaternion and turning at a place, and its row."""
+    found = np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)
+    return *found, trajectory.sample_path(table, s, *found)
 
 
 def helix(angle: np.ndarray) -> np.ndarray:
@@ -40,36 +36,38 @@ def table() -> trajectory.PathTable:
     return trajectory.build_path_table(helix(angle), frames, s=SPEED * angle, curvature=10.0 + angle)
 
 
-def test_positions_tangents_and_frames_are_the_helixs(table):
+def test_positions_tangents_and_frames_are_the_helixs_and_stay_beyond_its_ends(table):
     assert table.length == pytest.approx(4.0 * np.pi * SPEED)
     assert table.spacing <= 0.0005
     for angle in np.random.default_rng(0).uniform(0.3, 4.0 * np.pi - 0.3, 200):
-        found = sample(table, SPEED * angle)
-        np.testing.assert_allclose(found.position, helix(np.array([angle]))[0], atol=1e-8)
+        position, tangent, quaternion, turning, _ = sample(table, SPEED * angle)
+        np.testing.assert_allclose(position, helix(np.array([angle]))[0], atol=1e-8)
         direction = np.array([-RADIUS * np.sin(angle), RADIUS * np.cos(angle), PITCH]) / SPEED
-        np.testing.assert_allclose(found.tangent, direction, atol=1e-5)
-        frame = Rotation.from_quat(found.quaternion, scalar_first=True)
+        np.testing.assert_allclose(tangent, direction, atol=1e-5)
+        frame = Rotation.from_quat(quaternion, scalar_first=True)
         assert (frame * Rotation.from_rotvec([0.0, 0.0, -angle])).magnitude() < 1e-6
-        np.testing.assert_allclose(found.turning, [0.0, 0.0, 1.0 / SPEED], rtol=1e-4, atol=1e-9)
-
-
-def test_beyond_its_ends_it_stays_at_them(table):
+        np.testing.assert_allclose(turning, [0.0, 0.0, 1.0 / SPEED], rtol=1e-4, atol=1e-9)
     for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
         for left, right in zip(sample(table, outside), sample(table, inside), strict=True):
             np.testing.assert_array_equal(left, right)
     end = helix(np.array([4.0 * np.pi]))[0]
-    np.testing.assert_allclose(sample(table, table.length).position, end, atol=1e-12)
+    np.testing.assert_allclose(sample(table, table.length)[0], end, atol=1e-12)
 
 
-def test_a_single_pose_is_a_path_of_no_length():
+def test_a_single_pose_is_a_path_of_no_length_and_a_motion_of_no_duration():
     point, frame = np.array([[0.1, 0.2, 0.3]]), Rotation.random(random_state=0).as_matrix()[None]
     table = trajectory.build_path_table(point, frame)
     assert table.length == 0.0
-    found = sample(table, 0.5)
-    np.testing.assert_allclose(found.position, point[0], atol=1e-15)
-    np.testing.assert_allclose(found.turning, 0.0, atol=1e-12)
-    R = Rotation.from_quat(found.quaternion, scalar_first=True).as_matrix()
+    position, _, quaternion, turning, _ = sample(table, 0.5)
+    np.testing.assert_allclose(position, point[0], atol=1e-15)
+    np.testing.assert_allclose(turning, 0.0, atol=1e-12)
+    R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     np.testing.assert_allclose(R, frame[0], atol=1e-12)
+    motion = trajectory.time_path(table, PACE)
+    assert motion.duration == 0.0
+    run = play(motion, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(run.positions, np.tile(point, (2, 1)))
+    np.testing.assert_allclose(run.velocities, 0.0)
 
 
 def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface():
@@ -78,7 +76,7 @@ def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface():
     on_part = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
     table = trajectory.build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
     assert table.length == pytest.approx(0.1)
-    np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05).tangent), 0.96, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05)[1]), 0.96, atol=1e-6)
 
 
 def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropped():
@@ -86,7 +84,7 @@ def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropp
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))
     table = trajectory.build_path_table(points, frames, curvature=100.0 * x, pass_index=number)
-    row = sample(table, 0.0425).row
+    row = sample(table, 0.0425)[-1]
     assert table.pass_index[row] == 4
     assert table.curvature[row] == pytest.approx(100.0 * row * table.spacing)
     assert table.pass_index[-1] == 10
@@ -115,3 +113,136 @@ def test_before_a_slow_place_the_feed_falls_in_time():
     wanted = np.sqrt(np.minimum(1.0, 0.04 + 24.0 * np.maximum(0.1 - nodes[before], 0.0)))
     assert feed[before] == pytest.approx(wanted, abs=0.02)
     assert feed[~before] == pytest.approx(np.full((~before).sum(), 0.2))
+
+
+PACE = trajectory.Pace(0.01, 0.05, 1.25)
+ROUND = 0.02  # radius of the circle [m]
+
+
+Sampled = namedtuple("Sampled", "positions velocities quaternions spins places speeds")
+
+
+def circle() -> PathTable:
+    angle = np.linspace(0.0, 2.0 * np.pi, 400)
+    points = ROUND * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    return build_path_table(points, Rotation.from_euler("z", angle[:, None]).as_matrix())
+
+
+def play(motion: trajectory.TimedPath, clock: Array) -> Sampled:
+    """What a motion does at some moments, shapes (n, 3), (n, 3), (n, 4), (n, 3), (n,), (n,)."""
+    out, place = [np.empty((len(clock), width)) for width in (3, 3, 4, 3, 2)], np.empty(2)
+    for i, t in enumerate(clock):
+        trajectory.sample_motion(motion, float(t), *(rows[i] for rows in out[:4]), place)
+        out[4][i] = place
+    return Sampled(*out[:4], *out[4].T)
+
+
+@pytest.mark.parametrize("length", [1e-5, 4e-4, 0.1])
+def test_short_and_long_ways_keep_the_limits_and_arrive(length):
+    table = build_path_table(np.array([[0.0, 0, 0], [length, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)))
+    motion = trajectory.time_path(table, PACE)
+    dt = motion.duration / 4000.0
+    run = play(motion, np.arange(4001) * dt)
+    assert run.places[-1] == pytest.approx(length, rel=1e-9)
+    assert run.speeds.max() <= PACE.speed * (1 + 1e-9)
+    rows = np.diff(motion.speeds) / motion.spacing
+    assert np.abs(rows).max() <= PACE.acceleration * (1 + 1e-9)
+    assert np.abs(np.diff(rows)).max() <= PACE.jerk * motion.spacing * (1 + 1e-6)
+
+
+def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
+    table = circle()
+    motion = trajectory.time_path(table, PACE)
+    assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)  # and one ramp
+    assert motion.playing_time == pytest.approx(motion.duration)
+    t = np.linspace(0.3, 12.0, 500)
+    step = 1e-4
+    before, now, after = play(motion, t - step), play(motion, t), play(motion, t + step)
+    np.testing.assert_allclose((after.positions - before.positions) / (2 * step), now.velocities, atol=2e-7)
+    np.testing.assert_allclose(now.spins, [[0.0, 0.0, 0.01 / ROUND]] * len(t), atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(now.velocities, axis=1), 0.01, rtol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), ROUND, atol=1e-8)
+
+
+def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time():
+    s, feed = np.array([0.0, 0.05, 0.06, 0.12]), np.array([2.0, 2.0, 0.5, 0.5])
+    motion = trajectory.time_path(with_feed_share(circle(), s, feed), PACE)
+    clock = np.arange(len(motion.places)) * motion.spacing
+    fed, most = motion.rates * motion.speeds, 0.01 * np.interp(motion.places, s, feed)
+    assert np.all(fed <= most * 1.05)  # the feed's corners lie between rows
+    assert fed[len(clock) // 8] == pytest.approx(0.02)
+    slowing = -np.diff(fed**2) / (2.0 * np.maximum(np.diff(motion.places), 1e-12))
+    assert slowing[20:-60].max() < 3.0 * PACE.acceleration
+    assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
+    for t in np.linspace(0.0, motion.duration, 777):
+        assert trajectory.sample_rate(motion, float(t)) == pytest.approx(np.interp(t, clock, motion.rates))
+
+
+# A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
+TIPS = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
+ROTATIONS = Rotation.from_rotvec(0.1 * np.outer([0, 1, 1, 3, 4], [1.0, 0.5, 0.2])).as_matrix()
+CHAIN = build_chain(TIPS, ROTATIONS)  # point 2 repeats point 1
+SCHEDULE = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3, 1)))
+MARKS = np.array([0.0, 0.02, 0.045, 0.07])
+
+
+def test_between_its_rows_it_is_where_the_schedule_is():
+    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    clock = np.linspace(0.0, SCHEDULE.end, 400)
+    exact = Smoothed(CHAIN, SCHEDULE).sample(clock)
+    run = play(motion, clock)
+    np.testing.assert_allclose(run.positions, exact.tips[:, 0], atol=2e-8)
+    np.testing.assert_allclose(run.velocities, exact.tips[:, 1], atol=3e-5)
+    np.testing.assert_allclose(run.spins, exact.spins[:, 0], atol=2e-3)
+    R = Rotation.from_quat(run.quaternions, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(R, exact.rotations, atol=3e-5)
+
+
+def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative():
+    s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
+    np.testing.assert_array_equal(trajectory.marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
+    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    assert motion.places[0] == 0.0
+    assert motion.places[-1] == pytest.approx(0.07, abs=1e-12)
+    assert np.all(np.diff(motion.places) >= 0.0)
+    rate = np.gradient(motion.places, motion.spacing)
+    np.testing.assert_allclose(motion.speeds[1:-1], rate[1:-1], atol=2e-4)
+    clock = np.arange(len(motion.places)) * motion.spacing
+    places = Smoothed(CHAIN, SCHEDULE).places_at(MARKS, clock)[0]
+    np.testing.assert_allclose(places, motion.places, atol=1e-12)
+
+
+# Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
+# Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
+STEP = 1e-5
+RANDOM_TIPS = np.random.default_rng(0).normal(size=(7, 3))
+TURNING = build_chain(RANDOM_TIPS, Rotation.random(7, random_state=1).as_matrix())
+FOUR_AT_ONCE = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
+
+
+def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame():
+    drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
+    breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
+    times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
+    here, after, before = (Smoothed(TURNING, FOUR_AT_ONCE).sample(times + h) for h in (0.0, STEP, -STEP))
+    for k in range(3):
+        for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
+            np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
+    spins = (after.spins - before.spins)[:, :2] / (2 * STEP)
+    np.testing.assert_allclose(here.spins[:, 1:], spins, atol=1e-5)
+    turned = Rotation.from_matrix(after.rotations @ np.swapaxes(before.rotations, 1, 2)).as_rotvec()
+    np.testing.assert_allclose(here.spins[:, 0], turned / (2 * STEP), atol=1e-7)
+    np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
+
+
+def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate_and_rests_at_the_ends():
+    alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
+    flat = TURNING._replace(rolls=np.zeros(6))
+    here = Smoothed(flat, alone).sample(np.linspace(0.0, 1.0, 20)[1:-1])
+    np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
+    ends = np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
+    here = Smoothed(TURNING, FOUR_AT_ONCE).sample(ends)
+    np.testing.assert_allclose(here.tips[:, 0], TURNING.tips[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_allclose(here.rotations, TURNING.rotations[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_array_equal(here.tips[:, 1:], 0.0)
+    np.testing.assert_array_equal(here.spins, 0.0)
