@@ -129,7 +129,12 @@ def undrawn() -> Iterator[None]:
     drawn = Figure.savefig
     with pytest.MonkeyPatch.context() as left_out:
         left_out.setattr(Figure, "savefig", save)
-        for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions"):
+        for name in (
+            "path_plot.plot_plan",
+            "inspect_plot.plot_maps",
+            "inspect_plot.plot_distributions",
+            "removal_plot.plot_removal",
+        ):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
         for name in ("run", "report"):
             left_out.setattr(f"polish_sim.cli.{name}.save_cell_picture", save_cell)

@@ -11,8 +11,8 @@ from polish_sim.planning.toolpath import PROCESS
 from tests.cli.conftest import Call, Tool, metrics_of
 from tests.kept import plate_file
 
-WORDS = ("--stepover", "50", "--feed", "40")
-BEHIND = 500  # [mm]
+WORDS = ("--stepover", "50", "--feed", "40", "--edge-margin", "40")
+BEHIND = 200  # [mm]
 
 
 @pytest.fixture

@@ -14,10 +14,11 @@ from polish_sim.row_file import Row, Rows
 from polish_sim.scoring import Task, user_entry
 from polish_sim.scoring.worst import FIGURES, LISTS, RANGES, drawn_task, first_tasks, search_worst, size_of
 from polish_sim.workers import Here, Runner
+from tests.kept import plate_file
 
 
 def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats(tmp_path):
-    short = ["plan.stepover_m=0.04", "process.max_feed_s=3"]
+    short = ["plan.stepover_m=0.04", "plan.edge_margin_m=0.03"]
     entry, heard = user_entry("position", short), []
     rows = search_worst(entry, 3, Runner(Rows(tmp_path), Here(), lambda *at: heard.append(at[:2])))
     assert len(rows) == 3
@@ -92,10 +93,10 @@ def test_the_ends_of_the_ranges_are_scenarios():
 
 
 def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_shipped_laws_strike():
-    x = dict(zip(RANGES, (bounds[1] for bounds in RANGES.values()), strict=True))
+    x = np.array([most for _, most in RANGES.values()])
     for controller in ("hybrid-pi", "hybrid-adaptive"):
-        landing = user_entry(controller, ["process.max_feed_s=2"])
+        landing = user_entry(controller, [f"part.file={plate_file()}", "plan.edge_margin_m=0.06"])
         for seed in (611, 612, 613):
-            drawn = drawn_task(landing, np.array([*{**x, "part.file": 0.0}.values()])).scenario
+            drawn = drawn_task(landing, x).scenario
             run = run_experiment(replace(drawn, seed=seed))
             assert run.figures["peak_force_n"] <= 25.0
