@@ -50,6 +50,13 @@ def pressing(*changes: str) -> Scenario:
     return override(default_scenario("surface"), [*usual, "safety.force_limit_n=80", *changes])
 
 
+@cache
+def across_the_plate() -> tuple[Scenario, PlanResult]:
+    """A line through its middle."""
+    scenario = pressing()
+    return scenario, planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+
+
 SOFT = ("pad.stiffness_n_m=6000", "process.contact_force_n=36")  # the corner does not even carry half of it
 
 
@@ -111,7 +118,7 @@ def test_where_the_corner_carries_a_share_of_the_force_it_is_pressed_with_that(c
 def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
     """Also where the force comes down to a place that was eased before."""
     scenario = pressing(f"plan.removal={removal}")
-    plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
+    _, plan = across_the_plate()
     prover = prover_of(scenario, plan)
     prover.pressed[:] = 0.7
     for _ in range(len(shares) + 1):
@@ -122,8 +129,7 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
 
 @pytest.mark.parametrize(("lacking", "mended"), [(0.1, EASED), (1.0, LEFT_OUT)])
 def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking, mended):
-    scenario = pressing()
-    plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
+    scenario, plan = across_the_plate()
     prover = prover_of(scenario, plan)
     prover.share[:] = 0.25
     half = 0.5 * scenario.process.contact_force_n
@@ -135,8 +141,7 @@ def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking
 
 @pytest.mark.parametrize(("aside_m", "wider"), [(0.0, 2.0), (0.008, 1.0)])
 def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_another_lines_cut(aside_m, wider):
-    scenario = pressing()
-    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    scenario, plan = across_the_plate()
     prover = prover_of(scenario, plan)
     fallen = Failure("the part is lower than planned", 0.5 * plan.path.s[-1], LOW, False)
     alone = prover._remedy(fallen)[2].sum()
@@ -146,8 +151,8 @@ def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_anot
 
 
 def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
-    scenario = pressing()
-    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
+    scenario, plan = across_the_plate()
+    prover = prover_of(scenario, plan)
     measure = PreparedRegion.measure
 
     def in_the_middle(self: PreparedRegion, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
@@ -172,8 +177,7 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
 
 def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkeypatch):
     """A run looks for one anew: of a dome it took another one than was played, and ran into itself."""
-    scenario = pressing()
-    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
+    prover = prover_of(*across_the_plate())
     assert prover._moves_as_a_run()  # nothing was cut
     prover._leave_out(prover.path.positions_work[:, 0] < -0.03, "a guard tripped")
     assert prover._moves_as_a_run()
@@ -187,8 +191,7 @@ def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkey
 
 
 def test_a_cut_path_the_arm_cannot_do_from_where_it_was_is_placed_and_played_anew(monkeypatch):
-    scenario = pressing()
-    prover = prover_of(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))))
+    prover = prover_of(*across_the_plate())
     whole = prover.path.positions_work
     elsewhere = prover.place.reach._replace(q_start=prover.place.reach.q_start + 1.0)
     follow = proof.check_whole_path
@@ -252,6 +255,15 @@ def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(mon
     assert len(tried) == pads
 
 
+def five_minutes_in(strokes: int) -> PlanResult:
+    """A plan of one or two strokes that presses for 300 s."""
+    path = straight((-0.08, 0.0), (0.08, 0.0))
+    segment = path.segment.copy()
+    segment[60] = segment[60] if strokes == 1 else LEAD_OUT
+    path = replace(path, segment=segment)
+    return replace(across_the_plate()[1], path=path, figures={"time_in_contact_s": 300.0})
+
+
 @pytest.mark.parametrize(
     ("settings", "strokes", "notes"),
     [
@@ -265,13 +277,7 @@ def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(mon
 def test_a_sensor_that_drifts_by_more_than_counts_as_contact_is_to_be_zeroed_for_each_stroke(
     settings, strokes, notes
 ):
-    scenario = pressing(*settings)
-    path = straight((-0.05, 0.0), (0.05, 0.0))
-    segment = path.segment.copy()
-    segment[60] = segment[60] if strokes == 1 else LEAD_OUT
-    plan = planned(scenario, path)
-    plan = replace(plan, path=replace(path, segment=segment), figures={"time_in_contact_s": 300.0})
-    found = drift_notes(scenario, plan)
+    found = drift_notes(pressing(*settings), five_minutes_in(strokes))
     assert len(found) == len(notes)
     assert all(part in text for part, text in zip(notes, found, strict=True))
 
@@ -282,21 +288,14 @@ def test_a_sensor_that_drifts_by_more_than_counts_as_contact_is_to_be_zeroed_for
     [(8.0, "start", True), (8.5, "start", False), (6.0, "strokes", False), (5.0, "strokes", True)],
 )
 def test_a_path_on_which_half_of_all_sensors_drift_out_of_the_force_band_is_refused(force_n, tare, refused):
-    scenario = pressing(
-        "sensor.model=ur5e-built-in", f"process.tare={tare}", f"process.contact_force_n={force_n}"
-    )
-    path = straight((-0.05, 0.0), (0.05, 0.0))
-    segment = path.segment.copy()
-    segment[60] = LEAD_OUT
-    path = replace(path, segment=segment)
-    plan = replace(planned(scenario, path), path=path, figures={"time_in_contact_s": 300.0})
+    settings = "sensor.model=ur5e-built-in", f"process.tare={tare}", f"process.contact_force_n={force_n}"
     with pytest.raises(PlanError, match="drift") if refused else nullcontext():
-        proof._refuse_drift(scenario, plan)
+        proof._refuse_drift(pressing(*settings), five_minutes_in(2))
 
 
 def test_a_path_that_fails_everywhere_whatever_is_mended_is_refused_and_no_other_pad_is_tried(monkeypatch):
     scenario = pressing("process.contact_force_n=3", "sensor.force_drift_n_s=0.5")
-    plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
+    _, plan = across_the_plate()
     tried = []
     monkeypatch.setattr(proof, "plan_removal", tried.append)
     with pytest.raises(PlanError, match=r"\d+% of the path fails at any feed"):
@@ -334,8 +333,7 @@ def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):
 
 
 def test_the_proofs_time_is_that_of_the_plan_as_made_and_what_any_pad_takes_counts(monkeypatch):
-    scenario = pressing()
-    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    scenario, plan = across_the_plate()
     work = Work(plan)
     monkeypatch.setattr(Play, "play_on", lambda self, observer: [])
     done = []
@@ -349,8 +347,7 @@ def test_the_proofs_time_is_that_of_the_plan_as_made_and_what_any_pad_takes_coun
 
 
 def test_a_proof_whose_time_is_used_up_keeps_no_margin_before_it_leaves_anything_out(monkeypatch):
-    scenario = pressing()
-    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    scenario, plan = across_the_plate()
     prover = prover_of(scenario, plan)
     prover.work.done_s = 1.5 * prover.work.most_s
     margins = []
@@ -442,8 +439,7 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
 
 
 def test_a_proof_whose_time_is_used_up_twice_is_refused(monkeypatch):
-    scenario = pressing()
-    plan = planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
+    scenario, plan = across_the_plate()
     prover = prover_of(scenario, plan)
     middle = Failure("the force leaves its band: 9 N", 0.5 * plan.path.s[-1], NO_STOP, False)
     prover.work.done_s = 2.01 * prover.work.most_s
