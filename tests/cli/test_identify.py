@@ -32,7 +32,6 @@ def _rows(file: str) -> list[dict[str, str]]:
     return list(csv.DictReader(Path(file).read_text(encoding="utf-8").splitlines()))
 
 
-@pytest.mark.pictures
 def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim):
     file = _log(Path("log.csv"))
     call = polish_sim("identify", "--data", file, "--period", 10, "--out", "found", "--check")

@@ -15,7 +15,6 @@ from tests.planning.test_fixture import asked, wall
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 
-@pytest.mark.pictures
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim):
     _, out, err = done(polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan"))
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
@@ -104,7 +103,7 @@ def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim,
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim):
     trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
-    err = done(polish_sim("plan", "small.stl", "--out", "plan")).err
+    err = done(polish_sim("plan", "small.stl", *UNPROVEN, "--out", "plan")).err
     assert "pad of 20 mm and step-over 3.2 mm, 3.4 mm" in err
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = metrics_of("plan")

@@ -145,7 +145,6 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     refused(polish_sim("report", "a", "--out", "text"), "'tracking_error_max_m'", "'a/metrics.json'")
 
 
-@pytest.mark.pictures
 @pytest.mark.parametrize("words", [(), ("--seeds", "1", "--on", "here")])
 def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
     polish_sim, tmp_path, monkeypatch, words

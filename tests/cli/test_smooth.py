@@ -68,7 +68,6 @@ def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed
     assert np.abs(table - columns).max() <= 0.5e-9 * (1.0 + 1e-6)
 
 
-@pytest.mark.pictures
 def test_the_tool_alone_needs_no_robot(polish_sim):
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n2000,0,0,0,0,1\n2000,500,0,0,0,1\n")
     words = ("--no-joints", "--rate", 20, "--against", "joint-acceleration", "--out", "out")
@@ -144,7 +143,6 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim, case):
     assert_refused(polish_sim("smooth", "path.csv", *words.split(), "--out", "out"), message, *there)
 
 
-@pytest.mark.pictures
 def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim):
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)

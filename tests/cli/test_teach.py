@@ -42,7 +42,6 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
     assert len(np.load("out/log.npz")["time_s"]) > 100
 
 
-@pytest.mark.pictures
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
     out = done(polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")).out

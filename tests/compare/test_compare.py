@@ -29,10 +29,10 @@ from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.identification.estimate import torque_error
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
-from tests.cli.conftest import assert_refused, polish_sim
+from tests.cli.conftest import _undrawn, assert_refused, polish_sim
 from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv
 
-__all__ = ["polish_sim"]
+__all__ = ["_undrawn", "polish_sim"]
 UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]).robot)
 NAMES = {
     "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
@@ -158,6 +158,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_csv(tmp_path_factory.mktemp("log") / "log.csv", made | {"qd_rad_s": 0.3 * made["qd_rad_s"]})
 
 
+@pytest.mark.pictures
 def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
     code, said, err = polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", "out")
     assert code == 0
