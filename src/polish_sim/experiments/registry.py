@@ -313,11 +313,11 @@ def refuse_idle_options(row: Experiment, named: Mapping[str, str], of: Collectio
     Raises:
         InputError: Naming them and why.
     """
-    named = {option: said for option, said in named.items() if option in of}
+    some = {option: said for option, said in named.items() if option in of}
     for option, others in row.not_with.items():
         if option in named:
-            refuse_idle(named, others, f"with {named[option]}")
+            refuse_idle(some, others, f"with {named[option]}")
     for options, others in row.only_with.items():
         if not named.keys() & set(options):
-            refuse_idle(named, others, f"without {' or '.join(options)}")
-    refuse_idle(named, sorted(named.keys() - set(row.options)), f"in 'run {row.name}'")
+            refuse_idle(some, others, f"without {' or '.join(options)}")
+    refuse_idle(some, sorted(some.keys() - set(row.options)), f"in 'run {row.name}'")
