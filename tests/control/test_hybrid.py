@@ -31,23 +31,23 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
 def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed, hybrid, law):
-    m, t = drawn(seed)
+    (m, t), config = drawn(seed), signals.CONFIG
     linear, _ = in_tool(m, signals.controller(hybrid).step(m, t))
     error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
-    wanted = feed + error / signals.CONFIG.look_ahead_s
+    wanted = feed + error / config.look_ahead_s
     by_law = {
-        6: wanted + signals.CONFIG.position_p * (wanted - speed),
-        5: feed + signals.CONFIG.position_rate_p * error + signals.CONFIG.position_rate_d * (feed - speed),
+        6: wanted + config.position_p * (wanted - speed),
+        5: feed + config.position_rate_p * error + config.position_rate_d * (feed - speed),
     }[law]
     np.testing.assert_allclose(linear[:2], (m.rotation.T @ by_law)[:2], atol=1e-12)
     force_error = 20.0 - m.wrench[2]
-    rate = signals.CONFIG.force_p_m_sn * force_error + signals.CONFIG.force_i_m_s2n * force_error * 0.001
+    rate = config.force_p_m_sn * force_error + config.force_i_m_s2n * force_error * 0.001
     # No faster than it can stop gently on springs four times as stiff as drawn before they press with 25 N:
     # readings are up to 4 ms late behind a low-pass of 80 Hz, motions 10 ms, and a cycle lasts 1 ms.
     unseen = (0.004 + 0.5 / (math.pi * 80.0) + 0.01 + 0.001) * max(float(m.rotation[:, 2] @ speed), 0.0)
     room = (25.0 - m.wrench[2]) / (4.0 * 5000.0) - unseen
     highest = math.sqrt(2.0 * 0.25 * 0.8 * 1.2 * max(room, 0.0))
-    limited = min(max(rate, -signals.CONFIG.force_limit_m_s), signals.CONFIG.force_limit_m_s, highest)
+    limited = min(max(rate, -config.force_limit_m_s), config.force_limit_m_s, highest)
     assert linear[2] == pytest.approx(limited, abs=1e-12)
 
 
@@ -66,9 +66,8 @@ def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed):
 
 def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force():
     m, t = drawn(0, contact=0.0)
-    np.testing.assert_array_equal(
-        signals.controller("hybrid-pi").step(m, t), signals.controller("position").step(m, t)
-    )
+    hybrid, position = (signals.controller(name).step(m, t) for name in ("hybrid-pi", "position"))
+    np.testing.assert_array_equal(hybrid, position)
     m, t = drawn(0)
     quiet = signals.controller("position").step(m, t)
     m.wrench[:] += 100.0
@@ -86,21 +85,17 @@ def leaning(made: CompiledController, steps: int, moment: Callable[[float], floa
 
 
 @pytest.mark.parametrize(("p", "i"), [(0.1, 0.0), (0.2, 0.5)])
-def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(p, i):
-    """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
+def test_the_moment_loop_levels_a_pad_as_its_second_order_response_and_never_beyond_its_limit(p, i):
+    """With moment k (angle - lean): e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     stiffness, lean = 3.0, -0.01
-    made = signals.controller(
-        "hybrid-pi", replace(signals.CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
-    )
+    gains = {"moment_p_rad_snm": p, "moment_i_rad_s2nm": i, "moment_filter_hz": 1e9}
+    made = signals.controller("hybrid-pi", replace(signals.CONFIG, **gains))
     angles = leaning(made, 5000, lambda angle: stiffness * (angle - lean))
     root = cmath.sqrt((stiffness * p) ** 2 - 4.0 * stiffness * i)
     r1, r2 = 0.5 * (-stiffness * p + root), 0.5 * (-stiffness * p - root)
     time = signals.DT * np.arange(len(angles))
     error = lean * ((r1 * np.exp(r1 * time) - r2 * np.exp(r2 * time)) / (r1 - r2)).real
     np.testing.assert_allclose(angles, lean - error, atol=0.005 * abs(lean))
-
-
-def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit():
     # A moment no tilt relieves: the pad hangs over an edge.
     angles = leaning(signals.controller("hybrid-pi"), 4000, lambda _angle: -5.0)
     assert max(angles) < signals.CONFIG.moment_tilt_limit_rad + 1e-6
@@ -108,7 +103,7 @@ def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit():
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
-def test_reset_forgets_everything(name):
+def test_reset_forgets_everything_and_leaving_contact_the_force_integral(name):
     rng = np.random.default_rng(0)
     readings = [signals.measurement_from(rng) for _ in range(20)]
     targets = [signals.target_near(m, rng, contact=1.0) for m in readings]
@@ -117,24 +112,17 @@ def test_reset_forgets_everything(name):
     made.reset(signals.DT)
     again = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
     np.testing.assert_array_equal(first, again)
-
-
-def test_leaving_contact_forgets_the_force_integral():
-    rng = np.random.default_rng(0)
-    m = signals.measurement_from(rng)
-    t, free = signals.target_near(m, rng, contact=1.0), signals.target_near(m, rng, contact=0.0)
-    fresh = in_tool(m, signals.controller("hybrid-pi").step(m, t))[0][2]
-    made = signals.controller("hybrid-pi")
-    for target in (t, t, t, free):
-        made.step(m, target)
-    assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
+    if name == "hybrid-pi":
+        (m, t), (_, free) = drawn(0), drawn(0, contact=0.0)
+        fresh, made = in_tool(m, signals.controller(name).step(m, t))[0][2], signals.controller(name)
+        for target in (t, t, t, free):
+            made.step(m, target)
+        assert in_tool(m, made.step(m, t))[0][2] == pytest.approx(fresh, abs=1e-15)
 
 
 def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up():
-    rng = np.random.default_rng(0)
-    m = signals.measurement_from(rng)
+    (m, t), (_, free) = drawn(0), drawn(0, contact=0.0)
     m.twist[:], m.wrench[:] = 0.0, 0.0
-    t, free = signals.target_near(m, rng, contact=1.0), signals.target_near(m, rng, contact=0.0)
     for target in (t, free):
         target.position[:], target.twist[:] = m.position, 0.0
         target.rotation[:] = Rotation.from_rotvec(0.02 * m.rotation[:, 1]).as_matrix() @ m.rotation
@@ -170,36 +158,28 @@ def test_force_mode_answers_every_second_millisecond_and_loses_the_damping_s_sha
     np.testing.assert_allclose(slower[1::2], 0.01 * 0.7 ** np.arange(1, 11))
 
 
-@pytest.mark.parametrize("speed", [-0.02, 0.02])
-def test_force_control_begins_at_the_speed_the_tool_has(speed):
-    law, (m, t) = signals.controller("force-mode"), pressing(20.0, speed)
-    assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)
-
-
-def test_the_speed_stays_within_its_limit_and_does_not_wind_up():
+def test_force_control_begins_at_the_tools_speed_stays_within_its_limit_and_begins_afresh_each_contact():
+    for speed in (-0.02, 0.02):
+        law, (m, t) = signals.controller("force-mode"), pressing(20.0, speed)
+        assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)
     law, (m, t) = signals.controller("force-mode"), pressing(-500.0)
     pushed = [law.step(m, t)[2] for _ in range(500)]
     assert max(pushed) == pytest.approx(signals.CONFIG.force_limit_m_s)
     m.wrench[2] = 520.0
     back = np.array([law.step(m, t)[2] for _ in range(100)])
-    assert (back < 0.0).argmax() < 20
-
-
-def test_everything_but_tool_z_is_as_in_hybrid_pi():
-    rng = np.random.default_rng(0)
-    m = signals.measurement_from(rng)
-    for contact in (0.0, 1.0):
-        t = signals.target_near(m, rng, contact)
-        ours, hybrid = signals.controller("force-mode").step(m, t), signals.controller("hybrid-pi").step(m, t)
-        across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
-        np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
-        np.testing.assert_array_equal(ours[3:], hybrid[3:])
-
-
-def test_a_second_contact_begins_afresh():
+    assert (back < 0.0).argmax() < 20  # it does not wind up
     law, (m, t) = signals.controller("force-mode"), pressing(0.0)
     first = [law.step(m, t)[2] for _ in range(100)]
     t.contact = False
     law.step(m, t)
     t.contact = True
     np.testing.assert_allclose([law.step(m, t)[2] for _ in range(100)], first, atol=1e-12)
+
+
+def test_everything_but_tool_z_is_as_in_hybrid_pi():
+    for contact in (0.0, 1.0):
+        m, t = drawn(0, contact)
+        ours, hybrid = (signals.controller(name).step(m, t) for name in ("force-mode", "hybrid-pi"))
+        across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
+        np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
+        np.testing.assert_array_equal(ours[3:], hybrid[3:])

@@ -106,28 +106,23 @@ def test_wrong_parameters_are_refused_by_name(file, own, told):
 
 
 @pytest.mark.parametrize("ranges", ["[1]", "{'gain': ('a', 'b')}", "{'gain': 3}", "{'gain': (0.1, 0.001)}"])
-def test_ranges_that_are_none_are_refused_by_name(tmp_path, ranges):
-    (tmp_path / "own.py").write_text(
-        f"class Own:\n    ranges = {ranges}\n    def __init__(self, gain=0.01):\n        pass\n"
-    )
-    with pytest.raises(InputError, match=r"range.*own\.py:Own.*\(least, most\)"):
-        law_parameters(f"{tmp_path / 'own.py'}:Own")
+def test_ranges_that_are_none_are_refused_by_name(file, ranges):
+    file.write_text(GOOD.replace('{"gain": (0.001, 0.1)}', ranges), encoding="utf-8")
+    with pytest.raises(InputError, match=r"range.*mine\.py:Tuned.*\(least, most\)"):
+        law_parameters(f"{file}:Tuned")
 
 
 def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
-    usual = default_scenario("force")
+    usual, written = default_scenario("force"), tmp_path / "config.toml"
     own = ["controller.own.gain=0.02", "controller.own.late=true"]
     chosen = override(usual, [f"controller.name={file}:Tuned", *own])
-    written = tmp_path / "config.toml"
     written.write_text(to_toml(chosen), encoding="utf-8")
     assert load_scenario(written, usual) == chosen
     assert chosen.controller.own == {"gain": 0.02, "late": True}
     assert "--set controller.own.gain=0.02" in once_more(chosen, usual)
     hash(chosen)
-    for value, said in (
-        ("own.gain=[1, 2]", r"own\.gain' must be a number, text"),
-        ("own=3", r"own' is a section"),
-    ):
+    refused = {"own.gain=[1, 2]": r"own\.gain' must be a number, text", "own=3": r"own' is a section"}
+    for value, said in refused.items():
         with pytest.raises(ConfigError, match=said):
             override(usual, [f"controller.{value}"])
 

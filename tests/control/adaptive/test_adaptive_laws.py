@@ -54,41 +54,37 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
     assert force_loop.under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
 
 
-@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 40000.0])
-def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness):
-    rng, memory = np.random.default_rng(0), PressMemory()
+def landing_memory() -> PressMemory:
+    memory = PressMemory()
     memory.air.variance = 0.25**2
     landing.restart_fit(memory, 0.0, 0.0)
-    speed, found, k = 0.02, [], 0
-    while stiffness * speed * k * DT < 8.0:
-        path = speed * k * DT
+    return memory
+
+
+@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 40000.0])
+def test_stiffness_is_found_from_above_within_the_first_newtons_and_not_by_a_tool_at_rest(stiffness):
+    rng, memory, speed, found = np.random.default_rng(0), landing_memory(), 0.02, []
+    for path in np.arange(0.0, 8.0 / stiffness, speed * DT):
         reading = stiffness * path + 0.25 * rng.normal()
         found.append(landing.refine_stiffness(GAINS, memory, path, reading, speed))
-        k += 1
     assert found[0] == pytest.approx(25000.0)
     assert min(found) > 0.9 * min(stiffness, 25000.0)
     assert found[-1] == pytest.approx(stiffness, rel=0.35)
+    memory = PressMemory()
+    landing.restart_fit(memory, 0.0, 0.0)
+    for _ in range(2000):
+        known = landing.refine_stiffness(GAINS, memory, 1e-5 * rng.normal(), rng.normal(), 0.0005)
+    assert known == pytest.approx(25000.0)
 
 
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False))
 def test_the_swing_of_an_arm_that_lands_is_no_spring(phase):
     """3 N at 28 Hz on a spring of 5000 N/m, pressed in by 2 mm at 5 mm/s."""
-    memory = PressMemory()
-    memory.air.variance = 0.25**2
-    landing.restart_fit(memory, 0.0, 0.0)
-    for k in range(round(0.4 / DT)):
-        path = 0.005 * k * DT
-        swing = 3.0 * math.sin(2.0 * math.pi * 28.0 * k * DT + phase)
-        found = landing.refine_stiffness(GAINS, memory, path, 5000.0 * path + swing, 0.005)
+    memory = landing_memory()
+    for t in DT * np.arange(round(0.4 / DT)):
+        force = 5000.0 * 0.005 * t + 3.0 * math.sin(2.0 * math.pi * 28.0 * t + phase)
+        found = landing.refine_stiffness(GAINS, memory, 0.005 * t, force, 0.005)
     assert 0.98 * 5000.0 < found < 1.25 * 5000.0
-
-
-def test_a_tool_at_rest_learns_nothing_about_springs():
-    rng, memory = np.random.default_rng(0), PressMemory()
-    landing.restart_fit(memory, 0.0, 0.0)
-    for _ in range(2000):
-        known = landing.refine_stiffness(GAINS, memory, 1e-5 * rng.normal(), rng.normal(), 0.0005)
-    assert known == pytest.approx(25000.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
@@ -130,8 +126,9 @@ def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
 
 
 def test_the_observer_knows_the_force_before_the_sensor_shows_it():
-    """The tool presses by travel alone; the reading is 4 ms late, the estimate is not."""
-    memory, k, z = PressMemory(), 5000.0, 0.0
+    """The tool presses by travel alone; the reading is 4 ms late, the estimate is not. It is four times as
+    quick at first touch; its rate, which would overshoot, is not."""
+    memory, k, rates = PressMemory(), 5000.0, []
     force_loop.begin_contact(memory, k, 0.0, 0.0)
     for n in range(1000):
         z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
@@ -139,14 +136,9 @@ def test_the_observer_knows_the_force_before_the_sensor_shows_it():
         seen = force_loop.as_sensed(GAINS, memory, z, 0.0, DT)
         force = force_loop.observe_force(memory, PACE, seen.path, k * seen.path, 1.0, DT)
         assert force == pytest.approx(k * z, abs=1e-9)
-
-
-def test_the_swing_of_the_first_touch_is_no_part_that_rises():
-    """The observer is four times as quick at first touch; its rate, which would overshoot, is not."""
-    rates = []
     for first in (25.0, 100.0):
         memory = PressMemory()
-        force_loop.begin_contact(memory, 5000.0, 0.0, 0.0)
+        force_loop.begin_contact(memory, k, 0.0, 0.0)
         force_loop.observe_force(memory, force_loop.LoopSpeed(40.0, 25.0, first), 0.0, 3.0, 0.1, DT)
         rates.append(memory.force.rate)
     assert rates[0] == rates[1] > 0.0
@@ -179,13 +171,12 @@ def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_h
 
 
 def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise():
-    memory = PressMemory()
-    force_loop.begin_contact(memory, 25000.0, 0.001, 3.0)
+    memory, other = PressMemory(), PressMemory()
+    for each in (memory, other):
+        force_loop.begin_contact(each, 25000.0, 0.001, 3.0)
     corrections(memory, lambda _: -22.0, 0.3)
-    force_loop.change_stiffness(memory, 5000.0, 0.001)
+    other.force.travel = 0.001
+    for each in (memory, other):
+        force_loop.change_stiffness(each, 5000.0, 0.001)
     assert corrections(memory, lambda _: -2.0, 0.1) == pytest.approx(np.full(100, -2.0), abs=1e-9)
-    memory = PressMemory()
-    force_loop.begin_contact(memory, 25000.0, 0.001, 3.0)
-    memory.force.travel = 0.001
-    force_loop.change_stiffness(memory, 5000.0, 0.001)
-    assert force_loop.observe_force(memory, PACE, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+    assert force_loop.observe_force(other, PACE, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)

@@ -14,14 +14,10 @@ from tests.control.adaptive.plant import Plant, land, settling
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
 
-def adaptive(**changes: Any) -> CompiledController:
-    return CONTROLLERS["hybrid-adaptive"](
-        replace(CONFIG, adaptive=replace(CONFIG.adaptive, damping_n_s_m=0.0, **changes))
-    )
-
-
-def without(law: str) -> str:
-    return " ".join(name for name in LAWS if name != law)
+def adaptive(without: str = "", **changes: Any) -> CompiledController:
+    laws = {"laws": " ".join(name for name in LAWS if name != without), **changes}
+    made = replace(CONFIG, adaptive=replace(CONFIG.adaptive, damping_n_s_m=0.0, **laws))
+    return CONTROLLERS["hybrid-adaptive"](made)
 
 
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
@@ -49,25 +45,24 @@ def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise):
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
 
 
-def test_the_tools_own_inertia_does_not_ring_on_a_soft_spring():
-    plant = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
-    run = land(adaptive(), plant, seconds=2.5)
-    assert np.abs(run.force[-500:] - 20.0).max() < 0.1
+SOFT = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
 
 
-@pytest.mark.parametrize("law", ["touch-down", "stiffness", "inertia"])
-def test_without_one_law_the_others_still_land(law):
-    run = land(adaptive(laws=without(law)), Plant(), seconds=2.0)
-    assert np.abs(run.force[-300:] - 20.0).max() < 0.2
+@pytest.mark.parametrize(
+    ("law", "plant", "since", "off"),
+    [*((law, Plant(), 1.7, 0.2) for law in ("touch-down", "stiffness", "inertia")), ("", SOFT, 2.0, 0.1)],
+)
+def test_without_one_law_the_others_still_land_and_with_all_inertia_does_not_ring(law, plant, since, off):
+    run = land(adaptive(without=law), plant, seconds=since + 0.5)
+    assert np.abs(run.force[run.time >= since] - 20.0).max() < off
 
 
 def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff():
-    stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
-    slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.002)
-    fast = land(adaptive(), Plant(noise=0.5), approach=0.002)
+    slow, fast = (land(adaptive(law), Plant(noise=0.5), approach=0.002) for law in ("touch-down", ""))
     assert settling(fast, 20.0) < 0.8 * settling(slow, 20.0)
+    stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
     assert land(adaptive(), stiff).force.max() < 21.0
-    assert land(adaptive(laws=without("stiffness")), stiff).force.max() > 25.0
+    assert land(adaptive("stiffness"), stiff).force.max() > 25.0
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
