@@ -311,7 +311,7 @@ def test_each_figure_so_near_its_limit_that_another_arm_may_miss_it_is_said_with
     shares = {"torque": 0.85, "tangential error": tangential, "force error": force}
     limits = {name: {"share": share, "at_m": 0.0} for name, share in shares.items()}
     notes = proof_notes({**proven_at_the_corner().plan.proof, "limits": limits, "mends": []})
-    for figure, helps in (("tangential error", "lower --contact-force"), ("force error", "slower --feed")):
+    for figure, helps in (("tangential error", "lower --contact-force"), ("force error", "nearer to 16 N")):
         said = [note for note in notes if f"may fail run --check: {figure}" in note]
         assert bool(said) == (shares[figure] > 0.75)
         assert all(helps in note for note in said)

@@ -22,11 +22,10 @@ from polish_sim.planning import PlanResult
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.toolpath import ToolPath, stretches
 
-#: What helps where a run may fail ``--check``, by what it fails by. How much the arm shakes depends on the
-#: feed and hardly on the force, and below this force the band is a share of it.
+#: What helps where a run may fail ``--check``, by what it fails by. The force may be off by a quarter and at
+#: most by `FOLLOW_BAND_N`, and the arm shakes more under a larger one: where both meet there is most room.
 HELPS = {
-    BAND: "a slower --feed helps, and below "
-    f"{FOLLOW_BAND_N / (MOST_FORCE - 1.0):.3g} N a larger --contact-force",
+    BAND: f"a --contact-force nearer to {FOLLOW_BAND_N / (MOST_FORCE - 1.0):.3g} N helps",
     ASTRAY: "a lower --contact-force helps, and robot.compensation=tracker",
 }
 
