@@ -125,7 +125,7 @@ def other_faults(
         yield from call(folder / "smooth", "smooth", plan.folder).faults()
     if chance[1] < 0.4:
         yield from run_faults(call(folder / "from", *along, "--from", f"{begin:.1f}"), plan)
-    if chance[2] < 0.35 and first.code in (0, 1):
+    if chance[2] < 0.35 and first.code in (0, 1) and "hybrid-adaptive" not in along:
         yield from run_faults(call(folder / "learn", *along, "--learn", first.folder), plan)
     if chance[3] < 0.1:
         yield from call(folder / "job.toml", "job", "init", part).faults()
@@ -159,17 +159,19 @@ def try_job(seed: int, files: Sequence[Path], out: Path) -> Outcome:
 def print_outcome(outcome: Outcome, job: str) -> None:
     """The line of a job, and one for each fault."""
     plan, figures = outcome.plan, outcome.plan.figures
-    said = " ".join(plan.said("^error:"))[:150]
+    said = [line[:150] for line in plan.said("^error:")]
     if figures:
         left, region = (1e4 * figures[f"{name}_area_m2"] for name in ("left_out", "region"))
-        said += f"{left:.1f} of {region:.1f} cm^2 left out" + ", may fail" * may_fail(plan)
+        said += [f"{left:.1f} of {region:.1f} cm^2 left out", *["may fail"] * may_fail(plan)]
     runs = "; ".join(
         f"{run.code}, {run.figures['force_max_deviation_n']:.1f} N, "
         f"{1e3 * run.figures['tracking_error_max_m']:.2f} mm"
         for run in outcome.runs
         if run.figures
     )
-    print(f"{outcome.seed} {job}: plan {plan.code}, {plan.cpu_s:.0f} s, {said}; runs {runs or '-'}")
+    print(
+        f"{outcome.seed} {job}: plan {plan.code}, {plan.cpu_s:.0f} s, {', '.join(said)}; runs {runs or '-'}"
+    )
     print(*(f"    FAULT {fault}\n" for fault in outcome.faults), sep="", end="", flush=True)
 
 

@@ -63,6 +63,9 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     out = done(polish_sim(*ARC, *sluggish, "--out", "run")).out
     assert " NO" not in out
     assert "robot.linear_acceleration_m_s2 = 0.05 (1.2)" in out
+    # Asked to check, it says which figure the exit code is for.
+    code, out, _ = polish_sim(*ARC, *sluggish, "--check", "--out", "checked")
+    assert (code, " NO" in out) == (1, True)
     # Neither the pad of a plan nor what a named sensor stands for is one.
     scenario = default_scenario("surface")
     assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"]), scenario) == ()

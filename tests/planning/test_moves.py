@@ -227,5 +227,7 @@ def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan)
     )
     assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force)
     assert rest.path.force[process][-1] == plan.tool.force
+    assert len(rest.mends[-1].places) > 0
+    assert plan.behind(0.5 * plan.path.s[plan.path.process][0]).mends == ()  # before it lands
     with pytest.raises(PlanError, match="nothing of the path is left behind"):
         plan.behind(1e3)

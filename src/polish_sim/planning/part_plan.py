@@ -140,8 +140,9 @@ class PlanResult:
         landed = left.s[left.process][0]
         rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
         eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
-        done = mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)
-        return self.along(eased, [done])
+        # Before the tool has landed there is nothing done.
+        done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)] if remaining.lost.any() else []
+        return self.along(eased, done)
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
