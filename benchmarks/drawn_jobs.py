@@ -105,10 +105,12 @@ def may_fail(plan: Call) -> bool:
 def inspect_faults(inspected: Call, plan: Call) -> Iterator[str]:
     """What is wrong with `inspect` of a plan."""
     yield from inspected.faults()
-    planned, found = plan.figures, inspected.figures
-    for name in KEPT:
-        if found and abs(planned[name] - found[name]) > APART * max(abs(planned[name]), 1e-3):
-            yield f"inspect: {name} {found[name]:.6g}, of the plan {planned[name]:.6g}"
+    for name in KEPT if inspected.figures else ():
+        planned, found = plan.figures[name], inspected.figures[name]
+        if found != planned and (
+            None in (found, planned) or abs(planned - found) > APART * max(abs(planned), 1e-3)
+        ):
+            yield f"inspect: {name} {found}, of the plan {planned}"
 
 
 def other_faults(

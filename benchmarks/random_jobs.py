@@ -17,7 +17,7 @@ from polish_sim.arrays import Array
 
 Generator = np.random.Generator
 SIZES_MM = (60.0, 280.0)  #: Largest dimension of a part
-UNITS_MM = {"mm": 1.0, "in": 25.4, "m": 1000.0}
+UNITS_MM = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
 TURNED = 0.3  #: Share of the parts whose file stands askew
 
 

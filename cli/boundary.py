@@ -188,9 +188,8 @@ class Outcome:
     def finish(self, folder: Path, check: bool | None) -> int:
         """Show the outcome and the folder; returns the exit code, falling short counts with ``check``."""
         # What is checked is called met or not, whatever the conditions.
-        shown = replace(self, conditions=()) if check else self
         with suppress(KeyboardInterrupt):  # all is written
-            shown.show()
+            (replace(self, conditions=()) if check else self).show()
         console.say_folder(folder)
         return self.exit_code(check)
 
@@ -210,8 +209,7 @@ class Outcome:
             console.note(text)
         for text in self.bad:
             console.note(f"bad: {text}.")
-        bad = ": with bad figures" if self.bad else ""
-        console.table(self.table._replace(title=self.title + bad))
+        console.table(self.table._replace(title=self.title + ": with bad figures" * bool(self.bad)))
 
     def exit_code(self, check: bool | None) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""

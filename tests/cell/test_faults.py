@@ -88,6 +88,18 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
     assert_it_ends_well(run)
 
 
+@pytest.mark.parametrize(("event", "code"), [("", None), ("part-high@0", guards.HIGH)])
+def test_a_pad_that_leans_finds_the_part_with_its_rim_and_no_part_that_stands_too_high(event, code):
+    lean, scenario = math.radians(12.0), faulty(event, "safety.offset_limit_m=0.002").scenario
+    stroke = cells.pressing_stroke(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), height=0.02)
+    stroke = stroke._replace(early=scenario.pad.radius_m * math.tan(lean))
+    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
+    assert run.stop_reason == (None if code is None else guards.REASONS[code])
+    if code is None:
+        blind = cells.cell_for(scenario, stroke._replace(early=0.0), part=cells.part_under(plane())).run()
+        assert blind.stop_reason == guards.REASONS[guards.HIGH]
+
+
 @pytest.mark.parametrize(
     "name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"]
 )

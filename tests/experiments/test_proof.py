@@ -96,6 +96,16 @@ def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_wi
     assert (proof["contact_force_n"], proof["feed_m_s"]) == (30.0, pytest.approx(0.02))
 
 
+def test_a_tool_that_leans_lands_with_its_rim_on_a_part_that_is_not_higher_than_planned():
+    lean = np.radians(11.0)
+    scenario = pressing(f"plan.tilt_angle_rad={lean}", "process.contact_force_n=20")
+    path = straight((-0.02, 0.0), (0.02, 0.0))
+    path = replace(path, axes_work=np.tile([0.0, np.sin(lean), np.cos(lean)], (120, 1)))
+    proven = prove(scenario, planned(scenario, path)).plan
+    assert proven.mends == ()
+    assert proven.proof["limits"]["part too high"]["share"] < 0.1
+
+
 @pytest.mark.parametrize(
     ("changes", "shares"), [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])]
 )

@@ -97,9 +97,9 @@ MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
         SILENT_HOST: (1e3, "{:.0f} ms"),
         SPINDLE: (100.0, "{:.0f}% of the speed"),
         STROKE: (100.0, "{:.0f}% of the stroke"),
-        HIGH: (-1e3, "{:.2f} mm above"),
+        HIGH: (1e3, "{:.2f} mm above"),
         LOW: (1e3, "{:.2f} mm below"),
-        RISEN: (-1e3, "{:.2f} mm"),
+        RISEN: (1e3, "{:.2f} mm"),
         FALLEN: (1e3, "{:.2f} mm"),
     }
 )
@@ -253,11 +253,13 @@ def check_guards(
     crash: CrashPoints,
     on_part: bool,
     planned: float,
+    early: float,
     count: int,
 ) -> int:
     """Code of the first condition that is met after ``count`` steps, 0 if none; see ``REASONS``.
 
-    ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m].
+    ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m],
+    ``early`` how far above it the rim of a leaning pad touches [m].
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
     t = count * dt
@@ -285,7 +287,7 @@ def check_guards(
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE
-    moved = _check_surface(state, planned, dt, t)
+    moved = _check_surface(state, planned, early, dt, t)
     if moved != NO_STOP:
         return moved
     guards.lost = guards.lost + dt if target.contact and w[2] < 0.1 * target.force else 0.0
@@ -303,13 +305,14 @@ def check_guards(
 
 
 @kernel
-def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int:
+def _check_surface(state: CellState, planned: float, early: float, dt: float, t: float) -> int:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
     How far the springs are pressed in is only known once the force is held in the process; from there on the
     surface is off the plan by the tool's offset and by what the springs gave way since, as they are planned
     (``planned`` [m] under the force wanted): a force that is missing is surface that has gone. Until then the
     tool may go as deep as springs five times softer than planned need, but not above where it found contact.
+    A pad that leans finds it with its rim, up to ``early`` [m] above the surface.
     An active flange measures by its travel where the surface is.
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
@@ -321,27 +324,24 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
     depth = offset + (sequence.depth if landing else planned) - state.flange.travel
     if landing and sequence.time == 0.0:
-        guards.depth = guards.found = depth
-        _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
-        if abs(depth) > guards.offset:
-            return LOW if depth > 0.0 else HIGH
+        guards.depth = depth
+        code, off = (LOW, depth) if depth > 0.0 else (HIGH, -depth - early)
+        if _exceeds(state, code, off, guards.offset, t):
+            return code
     room = guards.offset
     missing = 1.0 - max(m.wrench[2], 0.0) / target.force
     guards.missing += dt / SHAKEN_S * (missing - guards.missing)
     place = depth if state.flange.share > 0.0 else offset + planned * guards.missing
     if not guards.was_held:
         room += _DEEPEST * planned
-        holding = not landing and abs(missing) < 0.1
-        guards.holding = guards.holding + dt if holding else 0.0
+        guards.holding = guards.holding + dt if not landing and abs(missing) < 0.1 else 0.0
         if guards.holding >= HELD_S:
             guards.depth = place
             guards.was_held = True
-    guards.found = (place if guards.was_held else depth) - guards.depth
-    _note(state, FALLEN, guards.found / room, t)
-    _note(state, RISEN, -guards.found / guards.offset, t)
-    if guards.found > room:
+    fallen = (place if guards.was_held else depth) - guards.depth
+    if _exceeds(state, FALLEN, fallen, room, t):
         return FALLEN
-    return RISEN if guards.found < -guards.offset else NO_STOP
+    return RISEN if _exceeds(state, RISEN, -fallen, guards.offset, t) else NO_STOP
 
 
 @kernel

@@ -365,6 +365,7 @@ def is_over(cell: CellKernel, free_body: int, t: float) -> bool:
                 cell.crash_points,
                 cell.stroke.contact,
                 cell.stroke.depth,
+                cell.stroke.early,
                 count,
             ),
             t,

@@ -48,6 +48,7 @@ class Stroke(NamedTuple):
     threshold: float = math.inf  #: Measured force that counts as contact [N]
     search_depth: float = 0.0  #: How far past the nominal surface contact is sought [m]
     lift: float = 0.0  #: Height of the retract [m]; 0 ends the run without one
+    early: float = 0.0  #: How far above the surface the rim of a leaning pad touches it [m]
     start_s: float = 0.0  #: Arc length of the plan at the first process point [m]
     retare: bool = False  #: Whether the sensor is zeroed again before this stroke
 

@@ -111,7 +111,8 @@ def placed_strokes(
     [m].
     """
     process, rotations = scenario.process, placed.rotations
-    depths = sunk_under(scenario.head, scenario.pad, path.force_at(path.s, process.contact_force_n))
+    wanted = path.force_at(path.s, process.contact_force_n)
+    depths = sunk_under(scenario.head, scenario.pad, wanted)
     nominal = apply(placed.T_base_work, path.positions_work)
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
     strokes: list[Stroke] = []
@@ -121,17 +122,14 @@ def placed_strokes(
         come = _last_approach(path, leave, first, lift) if strokes else leave
         through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
+        s = path.s[during]
         table = build_path_table(
-            pressed_in[during],
-            rotations[during],
-            path.s[during],
-            path.curvature[during],
-            path.pass_index[during],
+            pressed_in[during], rotations[during], s, path.curvature[during], path.pass_index[during]
         )
-        force = at_rows(table, path.s[during], path.force_at(path.s[during], process.contact_force_n))
+        force = at_rows(table, s, wanted[during])
         along = stroke_path(path, during, pressed_in, rotations, process.feed_m_s)
         if path.feed is not None:
-            table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
+            table = with_feed_share(table, s, along.feed / process.feed_m_s)
         motion = stroke_motion(scenario.smoothing, along, placed.arm)
         if motion is None:
             motion = time_path(table, feed_pace(process.feed_m_s))
@@ -142,6 +140,8 @@ def placed_strokes(
                 process=table,
                 motion=motion,
                 depth=depths[first],
+                early=scenario.pad.radius_m
+                * math.tan(math.hypot(scenario.plan.lead_angle_rad, scenario.plan.tilt_angle_rad)),
                 force=force,
                 contact=True,
                 approach_speed=process.approach_speed_m_s,
@@ -169,10 +169,10 @@ def path_done(path: ToolPath, fed_s: Array) -> float:
     """
     if not len(fed_s):
         return 0.0
-    in_contact = [(path.s[a], path.s[b]) for a, b in stretches(path.process)]
-    total = sum(end - start for start, end in in_contact)
+    begin, end = path.s[np.transpose(stretches(path.process))]
+    total = sum(end - begin)
     reached = fed_s[-1] + 1e-9  # the law of the feed may end some roundings short of the last point
-    left = sum(max(end - max(start, reached), 0.0) for start, end in in_contact)
+    left = sum(np.maximum(end - np.maximum(begin, reached), 0.0))
     return 1.0 - left / total if total > 0.0 else 1.0
 
 
@@ -193,8 +193,7 @@ def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
     """Row from which the tool comes down to a stretch; before it, it travels at least as high as it was
     lifted."""
     way = path.positions_work[leave:first] - path.positions_work[first]
-    high = np.flatnonzero(way @ path.axes_work[first] >= lift - 1e-9)
-    return leave + high[-1] if len(high) else leave
+    return leave + int(max(np.flatnonzero(way @ path.axes_work[first] >= lift - 1e-9), default=0))
 
 
 def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:

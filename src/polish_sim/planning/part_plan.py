@@ -137,12 +137,11 @@ class PlanResult:
             )
         left = remaining.path
         force = left.force_at(left.s, self.tool.force)
-        landed = left.s[left.process][0]
-        rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
-        eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
+        rising = np.clip((left.s - left.s[left.process][0]) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
+        force *= FIRST_FORCE + (1.0 - FIRST_FORCE) * rising
         # Before the tool has landed there is nothing done.
         done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)] if remaining.lost.any() else []
-        return self.along(eased, done)
+        return self.along(replace(left, force=force), done)
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
