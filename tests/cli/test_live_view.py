@@ -255,6 +255,19 @@ def test_moments_keep_reaching_who_looks_on(start):
 
 @served
 @in_browser
+def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(start, tmp_path, request):
+    run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
+    tab = Tab(request.getfixturevalue("browser"), run.url)  # only now: the run was forked
+    stood = tab.paused_in_contact()
+    assert run.interrupted() == 130
+    assert "Traceback" not in run.said
+    tab.wait_for("The run is over")
+    assert read_record(tmp_path / "out").metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
+    assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
+
+
+@served
+@in_browser
 def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(browser, start, tmp_path):
     run = start("run", "force", "--live", "--set", "process.hold_s=12", "--out", "out")
     tab = Tab(browser, run.url)
@@ -300,19 +313,6 @@ def test_a_saved_run_is_served_as_its_page_and_to_its_own_pages_alone(polish_sim
         urllib.request.urlopen(urllib.request.Request(again.url, headers={"Host": "elsewhere.example"}))
     assert again.interrupted() == 0
     assert "Traceback" not in again.said
-
-
-@served
-@in_browser
-def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(browser, start, tmp_path):
-    run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
-    tab = Tab(browser, run.url)
-    stood = tab.paused_in_contact()
-    assert run.interrupted() == 130
-    assert "Traceback" not in run.said
-    tab.wait_for("The run is over")
-    assert read_record(tmp_path / "out").metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
-    assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
 
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no display to try --view on: apt install xvfb")
