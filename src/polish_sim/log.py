@@ -265,11 +265,11 @@ class RemovalMap:
     @cached_property
     def border(self) -> NDArray[np.int64]:
         """Ends of the edges with one triangle only, shape (b, 2)."""
-        edges = np.sort(
-            np.concatenate([self.triangles[:, [0, 1]], self.triangles[:, [1, 2]], self.triangles[:, [2, 0]]])
-        )
-        found, count = np.unique(edges, axis=0, return_counts=True)
-        return found[count == 1]
+        size = len(self.vertices)
+        # One number an edge: numbers are sorted in a fraction of the time that rows take.
+        edges = np.sort(self.triangles[:, [[0, 1], [1, 2], [2, 0]]]) @ [size, 1]
+        found, count = np.unique(edges, return_counts=True)
+        return np.column_stack(np.divmod(found[count == 1], size))
 
 
 def write_removal(file: Path, removal: RemovalMap) -> None:

@@ -64,6 +64,7 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim):
 
 def test_many_seeds_are_rows_with_their_mean_and_worst(polish_sim, monkeypatch):
     asked = design_once(monkeypatch, iterations=2)
+    monkeypatch.setattr("polish_sim.identification.identify.USE_MOTIONS", 1)
     words = ("identify", "--periods", "1", "--set", "robot.arm=ideal", "--on", "here", "--out", "many")
     assert polish_sim(*words, "--seed", "3", "--seeds", "1").code == 0
     assert polish_sim(*words, "--seed", "3", "--seeds", "2").code == 0

@@ -33,7 +33,9 @@ def calibrated() -> PayloadCalibration:
 
 def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log():
     """The log keeps wrenches and orientations in single precision, and the arm creeps by nanometres."""
-    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["robot.arm=ideal", *IDEAL_SENSOR])).figures
+    figures = run_payload_calibration(
+        override(PAYLOAD_SCENARIO, ["robot.arm=ideal", "payload.poses=6", *IDEAL_SENSOR])
+    ).figures
     assert figures["mass_error_relative"] < 1e-5
     assert figures["center_error_m"] < 1e-6
     assert figures["compensation_error_max_n"] < 1e-4
@@ -41,7 +43,7 @@ def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log():
 
 def test_a_steady_drift_is_found_where_it_is_asked_for():
     """A walk of 0.1 N/sqrt(s): nothing else is that large, so the return to the first pose shows it."""
-    scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "sensor.force_drift_n_s=0.1"])
+    scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "payload.poses=6", "sensor.force_drift_n_s=0.1"])
     found = run_payload_calibration(scenario, drift=True)
     first, last = found.readings.R_base_sensor[[0, -1]]
     np.testing.assert_allclose(last, first, atol=1e-4)

@@ -399,11 +399,8 @@ def spreads(
     found = []
     for some in (areas, np.where(away >= inside, areas, 0.0)):
         mean = (some @ relative) / some.sum() if some.any() else 0.0
-        if mean <= 0.0:
-            found.append(math.nan)
-            continue
-        shares = some / some.sum()
-        found.append(math.sqrt(shares @ (relative / mean - 1.0) ** 2))
+        square = some / some.sum() @ (relative / mean - 1.0) ** 2 if mean > 0.0 else math.nan
+        found.append(math.sqrt(square))
     return found[0], found[1]
 
 
