@@ -55,8 +55,9 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     fresh = not folder.exists()
     if given["--resume"]:
         for plan in _passes(folder, "plan/path.json"):
-            part_file, again = asked.passes[0].scenario.part.file, "Do the job anew with --overwrite."
-            check_part(plan, part_file, plan_facts(plan)["part"], again)
+            facts = plan_facts(plan, f"Delete '{plan.parents[1]}': --resume does that pass again.")
+            again = "Do the job anew with --overwrite."
+            check_part(plan, asked.passes[0].scenario.part.file, facts["part"], again)
     rows: list[PassRow] = []
     with occupied(folder, LOCK, "job"):
         try:
@@ -123,7 +124,10 @@ def _folder(copy: bytes, given: Given) -> Path:
             held = f"'{out}' holds no {COPY}" if out else "there is no --out"
             raise InputError(f"{held}: name the folder of a job begun before, or leave --resume out.")
         if (out / COPY).read_bytes() != copy:
-            raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
+            raise InputError(
+                f"'{out}' was begun with another job file: resume with '{out / COPY}', or do this one anew "
+                "with --overwrite."
+            )
         return out
     if out is not None and (out / COPY).is_file() and not given["--overwrite"]:
         raise InputError(

@@ -74,13 +74,15 @@ def filled(
         begun: What the folder is of already.
     """
 
+    begins = begin or {ASKED: json.dumps(asked, indent=1) + "\n"}
+
     def refuse(folder: Path) -> None:
         held = begun or _begun(folder)
         if given.get("--overwrite") or held is None or held == asked:
             return
         raise InputError(
-            f"'{folder}' holds another {asked['of']}: {_difference(held, asked)}. Choose another folder "
-            "with --out"
+            f"'{folder}' holds another {asked['of']}: {_difference(held, asked, *begins)}. Choose another "
+            "folder with --out"
             + (
                 ", or add --overwrite to replace it; rows that both have are kept."
                 if "--overwrite" in given
@@ -92,8 +94,7 @@ def filled(
     from polish_sim.kernel_cache import is_warm
     from polish_sim.workers import Runner, open_workers
 
-    begin = begin or {ASKED: json.dumps(asked, indent=1) + "\n"}
-    with rows_folder(given["--out"], kind, kind.partition("-")[0], begin, refuse) as folder:
+    with rows_folder(given["--out"], kind, kind.partition("-")[0], begins, refuse) as folder:
         kept, work = prepare(folder)
         on = given["--on"] or ("local" if given["--workers"] else usual)
         if not is_warm() and on != "here":
@@ -131,10 +132,11 @@ def _begun(folder: Path) -> Metrics | None:
         return {}
 
 
-def _difference(begun: Metrics, asked: Metrics) -> str:
-    """The first thing in which two works differ, in words."""
+def _difference(begun: Metrics, asked: Metrics, file: str) -> str:
+    """The first thing in which two works differ, in words; ``file`` says what the one begun is of."""
     if begun.get("of") != asked["of"]:
-        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
+        unknown = f"its {file}, which says of what, is damaged or gone"
+        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else unknown
     for name in (name for name in asked if name not in ("of", "rows")):
         if begun.get(name) != asked.get(name):
             return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
@@ -161,6 +163,8 @@ class Many(NamedTuple):
     usual: str = "local"  #: Where the work is done if nothing is said
     conditions: tuple[str, ...] = ()  #: As of `Outcome`
     files: Sequence[Path] = ()  #: The user's, which the work needs
+    #: Reads the folder of a seed where each leaves one: without it, whole, the seed is done again
+    read: Callable[[Path], object] = lambda _folder: None
 
 
 def seed_rows(
@@ -178,6 +182,13 @@ def seed_rows(
 
     def prepare(folder: Path) -> tuple[Rows, Callable[[Runner], dict[int, Metrics]]]:
         kept = Rows(folder)
+        for number, key in keys.items():
+            try:
+                if key in kept.known:
+                    many.read(seed_folder(folder, number))
+            except InputError as error:
+                console.note(f"{seed} {number} is done again: {error}")
+                del kept.known[key]
         # What is done already needs no plan.
         work = many.prepare(folder) if kept.missing(keys) else dict
 
@@ -309,7 +320,7 @@ def _each(means: Means, folder: Path) -> Callable[[int], Metrics]:
 
 def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
-    from polish_sim.analysis.run_record import other_conditions
+    from polish_sim.analysis.run_record import other_conditions, read_record
     from polish_sim.experiments.assembly import config_hash, user_files
 
     def prepare(folder: Path) -> Callable[[int], Metrics]:
@@ -323,7 +334,9 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
         what += f", {scenario.controller.label}"
     other = other_conditions(scenario, row.defaults)
     files = user_files(scenario)
-    many = Many(f"run-{row.name}", what, depends, prepare, claims, conditions=other, files=files)
+    many = Many(
+        f"run-{row.name}", what, depends, prepare, claims, conditions=other, files=files, read=read_record
+    )
     return run_seeds(many, given, _finish_runs)
 
 

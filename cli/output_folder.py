@@ -33,12 +33,14 @@ class OutputFolder:
     final: Path
 
 
-def refuse_taken(given: Mapping[str, Any]) -> None:
-    """Refuse an output folder that exists or is no folder, before anything is read; `claimed` does so as
-    well."""
+def refuse_taken(given: Mapping[str, Any], *read: Path) -> None:
+    """Refuse an output folder that exists, is no folder or one of those to ``read``, before anything is read;
+    `claimed` does so as well."""
     out = given["--out"]
     if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
+    if out in read:
+        raise InputError(f"--out '{out}' is read itself, and would be changed. Choose another.")
 
 
 @contextmanager

@@ -19,7 +19,7 @@ Runs = Annotated[list[Path], argument("RUN", "Run folders made by 'run'.")]
 @takes(*OUTPUT_OPTIONS)
 def report(runs: Runs, given: Given) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
-    refuse_taken(given)
+    refuse_taken(given, *runs)
     from polish_sim.analysis.run_record import notes_of
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.report import (

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
-OF_RUNS = ("--controller", "--part", "--path", "--fault")  #: That not every experiment takes, set by name too
+OF_RUNS = ("--controller", "--part", "--path", "--fault")  #: Not every experiment takes them, nor their keys
 PICTURES_MISSING = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
 
 

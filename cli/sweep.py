@@ -187,16 +187,14 @@ def prepare_study(study: Study, given: Given, folder: Path) -> tuple[RunTable, C
 
 def _show(study: Study, folder: Path, facts: Metrics) -> None:
     from polish_sim.studies.page import figures_table, sweep_page
-    from polish_sim.studies.table import FAILED, read_rows
+    from polish_sim.studies.table import FAILED, OUTCOMES, read_rows
 
     columns = read_rows(folder)
     save_page(folder, sweep_page(study, columns))
     figures = figures_table(study, columns)
     if figures.rows:
         console.table(figures)
-    ended = ", ".join(
-        f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name]
-    )
+    ended = ", ".join(f"{facts[name]} {name}" for name in OUTCOMES if facts[name])
     console.say(f"{count_text(facts['runs'], 'run')} in the folder: {ended}")
     reasons = dict.fromkeys(zip(columns["outcome"], columns.get("reason", ()), strict=False))
     for reason in [why for outcome, why in reasons if outcome == FAILED][:SHOWN]:

@@ -15,6 +15,17 @@ Figures = dict[str, Any]
 SLICE = 16_384
 
 
+class Uncertain:
+    """Parameters found with their covariance."""
+
+    covariance: Array  #: Shape (p, p)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the parameters, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
 def norms(vectors: Array) -> Array:
     """Lengths of vectors (..., k), shape (...)."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))

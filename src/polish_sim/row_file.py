@@ -84,12 +84,12 @@ def write_metrics(folder: Path, figures: Metrics) -> None:
     write_json(folder / METRICS, {**figures, "versions": package_versions()})
 
 
-def read_json(file: Path) -> dict[str, Any]:
-    """Read figures written by ``write_json``."""
+def read_json(file: Path, again: str = "Make it again.") -> dict[str, Any]:
+    """Read figures written by ``write_json``; InputError if it cannot be, and what to do ``again``."""
     try:
         return {**json.loads(regular(file).read_text(encoding="utf-8"))}
     except (OSError, ValueError, TypeError, RecursionError) as error:
-        raise InputError(f"cannot read '{file}': {error}. Make it again.") from error
+        raise InputError(f"cannot read '{file}': {error}. {again}") from error
 
 
 def check_forms(values: Metrics, forms: Mapping[str, Any], file: Path, again: str) -> None:
@@ -184,9 +184,9 @@ class Rows:
         self.note(key, kept)
 
 
-def check_sum(row: Row) -> int:
-    """A number that changes with an edit of a row."""
-    return zlib.crc32(json.dumps(row).encode())
+def check_sum(value: Any) -> int:
+    """A number that changes with an edit of a value that JSON has."""
+    return zlib.crc32(json.dumps(value).encode())
 
 
 def plain(value: Any) -> Any:

@@ -121,6 +121,21 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     assert times[0] != times[1]
     assert figures["worst"]["settling_time_3n_s"] == max(times)
     assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)
+    # A seed's folder that is damaged is filled again, those that are whole stay.
+    whole = {file: file.read_bytes() for file in Path("two").glob("seed-*/log.npz")}
+    config = Path("two/seed-0005/config.toml")
+    for damaged in (whole.keys() - {Path("two/seed-0006/log.npz")}, {config}, {config}):
+        for file in damaged:
+            file.write_text(file.read_text().rpartition(" #")[0] + " # cut" if file == config else "")
+        call = done(polish_sim(*FORCE, *words))
+        assert "seed 5 is done again" in call.err
+        assert "seed 6" not in call.err
+        assert {file: file.read_bytes() for file in whole} == whole
+        assert config.read_text().endswith("\n")
+    Path("two/asked.json").write_text("")
+    refused(polish_sim(*FORCE, *words), "asked.json", "--out")
+    Path("two/seed-0005/metrics.json").unlink()
+    refused(polish_sim("report", "two/seed-0005", "--out", "again"), "metrics.json")
 
 
 @pytest.mark.pictures
@@ -131,6 +146,8 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     out = done(polish_sim("report", "a", "b", "--out", "both")).out
     (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("controller")]
     assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
+    refused(polish_sim("report", "a", "b", "--out", "b", "--overwrite"), "'b'", "--out")
+    assert metrics_of("b")["tracking_error_max_m"] > 0.0
     for folder in ("alone", "both"):
         assert (Path(folder) / "arc.png").stat().st_size > 10_000
     figures = metrics_of("a")

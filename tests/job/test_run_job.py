@@ -145,14 +145,19 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
 @pytest.mark.parametrize(
     ("gone", "told"),
     [
-        ("plan/path.script", "programme in plan/"),
-        ("run", "cycle_time_s in run/"),
-        ("run/log.npz", "whole run/log.npz"),
-        ("run/metrics.json", "whole run/metrics.json"),
-        ("damaged run/removal.npz", "whole run/removal.npz"),
-        ("damaged run/log.npz", "whole run/log.npz"),
-        ("plan/pass.json", "whole plan/pass.json"),
-        ("null plan/pass.json", "whole plan/pass.json"),
+        ("plan/path.script", "plan/path.script"),
+        ("null plan/path.script", "plan/path.script"),
+        ("cut plan/path.script", "plan/path.script"),
+        ("run", "cycle_time_s"),
+        ("run/log.npz", "log.npz"),
+        ("run/metrics.json", "metrics.json"),
+        ("run/removal.npz", "removal.npz"),
+        ("damaged run/removal.npz", "run/removal.npz"),
+        ("damaged run/log.npz", "run/log.npz"),
+        ("damaged run/path.npz", "run/path.npz"),
+        ("cut run/config.toml", "run/config.toml"),
+        ("plan/pass.json", "plan/pass.json"),
+        ("null plan/pass.json", "plan/pass.json"),
     ],
 )
 def test_a_pass_that_is_no_longer_whole_is_named(job, whole, tmp_path, gone, told):
@@ -172,13 +177,16 @@ def test_a_pass_that_is_no_longer_whole_is_named(job, whole, tmp_path, gone, tol
             shutil.rmtree(here / "run")
         if gone.startswith("null"):
             (here / gone.split()[1]).write_text('{"pose": null}')
+        elif gone.startswith("cut"):
+            file = here / gone.split()[1]
+            file.write_text(file.read_text().rpartition("#")[0])
         else:
             (here / gone).unlink()
 
     def resumed() -> list[object]:
         return [*run_job(job, tmp_path, Silent()), *programs(job, tmp_path)]
 
-    with pytest.raises(InputError, match=f"pass_1' has no {told}"):
+    with pytest.raises(InputError, match=f"delete '.*pass_1', and --resume .*{told}"):
         resumed()
 
 

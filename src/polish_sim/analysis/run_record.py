@@ -112,9 +112,10 @@ def read_record(folder: Path) -> RunRecord:
             f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'."
         )
     scenario = load_scenario(folder / CONFIG, replace(Scenario(), experiment=""))
-    if not scenario.experiment:
+    if not (scenario.experiment and (folder / CONFIG).read_bytes().endswith(b"\n")):
         raise InputError(
-            f"'{folder / CONFIG}' is not the config of a run: it names no experiment. Run it again."
+            f"'{folder / CONFIG}' is not the config of a run, or was cut: it names no experiment or has no "
+            "end. Run it again."
         )
     path, again = None, "Delete it to see the run without."
     if (folder / PATH).is_file():

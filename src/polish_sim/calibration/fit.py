@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import fdtri
 
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, Bools, Uncertain, norms
 from polish_sim.errors import CalibrationError
 
 X = TypeVar("X")
@@ -47,7 +47,7 @@ class Problem(Generic[X]):
 
 
 @dataclass(frozen=True)
-class Fit(Generic[X]):
+class Fit(Uncertain, Generic[X]):
     """The best fit and how well it is known."""
 
     x: X  #: The unknowns

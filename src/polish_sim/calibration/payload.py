@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, rms
+from polish_sim.arrays import Array, Bools, Uncertain, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import GRAVITY, crosses, no_rotations
@@ -111,7 +111,7 @@ class PayloadReadings:
 
 
 @dataclass(frozen=True)
-class PayloadEstimate:
+class PayloadEstimate(Uncertain):
     """Tool and bias, and how well they are known."""
 
     #: m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, (10,) or (16,)
@@ -146,11 +146,6 @@ class PayloadEstimate:
     def bias_at(self, time: float) -> Array:
         """Bias at a moment [s], with what it has drifted [N, N m], shape (6,)."""
         return self.bias + self.drift * (time - self.zero_time)
-
-    @property
-    def std(self) -> Array:
-        """Standard deviations of theta, shape (p,)."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def mass_std(self) -> float:

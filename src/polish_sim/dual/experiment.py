@@ -44,6 +44,8 @@ PRESSING_CLAIMS = (
 FREE_CLAIMS = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
 
 _TOUCH = Claim("residual_rms_m", "residual of a touch, rms", "mm")
+_ROTATION_AND_TOUCH = Claim("rotation_error_rad", "axes, error, all three", "deg"), _TOUCH
+_BOUND_SHARE = Claim("bound_share", "  error over that bound", "-", high=1.0)
 _POINT = Claim("residual_rms_m", "residual of a point, rms", "mm")
 _AXES_SEEN = (
     Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", high=1.7e-5),
@@ -73,17 +75,15 @@ CALIBRATIONS: Mapping[str, tuple[Claim, ...]] = {
         Claim("position_crb_m", "tip, Cramér-Rao bound, 3D rms", "mm", high=3.3e-5),
         Claim("position_error_m", "tip error (three times that)", "mm", high=1e-4),
         Claim("rotation_std_max_rad", "axes, std of the worst", "deg", high=0.045 / DEGREES),
-        Claim("rotation_error_rad", "axes, error, all three", "deg"),
-        _TOUCH,
+        *_ROTATION_AND_TOUCH,
     ),
     # Gears err by place: many readings of one are no better than one, which the bounds say.
     "tcp-gears": (
         Claim("position_error_m", "tip error", "mm"),
         Claim("position_bound_m", "  bound, by the residual of one touch", "mm"),
-        Claim("bound_share", "  error over that bound", "-", high=1.0),
+        _BOUND_SHARE,
         Claim("position_std_m", "  std if touches were independent", "mm"),
-        Claim("rotation_error_rad", "axes, error, all three", "deg"),
-        _TOUCH,
+        *_ROTATION_AND_TOUCH,
     ),
     "tcp-data": (
         Claim("position_std_m", "tip, 3D std", "mm", high=3.3e-5),
@@ -100,7 +100,7 @@ CALIBRATIONS: Mapping[str, tuple[Claim, ...]] = {
     "base-gears": (
         _ORIGIN_ERROR,
         Claim("relative_origin_bound_m", "  bound, by the residual of one point", "mm"),
-        Claim("bound_share", "  error over that bound", "-", high=1.0),
+        _BOUND_SHARE,
         Claim("relative_origin_std_m", "  std if points were independent", "mm"),
         _FAR_ERROR,
         _POINT,

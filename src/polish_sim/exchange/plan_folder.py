@@ -205,8 +205,8 @@ def metrics_text(result: PlanResult) -> str:
     return json.dumps(plain(result.figures | {"notes": result.notes}), indent=2) + "\n"
 
 
-def plan_facts(source: Path) -> dict[str, Any]:
-    """`FACTS` of a plan folder or path.json; of other files none.
+def plan_facts(source: Path, again: str = "Plan again.") -> dict[str, Any]:
+    """`FACTS` of a plan folder or path.json; of other files none. ``again`` says what to do about a bad one.
 
     Raises:
         InputError: It cannot be read, was edited, or does not say its part and plan.
@@ -214,16 +214,14 @@ def plan_facts(source: Path) -> dict[str, Any]:
     file = source / PATH_JSON if source.is_dir() else source
     if file.suffix.lower() != ".json":
         return {}
-    document = read_json(file)
+    document = read_json(file, again)
     if None in map(document.get, ("part", "plan")):
         raise InputError(
             f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
         )
-    check_forms(document, FACTS, file, "Plan again.")
+    check_forms(document, FACTS, file, again)
     if document.pop("sum", None) not in (None, check_sum(document)):
-        raise InputError(
-            f"'{file}' was edited: what it says of its plan is not as it was written. Plan again."
-        )
+        raise InputError(f"'{file}' was edited: what it says of its plan is not as it was written. {again}")
     return {name: document.get(name) for name in FACTS}
 
 

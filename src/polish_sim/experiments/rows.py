@@ -166,15 +166,18 @@ PAYLOAD_SCENARIO = Scenario(
     simulation=SimulationConfig(log_rate_hz=0.0),
 )
 """What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
+_FIT = (
+    Claim("residual_rms_n", "residual of the fit, force, rms", "N"),
+    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m"),
+    Claim("condition", "condition of the poses", ""),
+)
 PAYLOAD_CLAIMS = (
     Claim("mass_error_relative", "mass error", "%", high=0.01),
     Claim("center_error_m", "centre error", "mm", high=1e-3),
     Claim("residual_force_max_n", "force left, worst of 200 poses", "N", high=0.3),
     Claim("residual_force_tared_max_n", "  tared in one of them", "N", high=0.3),
     Claim("compensation_error_max_n", "  worst possible pose, no noise", "N", high=0.3),
-    Claim("residual_rms_n", "residual of the fit, force, rms", "N"),
-    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m"),
-    Claim("condition", "condition of the poses", ""),
+    *_FIT,
     Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N"),
     Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N"),
 )
@@ -182,8 +185,6 @@ PAYLOAD_CLAIMS = (
 PAYLOAD_DATA_CLAIMS = (
     Claim("mass_std_relative", "mass, std", "%", high=0.01),
     Claim("center_std_max_m", "centre, std of its worst axis", "mm", high=1e-3),
-    Claim("residual_rms_n", "residual of the fit, force, rms", "N"),
-    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m"),
-    Claim("condition", "condition of the poses", ""),
+    *_FIT,
 )
 """What is asked of one from a user's readings, whose truth is unknown: less."""

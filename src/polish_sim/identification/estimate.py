@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import correlate
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, Uncertain, norms
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
@@ -164,7 +164,7 @@ def inverse_of(H: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Uncertain):
     """Base parameters found in measured torques."""
 
     theta: Array  #: Shape (r,)
@@ -176,11 +176,6 @@ class Estimate:
     condition_equilibrated: float
     #: Samples worth one independent sample, (n,); None where noise is taken as white
     inefficiency: Array | None = None
-
-    @property
-    def std(self) -> Array:
-        """Standard deviations, shape (r,)."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 def against_truth(off: Array, std: Array, bound: Array) -> dict[str, float]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, rms
+from polish_sim.arrays import Array, Indices, Uncertain, rms
 from polish_sim.identification.arm import LoggedRobot, build_simulated_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
@@ -47,17 +47,12 @@ class LinkBody(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FoundPayload:
+class FoundPayload(Uncertain):
     """What a robot carries, about the origin of its last joint and in the axes of its last link."""
 
     parameters: Array  #: As `LINK_PARAMETERS`, shape (10,)
     covariance: Array  #: Shape (10, 10)
     origin: Array  #: Of the last joint, in the link's own frame [m], shape (3,)
-
-    @property
-    def std(self) -> Array:
-        """Standard deviations, shape (10,)."""
-        return np.sqrt(np.diag(self.covariance))
 
     def body(self) -> LinkBody:
         """Mass, centre and inertia about the centre, the deviations carried over to first order."""

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import measure_removal
-from polish_sim.analysis.run_record import RunRecord, write_record
+from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
@@ -34,18 +34,16 @@ from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.tools import naming_line
-from polish_sim.log import PROCESS_PHASE, UNREADABLE, RemovalMap, read_log, read_removal, write_arrays
+from polish_sim.log import PROCESS_PHASE, UNREADABLE, RemovalMap, read_removal, write_arrays
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
-from polish_sim.row_file import METRICS, read_json, whole_folder, write_json
+from polish_sim.row_file import METRICS, Metrics, check_sum, read_json, whole_folder, write_json
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import to_pose
 
 PIECE_S = 1.0  #: Of simulated time between pieces on disk
 NOTHING_M = 1e-4  #: So little of a path left is done [m]
-READERS = {METRICS: read_json, "log.npz": read_log, "removal.npz": read_removal}
-"""What a finished pass has in its run, and what reads it, so that a damaged file is noticed."""
 ON_ZONE_M = 1e-4  #: Points of a path so near a zone are in it [m]
 
 
@@ -55,7 +53,7 @@ class PassRow(NamedTuple):
     folder: str
     part: int
     work: Pass
-    figures: dict[str, Any]
+    figures: Metrics
 
 
 def check_regions(job: Job) -> None:
@@ -96,15 +94,14 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
                 seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
                 with naming_line(job.file), named_place(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
-            for name, read in READERS.items():
-                try:
-                    read(target / "run" / name)
-                except InputError:
-                    raise _no_longer_whole(target, f"whole run/{name}") from None
-            figures = read_json(target / "run" / METRICS)
+            try:
+                figures = read_record(target / "run").metrics
+                read_removal(target / "run" / REMOVAL)
+            except InputError as error:
+                raise _no_longer_whole(target, error) from None
             for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
                 if key not in figures:
-                    raise _no_longer_whole(target, f"{key} in run/{METRICS}")
+                    raise _no_longer_whole(target, f"{key} is not in run/{METRICS}.")
             worn[abrasive] = figures["sliding_work_after_nm"]
             yield PassRow(here, part, one, figures)
 
@@ -149,7 +146,7 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
         try:
             part = merge(scenario.part, {"pose": read_json(done / "pass.json")["pose"]}, "part.")
         except (PolishSimError, KeyError):
-            raise _no_longer_whole(folder, "whole plan/pass.json") from None
+            raise _no_longer_whole(folder, "plan/pass.json is gone or damaged.") from None
         scenario = replace(scenario, part=part)
         return (
             measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
@@ -164,9 +161,12 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
     plan = replace(plan, figures={**plan.figures, "plan_time_s": 0.0})
     folder.mkdir(parents=True, exist_ok=True)
     with whole_folder(done) as draft:
-        write_json(draft / "pass.json", {"pose": list(pose)})
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=pose)
-        export_plan(draft, plan, () if one.tool.flange.bandwidth_hz else ("urscript",), setup)
+        made = export_plan(draft, plan, () if one.tool.flange.bandwidth_hz else ("urscript",), setup)
+        write_json(
+            draft / "pass.json",
+            {"pose": list(pose), "programme": [check_sum(file.read_text()) for file in made]},
+        )
         write_plan(draft, plan)
     return plan, scenario
 
@@ -275,7 +275,7 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
         before = (row.part, one.setup, one.head.tool, one.head.grit)
     sums = []
     for name, those in regions.items():
-        found = summed_maps([read_removal(folder / row.folder / "run" / "removal.npz") for row in those])
+        found = summed_maps([read_removal(folder / row.folder / "run" / REMOVAL) for row in those])
         sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
     total = {name: sum(row.figures[name] for row in rows) for name in SUMMED}
     area = sum(row.figures["area_m2"] for row in rows)
@@ -325,18 +325,26 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
                 calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
                 continue
             where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
-            script = next((where / "plan").glob("*.script"), None)
-            if script is None:
-                raise _no_longer_whole(where, "programme in plan/")
-            text = script.read_text(encoding="utf-8")
+            text = _programme(where)
             name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
             lines += [text.replace(name, f"{name}_{k}")]
             calls.append(f"  {name}_{k}()")
         yield number, "\n".join([*lines, f"def setup_{number}():", *calls, "end", f"setup_{number}()", ""])
 
 
-def _no_longer_whole(folder: Path, what: str) -> InputError:
-    return InputError(f"'{folder}' has no {what} any more: delete it, and --resume does that pass again.")
+def _programme(folder: Path) -> str:
+    """The robot's programme of a pass."""
+    plan = folder / "plan"
+    with suppress(OSError, ValueError, InputError):
+        text = (plan / "path.script").read_text(encoding="utf-8")
+        made = [check_sum(text)]
+        if read_json(plan / "pass.json").get("programme", made) == made:
+            return text
+    raise _no_longer_whole(folder, "plan/path.script or pass.json is gone or damaged.")
+
+
+def _no_longer_whole(folder: Path, what: object) -> InputError:
+    return InputError(f"delete '{folder}', and --resume does that pass again, it is no longer whole: {what}")
 
 
 def _say(text: str) -> str:

@@ -26,7 +26,7 @@ from polish_sim.workers import Runner, local_copy
 
 RUNS = "runs.parquet"
 RUN_FOLDERS = "runs"  #: Of logs, where they are wanted
-DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
+OUTCOMES = DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
 _NOT_FIGURES = (
     "protective_stop",
     "protective_stop_at",
@@ -230,8 +230,8 @@ def write_summary(table: RunTable, study: Study, total: int) -> Metrics:
     """Write metrics.json: how many runs ended how."""
     ended = Counter(table.known.values())
     facts = {
-        "experiment": study.base.experiment, "runs": len(table.known), "done": ended[DONE],
-        "stopped": ended[STOPPED], "failed": ended[FAILED], "lost": ended[LOST],
+        "experiment": study.base.experiment, "runs": len(table.known),
+        **{outcome: ended[outcome] for outcome in OUTCOMES},
         "wanted": total, "vary": {axis.key: axis.text for axis in study.axes},
     }  # fmt: skip
     write_metrics(table.folder, facts)

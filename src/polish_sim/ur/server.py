@@ -48,7 +48,13 @@ class _Lines(Session, ABC):
     def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
         self._controller, self._send, self._client = controller, send, client
         self._buffer = b""
-        self._size = 0  #: Of a programme without its end yet
+        self._lines = list[str]()  #: Of a programme without its end yet
+        self._size = 0
+        send(self.greeting())
+
+    def greeting(self) -> bytes:
+        """What it is sent first."""
+        return b""
 
     def feed(self, data: bytes) -> bool:
         """Take text; False where the client is to be dropped."""
@@ -62,9 +68,8 @@ class _Lines(Session, ABC):
 
 
 class _Dashboard(_Lines):
-    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
-        super().__init__(controller, send, client)
-        send(GREETING.encode() + b"\n")
+    def greeting(self) -> bytes:
+        return GREETING.encode() + b"\n"
 
     def _take(self, line: str) -> bool:
         said = answer(self._controller, line.strip())
@@ -81,10 +86,6 @@ class _Script(_Lines):
 
     longest = LONGEST_PROGRAM
     _number = itertools.count(1)
-
-    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
-        super().__init__(controller, send, client)
-        self._lines = list[str]()
 
     def close(self) -> None:
         """The client sends no more: a last line without an end counts."""
@@ -123,10 +124,10 @@ class _Script(_Lines):
 
 
 class _Primary(_Script):
-    def __init__(self, controller: RobotController, send: Callable[[bytes], None], client: str) -> None:
-        super().__init__(controller, send, client)
-        self._states = 0
-        send(version_message(controller))
+    _states = 0
+
+    def greeting(self) -> bytes:
+        return version_message(self._controller)
 
     def packages(self) -> Sequence[bytes]:
         """The state, ten times a second and when safety changes; the configuration at first and every few."""

@@ -69,7 +69,7 @@ class ToolPoint(Fit[Array]):
     @property
     def std(self) -> Array:
         """Standard deviations of the tip [m], shape (3,)."""
-        return np.sqrt(np.diag(self.covariance)[:3])
+        return super().std[:3]
 
 
 def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
