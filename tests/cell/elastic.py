@@ -97,27 +97,24 @@ def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
 
 def tangents(joints: Joints) -> Array:
     """Stiffness of each gear at its twist [N m/rad], by differences."""
-    h, twist = 1e-7, joints.arm.twist
-    return np.array([
-        (elastic_torque(joints.arm, j, twist[j] + h) - elastic_torque(joints.arm, j, twist[j] - h)) / (2 * h)
-        for j in range(6)
-    ])  # fmt: skip
+    h, twist, found = 1e-7, joints.arm.twist, []
+    for j in range(6):
+        high, low = (elastic_torque(joints.arm, j, twist[j] + step) for step in (h, -h))
+        found.append((high - low) / (2.0 * h))
+    return np.array(found)
 
 
 def first_mode(joints: Joints) -> tuple[complex, Array]:
     """Slowest linear vibration of links, head and rotors at the pose: eigenvalue [1/s] and shape (13,)."""
-    model, arm, nv = joints.model, joints.arm, joints.model.nv
-    M = np.zeros((nv + 6, nv + 6))
-    links = np.zeros((nv, nv))
+    model, arm, nv, n = joints.model, joints.arm, joints.model.nv, joints.model.nv + 6
+    M, K, D, links = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((nv, nv))
     mujoco.mj_fullM(model, joints.data, links)
     M[:nv, :nv], M[nv:, nv:] = links, np.diag(arm.inertia)
-    K, D = np.zeros_like(M), np.zeros_like(M)
     for matrix, gear, servo in ((K, tangents(joints), arm.kp), (D, arm.coupling, arm.kv)):
         for j in range(6):
             matrix[np.ix_([j, nv + j], [j, nv + j])] += gear[j] * np.array([[1.0, -1.0], [-1.0, 1.0]])
             matrix[nv + j, nv + j] += servo[j]
     K[6, 6], D[6, 6] = model.jnt_stiffness[6], model.dof_damping[6]
-    n = nv + 6
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     values, shapes = eig(A)
     slowest = min(np.flatnonzero(values.imag > 1.0), key=lambda k: values[k].imag)

@@ -64,9 +64,8 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
 
 def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment():
     """Half the disc carries: twice the compression; the centroid of half a disc, 4 R / 3 pi."""
-    edge = sampled(
-        lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
-    )
+    low, high = (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
+    edge = sampled(lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), low, high)
     course = course_on(edge, pressing_stroke())
     assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
     R_tool = UPRIGHT[:3, :3].T @ TOUCH[:3, :3]
@@ -107,10 +106,8 @@ def test_a_raster_line_neighbours_the_line_before_run_the_other_way():
 
 def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
-    scenario = default_scenario("surface")
-    about = joints_about(scenario, joints_at(TOUCH)[None])[0]
-    moving = motion_matrices(about, 0.0)
-    tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
+    about = joints_about(default_scenario("surface"), joints_at(TOUCH)[None])[0]
+    moving, tool = motion_matrices(about, 0.0), np.append(about.axis @ about.jacobian[:3], np.zeros(6))
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares
     assert softness[0] > 0.9 * softness.sum()

@@ -20,13 +20,10 @@ MOST_N = 60.0  # exact force no fault may lead to
 
 def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
     """A cell with the default noise, pressing on a plane 5 mm below."""
-    scenario = override(
-        default_scenario("force"),
-        [*cells.NOMINAL_PART, cells.EVERY_STEP, "faults.events=" + events, *changes],
-    )
-    return cells.cell_for(
-        scenario, cells.pressing_stroke(hold=hold, slide=slide, lift=0.01), part=cells.part_under(plane())
-    )
+    settings = [*cells.NOMINAL_PART, cells.EVERY_STEP, f"faults.events={events}", *changes]
+    stroke = cells.pressing_stroke(hold=hold, slide=slide, lift=0.01)
+    scenario = override(default_scenario("force"), settings)
+    return cells.cell_for(scenario, stroke, part=cells.part_under(plane()))
 
 
 def assert_it_ends_well(run: CellRun) -> None:
@@ -175,24 +172,18 @@ def test_force_and_feed_set_anew_are_kept_and_no_guard_takes_the_springs_way_for
         assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
 
 
-class ByHand(Silent):
-    """Lets things happen at moments it finds by itself."""
-
-    frame_every_s = 0.013
-
-    def start(self, cell: Cell) -> None:
-        self.cell = cell
-
-    def frame(self, model: object, data: object) -> None:
-        steps = int(self.cell.state.status.steps)
-        for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
-            if at - 13 <= steps < at:
-                self.cell.let_happen(what)
-
-
 def test_what_happens_by_hand_happens_again_when_it_is_planned():
-    cell, hand = faulty("", hold=2.0, slide=0.02), ByHand()
-    first = cell.run(hand)
+    class ByHand(Silent):
+        frame_every_s = 0.013
+
+        def frame(self, model: object, data: object) -> None:
+            steps = int(cell.state.status.steps)
+            for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
+                if at - 13 <= steps < at:
+                    cell.let_happen(what)
+
+    cell = faulty("", hold=2.0, slide=0.02)
+    first = cell.run(ByHand())
     planned = as_planned(cell.scenario, cell.asked)
     assert re.fullmatch(r"force_n=24\.5@[\d.]+, feed_m_s=0\.003@[\d.]+", planned.process.changes)
     changes = f"process.changes='{planned.process.changes}'"

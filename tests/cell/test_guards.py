@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, guards, no_part
+from polish_sim.cell import Cell, CellRun, RealPart, build_scene, guards, no_part
 from polish_sim.cell.scene import Drawn
 from polish_sim.cell.stroke import FEEDING
 from polish_sim.geometry import load_part
@@ -99,11 +99,15 @@ def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
     assert codes == ({guards.NO_STOP} if grown_s else {guards.NO_STOP, guards.JUMP})
 
 
+def in_the_air(*poses, feed, settings=(), **how) -> Cell:  # type: ignore[no-untyped-def]
+    """A cell whose tool moves through poses, touching nothing with the pad."""
+    return cell_for(ideal("arc", EVERY_STEP, *settings), free_stroke(*poses, feed=feed), **how)
+
+
 def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
-    """The tool moves along x towards a wall that begins at x = 80 mm, touching nothing with the pad."""
+    """The tool moves along x towards a wall that begins at x = 80 mm."""
     part = RealPart(field, field, np.eye(3), np.array([0.0, y, z]))
-    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
-    return cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.02), part=part)
+    return in_the_air(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2), feed=0.02, part=part)
 
 
 def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it():
@@ -126,37 +130,28 @@ def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robo
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
     left; or the arm is stretched."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
-    turned = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
+    turned = in_the_air(*turns, feed=0.005).run()
     assert "the end of its range" in str(turned.stop_reason)
     assert turned.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
-    reaching = tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3)
-    stretched = cell_for(ideal("arc", EVERY_STEP), free_stroke(*reaching, feed=0.1)).run()
+    stretched = in_the_air(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1).run()
     assert "safety.singular_value_limit" in str(stretched.stop_reason)
     assert np.abs(stretched.log["qd_rad_s"]).max() < JOINT_SPEED
     for run in (turned, stretched):
         keeps_its_log(run)
 
 
-def onto_the_table(look_every_s: float) -> CellRun:
-    """The tool goes down beside the part, its housing onto the table."""
-
-    class Onlooker(Silent):
-        frame_every_s = look_every_s
-
-    mesh, scenario = load_part(part_path("plate")), ideal("arc", EVERY_STEP)
-    part = no_part()._replace(position=np.array([-0.3, -0.6, 0.1]))
-    model = build_scene(scenario, Drawn(mesh, part))
-    poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
-    return cell_for(scenario, free_stroke(*poses, feed=0.05), model=model).run(Onlooker())
-
-
 def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named():
-    run = onto_the_table(5.0)
-    assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(run.stop_reason)))
+    """The tool goes down beside the part, its housing onto the table."""
+    part, runs = no_part()._replace(position=np.array([-0.3, -0.6, 0.1])), []
+    model = build_scene(ideal("arc", EVERY_STEP), Drawn(load_part(part_path("plate")), part))
+    for look_every_s in (5.0, 0.003):
+        cell = in_the_air(tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2), feed=0.05, model=model)
+        runs.append(cell.run(EachStep(lambda _model, _data: None, look_every_s)))
+    assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(runs[0].stop_reason)))
     housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
-    assert run.trace.tcp_position_m[-1, 2] == pytest.approx(-housing_end, abs=0.001)
-    keeps_its_log(run)
-    assert onto_the_table(0.003).steps == run.steps  # whoever looks on
+    assert runs[0].trace.tcp_position_m[-1, 2] == pytest.approx(-housing_end, abs=0.001)
+    keeps_its_log(runs[0])
+    assert runs[1].steps == runs[0].steps  # whoever looks on
 
 
 def test_a_simulation_that_blows_up_is_stopped_as_unstable():
@@ -164,7 +159,7 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable():
         if data.time > 0.3:
             data.qvel[0] = math.inf
 
-    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
+    run = in_the_air(tool_pose(0.0, -0.5, 0.2), feed=0.05).run(EachStep(poison))
     assert "unstable" in str(run.stop_reason)
     assert run.steps < 310
 
@@ -187,37 +182,34 @@ def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place():
 LOST = "faults.events=sensor-dropout@contact+0.5"
 
 
-def after(run: CellRun) -> slice:
-    return slice(stopped_at(run), None)
-
-
 @pytest.mark.parametrize(
     ("latency", "speed", "off", "rest"), [(0.004, 0.05, 0.05, 5e-3), (0.011, 0.02, 0.15, 1e-2)]
 )
 def test_after_a_stop_the_tool_goes_back(latency, speed, off, rest):
     """Pressed with 20 N on a plane when the sensor's reading is lost, half a second after contact."""
     settings = f"safety.stop_latency_s={latency}", f"safety.retract_speed_m_s={speed}"
-    stopped = on_plane(LOST, *settings, hold=2.0).run()
-    way, force = stopped.trace.tcp_position_m[after(stopped)], stopped.trace.normal_force_n[after(stopped)]
+    run = on_plane(LOST, *settings, hold=2.0).run()
+    after = slice(stopped_at(run), None)
+    way, force = run.trace.tcp_position_m[after], run.trace.normal_force_n[after]
     assert way[-1, 2] - way[0, 2] == pytest.approx(0.030, abs=0.002)
     assert np.linalg.norm((way - way[0])[:, :2], axis=1).max() < 2e-4
-    assert stopped.safety.retracted is True
-    assert stopped.safety.retract_m == pytest.approx(0.030, abs=0.002)
-    assert stopped.safety.stop_delay_s == pytest.approx(latency, abs=1e-9)
+    assert run.safety.retracted is True
+    assert run.safety.retract_m == pytest.approx(0.030, abs=0.002)
+    assert run.safety.stop_delay_s == pytest.approx(latency, abs=1e-9)
     assert force.max() < force[0] + 0.3
     assert np.diff(force[: np.argmax(force == 0.0)]).max() < 0.05
     assert force[-1] == 0.0
-    assert stopped.trace.tcp_speed_m_s[after(stopped)].max() == pytest.approx(speed, rel=off)
-    assert stopped.trace.tcp_speed_m_s[-1] < rest
+    assert run.trace.tcp_speed_m_s[after].max() == pytest.approx(speed, rel=off)
+    assert run.trace.tcp_speed_m_s[-1] < rest
 
 
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 1.0), (0.05, 4.0)])
 def test_the_braking_distance_is_v_squared_over_2a(speed, deceleration):
     """In free space, braked on the way; before the brakes the robot continues for the stop's latency."""
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
-    settings = EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
-    run = cell_for(ideal("arc", *settings), free_stroke(*poses, feed=speed)).run()
-    way = run.trace.tcp_position_m[after(run)]
+    settings = "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
+    run = in_the_air(*poses, feed=speed, settings=settings).run()
+    way = run.trace.tcp_position_m[stopped_at(run) :]
     gone = float(np.linalg.norm(way[-1] - way[0]))
     assert gone == pytest.approx(speed * 0.004 + speed**2 / (2.0 * deceleration), rel=0.1, abs=3e-4)
     assert run.safety.retracted is None  # nothing to retract from

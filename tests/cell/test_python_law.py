@@ -21,12 +21,7 @@ from polish_sim.control import CONTROLLERS
 class Mine:
     def __init__(self):
         self.inner = CONTROLLERS["{name}"](ControllerConfig())
-
-    def reset(self, cycle_s):
-        self.inner.reset(cycle_s)
-
-    def step(self, measurement, target):
-        return self.inner.step(measurement, target)
+        self.reset, self.step = self.inner.reset, self.inner.step
 """
 
 FAILS = """
@@ -99,21 +94,18 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     assert run.log["command_twist"][100, 2] == pytest.approx(-0.005)
 
 
-def test_a_controller_that_cannot_be_reset_is_named():
-    law = Law(lambda measurement, target: np.zeros(6))
-    law.reset = lambda cycle_s: {}[f"no gains for {cycle_s} s"]
-    with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
-        on_plane(controller=law)
-
-
-def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error():
+def test_a_controller_that_cannot_be_reset_is_named_and_an_interrupt_inside_a_step_is_no_error():
     def step(measurement, target):  # type: ignore[no-untyped-def]
         if measurement.time > 0.5:
             raise KeyboardInterrupt
         return np.zeros(6)
 
-    run = on_plane(controller=Law(step)).run()
+    law = Law(step)
+    run = on_plane(controller=law).run()
     assert (run.interrupted, run.stop_reason, run.steps) == (True, None, 502)
+    law.reset = lambda cycle_s: {}[f"no gains for {cycle_s} s"]
+    with pytest.raises(InputError, match=r"reset\(\).*no gains for 0.001 s"):
+        on_plane(controller=law)
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
@@ -163,9 +155,7 @@ def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written():
     with results_kept() as again, pytest.raises(KeyboardInterrupt):  # nothing was recorded yet
         signal.raise_signal(signal.SIGINT)
     assert not again.seen
-
-
-def test_once_results_are_kept_one_ctrl_c_ends_the_drawing_and_no_other_is_raised():
+    # Once they are kept one Ctrl-C ends the drawing, and no other is raised.
     with results_kept(waits=False) as again:
         again.waits = True
         on_plane().run()

@@ -102,91 +102,76 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     assert removed.carried[0] == pytest.approx(carried, rel=0.005)
     # Per area of the ball, and scaled from what the field carries to the force of 1 N.
     pressure = deep * normals[:, 2] / carried
+    # The face turns about z; what points into the part does not slide.
+    moved = SPIN * np.column_stack([grid[:, 1], -grid[:, 0], np.zeros(len(grid))])
+    sliding = np.linalg.norm(moved - (moved * normals).sum(axis=1)[:, None] * normals, axis=1)
     near = (r > 0.002) & (r < 0.9 * rim)
-    np.testing.assert_allclose(
-        removed.exposure[near], sliding(grid, normals)[near] * pressure[near], rtol=0.03
-    )
+    np.testing.assert_allclose(removed.exposure[near], sliding[near] * pressure[near], rtol=0.03)
     assert removed.exposure[r > rim + 0.001].max() == 0.0
 
 
-def sliding(grid: Array, normals: Array) -> Array:
-    """Speed along the face of a part that turns about z [m/s]; what points into the part does not slide."""
-    moved = SPIN * np.column_stack([grid[:, 1], -grid[:, 0], np.zeros(len(grid))])
-    return np.linalg.norm(moved - (moved * normals).sum(axis=1)[:, None] * normals, axis=1)
-
-
-def run_of(turn: Rotation = STRAIGHT) -> tuple[Trace, Array]:
-    """A pass of 30 mm in 1.5 s over a plane by a robot that stands turned, and its tool quaternion."""
+def run_of(turn: Rotation = STRAIGHT) -> tuple[Trace, Rotation]:
+    """A pass of 30 mm in 1.5 s over a plane by a robot that stands turned, and its tool."""
     time = np.arange(0.0, 1.5, 1e-3)
-    tip = np.stack([0.02 * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1)
-    trace = trace_of(
-        np.full(len(time), 2, np.int8),
-        normal_force_n=np.full(len(time), 20.0),
-        tcp_position_m=turn.apply(tip),
-        part_shift_m=np.zeros_like(tip),
-        tcp_speed_m_s=np.full(len(time), 0.02),
-        pad_travel_m=np.full(len(time), 0.003),
-        spindle_rad_s=np.full(len(time), SPIN),
+    tip, one = (
+        np.stack([0.02 * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1),
+        np.ones(1500),
     )
-    return trace, (turn * Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))).as_quat(scalar_first=True)
+    trace = trace_of(
+        np.full(1500, 2, np.int8), normal_force_n=20.0 * one, tcp_position_m=turn.apply(tip),
+        tcp_speed_m_s=0.02 * one, pad_travel_m=0.003 * one, spindle_rad_s=SPIN * one,
+    )  # fmt: skip
+    return trace, turn * Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
 
 
-def with_tool(log: RunLog, quaternions: Array) -> RunLog:
+def with_tool(log: RunLog, tool: Rotation) -> RunLog:
     """A log in which the tool stands like that at every row."""
+    quaternions = np.broadcast_to(tool.as_quat(scalar_first=True), (len(log), 4))
     return RunLog({**log.columns, "tcp_quaternion_wxyz": quaternions})
 
 
 def motion_of(every: int, turn: Rotation = STRAIGHT) -> removal.PadMotion:
-    trace, quaternion = run_of(turn)
-    log, part = log_of(trace, every), part_at(plane(), turn.as_matrix())
-    return removal.pad_motion(with_tool(log, np.tile(quaternion, (len(log), 1))), trace, part, R)
+    trace, tool = run_of(turn)
+    return removal.pad_motion(
+        with_tool(log_of(trace, every), tool), trace, part_at(plane(), turn.as_matrix()), R
+    )
 
 
-def exposed(every: int, turn: Rotation = STRAIGHT) -> removal.Removed:
-    return removal.expose_nodes(level_nodes(FINE), motion_of(every, turn), R, STIFFNESS)
+def exposed(motion: removal.PadMotion) -> removal.Removed:
+    return removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
 
 
 def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_seldom_it_is_logged():
-    removed = exposed(every=1)
+    removed, motion = exposed(motion_of(every=1)), motion_of(every=4)
     assert removed.carried == pytest.approx(20.0, rel=0.01)
     assert removed.gained.sum() == pytest.approx(2.0 / 3.0 * 20.0 * SPIN * R * 1.5, rel=0.01)
-    np.testing.assert_allclose(exposed(every=500).exposure, removed.exposure, rtol=1e-12)
-    motion = motion_of(every=4)  # the spindle turns about the tool's axis, which points into the part
+    np.testing.assert_allclose(exposed(motion_of(every=500)).exposure, removed.exposure, rtol=1e-12)
+    # The spindle turns about the tool's axis, which points into the part.
     np.testing.assert_allclose(motion.turning, np.tile([0.0, 0.0, -SPIN], (len(motion.times), 1)), atol=1e-9)
     assert motion.times.sum() == pytest.approx(1.5)
 
 
-def test_a_pad_in_the_air_removes_nothing():
+def test_a_pad_in_the_air_removes_nothing_and_in_a_world_turned_the_same():
     trace, _ = run_of()
     lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
-    motion = removal.pad_motion(log_of(trace), lifted, part_at(plane()), R)
-    assert removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
-
-
-def test_a_world_turned_removes_the_same():
-    here, there = exposed(4).exposure, exposed(4, Rotation.from_euler("xyz", [0.4, -1.1, 2.0])).exposure
+    assert exposed(removal.pad_motion(log_of(trace), lifted, part_at(plane()), R)).exposure.max() == 0.0
+    turned = motion_of(4, Rotation.from_euler("xyz", [0.4, -1.1, 2.0]))
+    here, there = exposed(motion_of(4)).exposure, exposed(turned).exposure
     np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9 * here.max())
 
 
 def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_rest():
-    trace, quaternion = run_of()
-    log, tool = log_of(trace, every=4), Rotation.from_quat(quaternion, scalar_first=True)
-    still = exposed(every=4)
-
-    def carried(t: Array) -> tuple[Rotation, Array]:
-        """The part at some moments: half a radian and 200 mm in the 1.5 s of the pass."""
-        return Rotation.from_rotvec(np.outer(t, [0.2, -0.1, 0.25])), np.outer(t, [0.05, 0.1, -0.07])
-
-    turn, shift = carried(trace.time_s)
+    """By half a radian and 200 mm in the 1.5 s of the pass."""
+    trace, tool = run_of()
+    log, still, t = log_of(trace, every=4), exposed(motion_of(every=4)).exposure, trace.time_s
+    turn, turns = (Rotation.from_rotvec(np.outer(at, [0.2, -0.1, 0.25])) for at in (t, log["time_s"]))
+    shift = np.outer(t, [0.05, 0.1, -0.07])
     moved = trace._replace(
         tcp_position_m=turn.apply(trace.tcp_position_m) + shift, part_shift_m=shift,
-        tool_on_part_m=trace.tcp_position_m, tcp_speed_m_s=np.full(len(trace.time_s), 0.15),
+        tool_on_part_m=trace.tcp_position_m, tcp_speed_m_s=np.full(len(t), 0.15),
     )  # fmt: skip
-    turns, _ = carried(np.asarray(log["time_s"]))
-    logged = with_tool(log, (turns * tool).as_quat(scalar_first=True))
-    motion = removal.pad_motion(logged, moved, part_at(plane()), R, turns.as_matrix())
-    found = removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
-    np.testing.assert_allclose(found.exposure, still.exposure, rtol=1e-5, atol=1e-5 * still.exposure.max())
+    motion = removal.pad_motion(with_tool(log, turns * tool), moved, part_at(plane()), R, turns.as_matrix())
+    np.testing.assert_allclose(exposed(motion).exposure, still, rtol=1e-5, atol=1e-5 * still.max())
 
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -90,10 +90,9 @@ def run_turned(angle: float, controller: str) -> CellRun:
     turn = transform(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix(), np.zeros(3))
     stroke = cells.pressing_stroke(turn @ cells.TOUCH, slide=0.01, lift=0.005)
     part = cells.part_under(sphere(0.1), turn @ cells.along_tool(cells.TOUCH, x=0.002, y=0.001, z=0.001))
-    noise = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"]
-    cell = cells.cell_for(
-        cells.ideal("force", cells.EVERY_STEP, f"controller.name={controller}", *noise), stroke, part=part
-    )
+    noise = "sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"
+    scenario = cells.ideal("force", cells.EVERY_STEP, f"controller.name={controller}", *noise)
+    cell = cells.cell_for(scenario, stroke, part=part)
     straight = cells.joints_at(cells.along_tool(cells.TOUCH, z=-0.005))
     np.testing.assert_allclose(cell.data.qpos[:6] - straight, [angle, 0, 0, 0, 0, 0], atol=1e-9)
     return cell.run()

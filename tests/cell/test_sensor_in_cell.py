@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun
+from polish_sim.cell import Cell
 from tests.cell import cells
 from tests.cell.fields import plane, sphere
 
@@ -23,61 +23,45 @@ class NewtonEuler:
     moves.
     """
 
-    def __init__(self, speeds: Array) -> None:
+    def __init__(self, cell: Cell) -> None:
         self.worst: list[Array] = []
-        self._speeds = speeds.copy()
+        self._speeds = cell.data.qvel.copy()
+        self.run = cell.run(cells.EachStep(self))
 
     def __call__(self, model: Any, data: Any) -> None:
         origin, R = data.site("sensor").xpos, data.site("sensor").xmat.reshape(3, 3)
+        qd, qdd = self._speeds, (data.qvel - self._speeds) / model.opt.timestep
         force, torque = np.zeros(3), np.zeros(3)
         for name in ("tool_mount", "head"):
             body = model.body(name).id
-            linear, angular, turning = self._motion(model, data, body)
+            J, J_turn, J_dot, J_turn_dot = np.zeros((4, 3, model.nv))
+            mujoco.mj_jacBodyCom(model, data, J, J_turn, body)
+            mujoco.mj_jacDot(model, data, J_dot, J_turn_dot, data.xipos[body], body)
+            linear, angular, turning = J @ qdd + J_dot @ qd, J_turn @ qdd + J_turn_dot @ qd, J_turn @ qd
             R_inertia = data.ximat[body].reshape(3, 3)
             inertia = R_inertia @ np.diag(model.body_inertia[body]) @ R_inertia.T
             pull = model.body_mass[body] * (linear - GRAVITY) - data.xfrc_applied[body, :3]
             force += pull
             torque += inertia @ angular + np.cross(turning, inertia @ turning) - data.xfrc_applied[body, 3:]
             torque += np.cross(data.xipos[body] - origin, pull)
-        expected = np.concatenate([R.T @ force, R.T @ torque])
-        self.worst.append(np.abs(data.sensordata - expected))
+        self.worst.append(np.abs(data.sensordata - np.concatenate([R.T @ force, R.T @ torque])))
         self._speeds = data.qvel.copy()
 
-    def _motion(self, model: Any, data: Any, body: int) -> tuple[Array, Array, Array]:
-        """Linear and angular acceleration and angular velocity of a body at its centre of mass."""
-        shape = (3, model.nv)
-        J, J_turn, J_dot, J_turn_dot = (np.zeros(shape) for _ in range(4))
-        mujoco.mj_jacBodyCom(model, data, J, J_turn, body)
-        mujoco.mj_jacDot(model, data, J_dot, J_turn_dot, data.xipos[body], body)
-        qd, qdd = self._speeds, (data.qvel - self._speeds) / model.opt.timestep
-        return J @ qdd + J_dot @ qd, J_turn @ qdd + J_turn_dot @ qd, J_turn @ qd
 
-
-def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
-    look = NewtonEuler(cell.data.qvel)
-    return look, cell.run(cells.EachStep(look))
-
-
-def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant():
-    poses = (
-        cells.tool_pose(0.0, -0.5, 0.2),
-        cells.tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)),
-        cells.tool_pose(0.1, -0.5, 0.2),
+def test_the_sensor_reads_m_a_minus_g_at_every_instant_less_the_contact_when_it_presses_and_slides():
+    tilted = cells.tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4))
+    stroke = cells.free_stroke(
+        cells.tool_pose(0, -0.5, 0.2), tilted, cells.tool_pose(0.1, -0.5, 0.2), feed=0.2
     )
-    look, run = watched(
-        cells.cell_for(cells.ideal("arc", cells.EVERY_STEP), cells.free_stroke(*poses, feed=0.2))
-    )
-    assert run.trace.tcp_speed_m_s.max() > 0.15
-    assert np.max(look.worst) < 1e-9
-
-
-def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant():
+    free = NewtonEuler(cells.cell_for(cells.ideal("arc", cells.EVERY_STEP), stroke))
+    assert free.run.trace.tcp_speed_m_s.max() > 0.15
+    assert np.max(free.worst) < 1e-9
     scenario = cells.ideal("force", cells.EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
     stroke = cells.pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
-    look, run = watched(cells.cell_for(scenario, stroke, part=cells.part_under(sphere(0.1))))
-    assert run.stop_reason is None
-    assert run.trace.normal_force_n.max() > 10.0
-    assert np.max(look.worst) < 1e-9
+    pressed = NewtonEuler(cells.cell_for(scenario, stroke, part=cells.part_under(sphere(0.1))))
+    assert pressed.run.stop_reason is None
+    assert pressed.run.trace.normal_force_n.max() > 10.0
+    assert np.max(pressed.worst) < 1e-9
 
 
 def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():

@@ -26,11 +26,12 @@ def cell(*changes: str, seed: int = 500) -> Cell:
     return build_cell(scenario, place, build_part(scenario, place))
 
 
-def play_to_the_end(one: Cell, piece: int) -> list[Played]:
-    played = []
+def played(one: Cell, before: list[Played], piece: int) -> CellRun:
+    """The run of a cell played before, and now in pieces to its end."""
+    rest = []
     while not one.done:
-        played.append(one.play(piece))
-    return played
+        rest.append(one.play(piece))
+    return one.result([*before, *rest])
 
 
 @pytest.mark.parametrize(("controller", "arm"), [("hybrid-pi", "ideal"), ("hybrid-adaptive", "ur5e")])
@@ -43,35 +44,32 @@ def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
     assert whole.trace.phase.max() >= 2
     before = [one.play(1000), one.play(777)]
     saved = save_cell(one)
-    same_bytes(one.result([*before, *play_to_the_end(one, 301)]), whole)
+    same_bytes(played(one, before, 301), whole)
     restore_cell(one, saved)
-    same_bytes(one.result([*before, *play_to_the_end(one, 500)]), whole)
+    same_bytes(played(one, before, 500), whole)
 
 
 def test_strokes_and_course_can_be_exchanged_on_the_way():
     """Exchanged for equal ones nothing changes; for slower ones the rest of the run takes longer."""
-    one = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2")
+    one, runs = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2"), []
     before = [one.play(3000)]
     saved = save_cell(one)
-    first = one.result([*before, *play_to_the_end(one, 500)])
-    restore_cell(one, saved)
-    use_strokes(one, one.strokes, one.course)
-    same_bytes(one.result([*before, *play_to_the_end(one, 500)]), first)
-    restore_cell(one, saved)
     slow = [s._replace(motion=s.motion._replace(rates=0.5 * s.motion.rates)) for s in one.strokes]
-    use_strokes(one, slow, one.course)
-    slower = one.result([*before, *play_to_the_end(one, 500)])
-    fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in (first, slower))
+    for strokes in (None, one.strokes, slow):
+        restore_cell(one, saved)
+        if strokes is not None:
+            use_strokes(one, strokes, one.course)
+        runs.append(played(one, before, 500))
+    same_bytes(runs[1], runs[0])
+    fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in runs[1:])
     assert 0.5 < fed_slowly / fed < 0.75
 
 
 def same_bytes(run: CellRun, other: CellRun) -> None:
-    assert run.stop_reason == other.stop_reason
-    assert run.safety == other.safety
+    assert (run.stop_reason, run.safety) == (other.stop_reason, other.safety)
     assert run.trace.normal_force_n.tobytes() == other.trace.normal_force_n.tobytes()
-    assert all(
-        run.log[name].tobytes() == other.log[name].tobytes() for name in ("q_rad", "wrench_measured_tool")
-    )
+    for name in ("q_rad", "wrench_measured_tool"):
+        assert run.log[name].tobytes() == other.log[name].tobytes()
 
 
 def test_ctrl_c_while_a_law_is_compiled_is_not_lost_in_compiled_code():

@@ -1,6 +1,5 @@
 """The robot's velocity interface: acceleration, latency, timeout, joint limits, singularities."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,13 +33,7 @@ def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
     return robot
 
 
-def commanded(
-    request: Callable[[int], Array],
-    steps: int,
-    robot: Speedl | None = None,
-    silent: int = 10**9,
-    again: int = 10**9,
-) -> Array:
+def commanded(request, steps, robot=None, silent=10**9, again=10**9) -> Array:
     """Twist commanded at every step, shape (steps, 6); the host is silent from one step until another."""
     robot, found = robot or robot_with(), []
     line = build_request_line(robot)
@@ -81,11 +74,10 @@ def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_
     assert found[-1, 0] == pytest.approx(speed)
 
 
-def resolved(q: Array, twist: Array, **changes: Any) -> tuple[Speedl, bool]:
+def resolved(q: Array, twist: Array) -> tuple[Speedl, bool]:
     """Joint speeds for a twist at a configuration, the smallest singular value known."""
-    state = robot_with(q, **changes)
-    line, J = build_request_line(state), jacobian(q, TIP)
-    inside = True
+    state, J, inside = robot_with(q), jacobian(q, TIP), True
+    line = build_request_line(state)
     for _ in range(400):
         pass_request(state, line, twist, 1, DT)
         state.twist, state.joints = twist, q
@@ -93,7 +85,7 @@ def resolved(q: Array, twist: Array, **changes: Any) -> tuple[Speedl, bool]:
     return state, inside
 
 
-def test_away_from_singularities_the_joints_give_exactly_the_twist():
+def test_away_from_singularities_joints_give_exactly_the_twist_and_too_fast_a_one_is_slowed_not_bent():
     rng = np.random.default_rng(0)
     for q in AT_WORK + 0.3 * rng.normal(size=(5, 6)):
         twist = 0.02 * rng.normal(size=6)
@@ -101,9 +93,6 @@ def test_away_from_singularities_the_joints_give_exactly_the_twist():
         assert inside
         np.testing.assert_allclose(jacobian(q, TIP) @ state.speeds, twist, atol=1e-8)
         np.testing.assert_allclose(state.joints, q + state.speeds * DT, atol=1e-15)
-
-
-def test_too_fast_a_twist_is_slowed_down_not_bent():
     twist = np.array([2.0, -3.0, 1.0, 1.0, 0.0, 2.0])
     state, _ = resolved(AT_WORK, twist)
     assert np.abs(state.speeds).max() == pytest.approx(ROBOT.joint_speed_limit_rad_s, rel=1e-12)
@@ -128,10 +117,8 @@ def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_
 
 def test_near_a_singularity_joint_speeds_stay_bounded():
     """Damped by half the lack of singular value, an inverse never exceeds 41 times the twist."""
-    fastest = []
-    for q5 in np.linspace(0.3, -0.3, 121):
-        q = AT_WORK.copy()
-        q[4] = q5
+    q, fastest = AT_WORK.copy(), []
+    for q[4] in np.linspace(0.3, -0.3, 121):
         U, S, _ = np.linalg.svd(jacobian(q, TIP))
         state, _ = resolved(q, 0.01 * U[:, 5])
         fastest.append(np.linalg.norm(state.speeds) / 0.01)

@@ -1,7 +1,6 @@
 """The wrist sensor's errors one by one, and the spindle it feels."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,14 +24,11 @@ PERFECT = SensorConfig(
 LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
 
 
-def readings(
-    config: SensorConfig, exact: Callable[[float], Array], seconds: float, seed: int = 0, dt: float = DT
-) -> Array:
-    """What the host reads at every step, shape (n, 6)."""
-    rng = np.random.default_rng(seed)
+def readings(config: SensorConfig, exact, seconds: float, seed: int = 0, dt: float = DT) -> Array:
+    """What the host reads at every step of an exact wrench ``exact(t)``, shape (n, 6)."""
+    rng, found = np.random.default_rng(seed), []
     sensor = wrist_sensor.build_sensor(config, rng)
     line = wrist_sensor.build_sample_line(sensor)
-    found = []
     for n in range(round(seconds / dt)):
         wrist_sensor.sample_sensor(sensor, line, n * dt, exact(n * dt), rng.standard_normal(12))
         found.append(sensor.reading.copy())
@@ -93,10 +89,8 @@ def test_the_noise_is_white_with_the_given_rms_before_the_filter():
 
 @pytest.mark.parametrize("frequency", [5.0, 80.0])
 def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency):
-    def sine(t: float) -> Array:
-        return LOAD + math.sin(2.0 * math.pi * frequency * t)
-
-    found = readings(replace(PERFECT, bandwidth_hz=80.0), sine, 1.2)
+    omega = 2.0 * math.pi * frequency
+    found = readings(replace(PERFECT, bandwidth_hz=80.0), lambda t: LOAD + math.sin(omega * t), 1.2)
     np.testing.assert_array_equal(found[0], LOAD)
     amplitude = math.sqrt(2.0) * found[200:, 0].std()
     assert amplitude == pytest.approx(1.0 / math.hypot(1.0, frequency / 80.0), rel=0.02)
@@ -104,14 +98,11 @@ def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency):
 
 def test_the_drift_walks_at_random_its_variance_growing_with_time():
     config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
-    at_1s, at_4s = [], []
-    for seed in range(50):
-        walk = readings(config, steady, 4.0, seed, dt=0.01) - LOAD
-        at_1s.append(walk[99])
-        at_4s.append(walk[399])
+    walks = [readings(config, steady, 4.0, seed, dt=0.01)[[99, 399]] - LOAD for seed in range(50)]
     for axes, size in ((slice(0, 3), 0.2), (slice(3, 6), 0.01)):
-        assert np.std(np.array(at_1s)[:, axes]) == pytest.approx(size, rel=0.2)
-        assert np.std(np.array(at_4s)[:, axes]) == pytest.approx(2.0 * size, rel=0.2)
+        at_1s, at_4s = np.std(np.array(walks)[..., axes], axis=(0, 2))
+        assert at_1s == pytest.approx(size, rel=0.2)
+        assert at_4s == pytest.approx(2.0 * size, rel=0.2)
 
 
 def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_both_ways():
@@ -206,14 +197,18 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
     np.testing.assert_allclose(readings(config, lambda _t: 3.0 * full, 1.0)[-1], full, rtol=0.01)
 
 
-def test_it_warms_up_on_the_way_between_poses_too():
-    config = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0)
-    rng = np.random.default_rng(1)
+def test_it_warms_up_between_poses_too_which_leaves_bias_and_noise_as_they_were():
+    config, rng = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0), np.random.default_rng(1)
     sensor = wrist_sensor.build_sensor(config, rng)
-    wrist_sensor.read_at_rest(
-        sensor, wrist_sensor.build_sample_line(sensor), LOAD[None], np.array([4.0]), 0.5, 0.5, rng
-    )
+    line = wrist_sensor.build_sample_line(sensor)
+    wrist_sensor.read_at_rest(sensor, line, LOAD[None], np.array([4.0]), 0.5, 0.5, rng)
     assert sensor.warmth == pytest.approx(1.0 - math.exp(-5.0 / 10.0))
+    plain = replace(PERFECT, force_bias_n=3.0, force_noise_n=0.5)
+    warming = readings(replace(plain, warm_up_force_n=1.0, warm_up_s=1.0), steady, 1.0)
+    off = warming - readings(plain, steady, 1.0)
+    warmth = (1.0 - np.exp(-DT * np.arange(1, 1001))) / (1.0 - math.exp(-1.0))
+    np.testing.assert_allclose(off, np.outer(warmth, off[-1]), atol=1e-9)
+    assert np.abs(off[-1, :3]).min() > 0.0
 
 
 def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges():
@@ -227,15 +222,6 @@ def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges():
     others = np.array(found)[:, ~np.eye(6, dtype=bool)]
     assert others.std() == pytest.approx(0.02, rel=0.05)
     assert abs(others.mean()) < 0.002
-
-
-def test_drawing_warm_up_and_cross_talk_leaves_bias_and_noise_as_they_were():
-    plain = replace(PERFECT, force_bias_n=3.0, force_noise_n=0.5)
-    warming = readings(replace(plain, warm_up_force_n=1.0, warm_up_s=1.0), steady, 1.0)
-    off = warming - readings(plain, steady, 1.0)
-    warmth = (1.0 - np.exp(-DT * np.arange(1, 1001))) / (1.0 - math.exp(-1.0))
-    np.testing.assert_allclose(off, np.outer(warmth, off[-1]), atol=1e-9)
-    assert np.abs(off[-1, :3]).min() > 0.0
 
 
 def test_the_share_of_the_range_is_that_of_the_makers_example():
