@@ -15,24 +15,7 @@ from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.models import part_path
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.rules.limits import JOINT_SPEED
-from tests.cell.cells import (
-    EVERY_STEP,
-    TOUCH,
-    EachStep,
-    along_tool,
-    cell_for,
-    drawn_vertices,
-    free_stroke,
-    ideal,
-    joints_at,
-    meshes_of,
-    on_plane,
-    part_under,
-    pressing_stroke,
-    stopped_at,
-    tool_pose,
-    way_through,
-)
+from tests.cell import cells
 from tests.cell.fields import plane, wall
 
 
@@ -41,13 +24,13 @@ def keeps_its_log(run: CellRun) -> None:
     assert len(run.log) == run.steps == len(run.trace.time_s)
     np.testing.assert_allclose(run.log["time_s"], 0.001 * np.arange(run.steps), atol=1e-9)
     if run.stop_reason is not None:
-        np.testing.assert_array_equal(run.trace.phase[stopped_at(run) + 1 :], 3)
-        assert run.trace.phase[stopped_at(run) - 1] != 3
+        np.testing.assert_array_equal(run.trace.phase[cells.stopped_at(run) + 1 :], 3)
+        assert run.trace.phase[cells.stopped_at(run) - 1] != 3
 
 
 def test_a_missing_part_is_sought_to_the_search_depth_and_no_further():
-    flat = part_under(plane())
-    run = on_plane(part=flat._replace(position=flat.position - [0.0, 0.0, 0.03])).run()
+    flat = cells.part_under(plane())
+    run = cells.on_plane(part=flat._replace(position=flat.position - [0.0, 0.0, 0.03])).run()
     assert "process.search_depth_m" in str(run.stop_reason)
     sought = run.trace.tcp_position_m[0, 2] - run.trace.tcp_position_m[:, 2].min()
     assert sought == pytest.approx(0.005 + 0.010, abs=2e-4)
@@ -62,23 +45,25 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further():
 def test_too_much_force_or_torque_stops_the_robot(limit, lean, unit, axes):
     """Position control goes down to where the springs carry 20 N, whatever force is wanted; a tool that leans
     by 2 deg feels k a^2 / 4 times the angle about its point."""
-    part = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
+    part = cells.part_under(plane(), cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
     settings = f"safety.{limit}", "process.contact_force_n=10", "controller.name=position"
-    run, (name, most) = on_plane(*settings, part=part, wanted=10.0).run(), limit.split("=")
+    run, (name, most) = cells.on_plane(*settings, part=part, wanted=10.0).run(), limit.split("=")
     assert f"safety.{name}" in str(run.stop_reason)
     said = str(run.safety.protective_stop_measured).removesuffix(unit)
     assert float(most) <= float(said) < 1.2 * float(most)
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, axes], axis=1)
-    assert measured[: stopped_at(run)].max() <= float(most) < measured[stopped_at(run)]
+    assert measured[: cells.stopped_at(run)].max() <= float(most) < measured[cells.stopped_at(run)]
     keeps_its_log(run)
 
 
 def test_contact_lost_over_an_edge_stops_after_its_time():
-    run = on_plane("safety.contact_lost_s=0.3", "controller.name=position", slide=0.12).run()
+    run = cells.on_plane("safety.contact_lost_s=0.3", "controller.name=position", slide=0.12).run()
     assert "safety.contact_lost_s" in str(run.stop_reason)
     assert run.safety.protective_stop_measured == "0.30 s"
-    touching = np.flatnonzero(run.log["wrench_measured_tool"][: stopped_at(run), 2] >= 2.0)  # a tenth of 20 N
-    assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
+    touching = np.flatnonzero(
+        run.log["wrench_measured_tool"][: cells.stopped_at(run), 2] >= 2.0
+    )  # a tenth of 20 N
+    assert cells.stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
     keeps_its_log(run)
 
@@ -86,7 +71,7 @@ def test_contact_lost_over_an_edge_stops_after_its_time():
 @pytest.mark.parametrize("grown_s", [1.0, 0.0])
 def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
     """Gears shake the arm at 24 Hz, up to what counts as a jump beyond the 15 N that are allowed."""
-    state, codes, largest = on_plane().state, set(), 0.0
+    state, codes, largest = cells.on_plane().state, set(), 0.0
     state.sequence.stage = FEEDING
     for t in np.arange(0.0, 3.0, 0.001):
         size = 40.0 * float(np.clip((t - 1.0) / grown_s if grown_s else t >= 1.0, 0.0, 1.0))
@@ -101,13 +86,15 @@ def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
 
 def in_the_air(*poses, feed, settings=(), **how) -> Cell:  # type: ignore[no-untyped-def]
     """A cell whose tool moves through poses, touching nothing with the pad."""
-    return cell_for(ideal("arc", EVERY_STEP, *settings), free_stroke(*poses, feed=feed), **how)
+    return cells.cell_for(
+        cells.ideal("arc", cells.EVERY_STEP, *settings), cells.free_stroke(*poses, feed=feed), **how
+    )
 
 
 def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
     """The tool moves along x towards a wall that begins at x = 80 mm."""
     part = RealPart(field, field, np.eye(3), np.array([0.0, y, z]))
-    return in_the_air(tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2), feed=0.02, part=part)
+    return in_the_air(cells.tool_pose(0.0, -0.5, 0.2), cells.tool_pose(0.1, -0.5, 0.2), feed=0.02, part=part)
 
 
 def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it():
@@ -115,12 +102,14 @@ def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_an
     radius."""
     assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
     low = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
-    assert low.log["tcp_position_m"][stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
+    assert low.log["tcp_position_m"][cells.stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
     cell = past_a_wall(wall(0.08), -0.5, 0.0)
     run = cell.run()
     assert low.stop_reason == run.stop_reason == guards.REASONS[guards.CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
-    housing = (drawn_vertices(cell.model, cell.data, k) for k in meshes_of(cell.model, "tool_mount"))
+    housing = (
+        cells.drawn_vertices(cell.model, cell.data, k) for k in cells.meshes_of(cell.model, "tool_mount")
+    )
     deepest = max(vertices[:, 0].max() for vertices in housing) - 0.08
     assert -0.001 < deepest < 0.005
     keeps_its_log(run)
@@ -129,11 +118,11 @@ def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_an
 def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot():
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
     left; or the arm is stretched."""
-    turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
+    turns = [cells.tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
     turned = in_the_air(*turns, feed=0.005).run()
     assert "the end of its range" in str(turned.stop_reason)
     assert turned.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
-    stretched = in_the_air(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1).run()
+    stretched = in_the_air(cells.tool_pose(0.0, -0.6, 0.3), cells.tool_pose(0.0, -1.0, 0.3), feed=0.1).run()
     assert "safety.singular_value_limit" in str(stretched.stop_reason)
     assert np.abs(stretched.log["qd_rad_s"]).max() < JOINT_SPEED
     for run in (turned, stretched):
@@ -143,10 +132,12 @@ def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robo
 def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named():
     """The tool goes down beside the part, its housing onto the table."""
     part, runs = no_part()._replace(position=np.array([-0.3, -0.6, 0.1])), []
-    model = build_scene(ideal("arc", EVERY_STEP), Drawn(load_part(part_path("plate")), part))
+    model = build_scene(cells.ideal("arc", cells.EVERY_STEP), Drawn(load_part(part_path("plate")), part))
     for look_every_s in (5.0, 0.003):
-        cell = in_the_air(tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2), feed=0.05, model=model)
-        runs.append(cell.run(EachStep(lambda _model, _data: None, look_every_s)))
+        cell = in_the_air(
+            cells.tool_pose(0.2, -0.5, 0.05), cells.tool_pose(0.2, -0.5, -0.2), feed=0.05, model=model
+        )
+        runs.append(cell.run(cells.EachStep(lambda _model, _data: None, look_every_s)))
     assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(runs[0].stop_reason)))
     housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
     assert runs[0].trace.tcp_position_m[-1, 2] == pytest.approx(-housing_end, abs=0.001)
@@ -159,13 +150,13 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable():
         if data.time > 0.3:
             data.qvel[0] = math.inf
 
-    run = in_the_air(tool_pose(0.0, -0.5, 0.2), feed=0.05).run(EachStep(poison))
+    run = in_the_air(cells.tool_pose(0.0, -0.5, 0.2), feed=0.05).run(cells.EachStep(poison))
     assert "unstable" in str(run.stop_reason)
     assert run.steps < 310
 
 
 def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place():
-    cell = on_plane("process.hold_s=1")
+    cell = cells.on_plane("process.hold_s=1")
     run = cell.run()
     assert run.stop_reason is None
     shares, log = guards.guard_shares(cell.state.guards), run.log
@@ -188,8 +179,8 @@ LOST = "faults.events=sensor-dropout@contact+0.5"
 def test_after_a_stop_the_tool_goes_back(latency, speed, off, rest):
     """Pressed with 20 N on a plane when the sensor's reading is lost, half a second after contact."""
     settings = f"safety.stop_latency_s={latency}", f"safety.retract_speed_m_s={speed}"
-    run = on_plane(LOST, *settings, hold=2.0).run()
-    after = slice(stopped_at(run), None)
+    run = cells.on_plane(LOST, *settings, hold=2.0).run()
+    after = slice(cells.stopped_at(run), None)
     way, force = run.trace.tcp_position_m[after], run.trace.normal_force_n[after]
     assert way[-1, 2] - way[0, 2] == pytest.approx(0.030, abs=0.002)
     assert np.linalg.norm((way - way[0])[:, :2], axis=1).max() < 2e-4
@@ -206,10 +197,10 @@ def test_after_a_stop_the_tool_goes_back(latency, speed, off, rest):
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 1.0), (0.05, 4.0)])
 def test_the_braking_distance_is_v_squared_over_2a(speed, deceleration):
     """In free space, braked on the way; before the brakes the robot continues for the stop's latency."""
-    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
+    poses = cells.tool_pose(0.0, -0.5, 0.2), cells.tool_pose(0.2, -0.5, 0.2)
     settings = "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"
     run = in_the_air(*poses, feed=speed, settings=settings).run()
-    way = run.trace.tcp_position_m[stopped_at(run) :]
+    way = run.trace.tcp_position_m[cells.stopped_at(run) :]
     gone = float(np.linalg.norm(way[-1] - way[0]))
     assert gone == pytest.approx(speed * 0.004 + speed**2 / (2.0 * deceleration), rel=0.1, abs=3e-4)
     assert run.safety.retracted is None  # nothing to retract from
@@ -217,8 +208,11 @@ def test_the_braking_distance_is_v_squared_over_2a(speed, deceleration):
 
 def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can():
     """The shoulder or elbow range is cut to what the retract of 30 mm would need half of."""
-    cell = on_plane(LOST, hold=2.0)
-    pressed, lifted = joints_at(tool_pose(0.0, -0.5, 0.096)), joints_at(tool_pose(0.0, -0.5, 0.112))
+    cell = cells.on_plane(LOST, hold=2.0)
+    pressed, lifted = (
+        cells.joints_at(cells.tool_pose(0.0, -0.5, 0.096)),
+        cells.joints_at(cells.tool_pose(0.0, -0.5, 0.112)),
+    )
     joint = int(np.argmax(np.abs(lifted - pressed)))
     limits = cell.state.speedl.highest if lifted[joint] > pressed[joint] else cell.state.speedl.lowest
     limits[joint] = lifted[joint]
@@ -231,12 +225,14 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can():
 
 
 def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be():
-    above, way_down = along_tool(TOUCH, z=-0.01), along_tool(TOUCH, z=-0.005)
-    first = pressing_stroke(hold=0.5, lift=0.01)
-    second = first._replace(travel=way_through(above, way_down))
-    part, drift, last = part_under(plane()), 0.2, []
+    above, way_down = cells.along_tool(cells.TOUCH, z=-0.01), cells.along_tool(cells.TOUCH, z=-0.005)
+    first = cells.pressing_stroke(hold=0.5, lift=0.01)
+    second = first._replace(travel=cells.way_through(above, way_down))
+    part, drift, last = cells.part_under(plane()), 0.2, []
     for retare in (False, True):
-        cell = cell_for(ideal("force", EVERY_STEP), first, second._replace(retare=retare), part=part)
+        cell = cells.cell_for(
+            cells.ideal("force", cells.EVERY_STEP), first, second._replace(retare=retare), part=part
+        )
         cell.state.sensor.errors.creep[2] = 0.001 * drift
         trace = cell.run().trace
         last.append(trace.normal_force_n[trace.fed][-1])

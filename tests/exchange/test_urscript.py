@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import PartConfig, PlanConfig, ProcessConfig
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.strokes import feed_frames
@@ -14,15 +15,104 @@ from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.toolpath import LEAD_IN
 from polish_sim.spatial import from_pose, inverse
-from tests.exchange.urscript_machine import Recorder, run_program
 from tests.planning.shapes import shipped_plan, to_polyline
+from tests.ur.fake_robot import FakeRobot, Notes
 
-Array = NDArray[np.float64]
+pytest.importorskip("lark")
 PART_POSE = (0.4, -0.3, 0.1, 0.1, -0.2, 0.7)
 MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])  #: Middle of the sphere of 100 mm radius whose cap `sphere_100` is
 SETUP = ExportSetup(part_pose=PART_POSE)
 PRINTED_M = 2e-6
 sphere, holes = partial(shipped_plan, "sphere_100"), partial(shipped_plan, "plate_two_holes")
+MOST_STEPS = 100_000
+
+
+class Motion(NamedTuple):
+    """A move."""
+
+    T_base_tool: Array
+    speed: float
+    blend: float
+    pressing: bool
+    spindle: bool
+
+
+class Pressing(NamedTuple):
+    """One call of force_mode."""
+
+    T_base_task: Array
+    T_base_tool: Array
+    selection: list[float]
+    wrench: list[float]
+    kind: int
+    limits: list[float]
+
+
+class Recorder(FakeRobot):
+    """Its joints are its pose; it feels the force wanted some time after it began to press."""
+
+    def __init__(self, contact_after_s: float) -> None:
+        super().__init__()
+        self.contact_after_s = contact_after_s
+        self.motions: list[Motion] = []
+        self.pressings: list[Pressing] = []
+        self.pressing_since_s = np.inf
+        self.spindle = False
+
+    def step(self) -> None:
+        super().step()
+        felt = self.time_s - self.pressing_since_s > self.contact_after_s
+        self.tcp_force = np.array([0.0, 0.0, self.pressings[-1].wrench[2] if felt else 0.0, 0.0, 0.0, 0.0])
+
+    def forward_kin(self, q: Array, tcp: Array) -> Array:
+        return q
+
+    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array:
+        return pose
+
+    def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
+        self.actual_tcp_pose = pose
+        self.motions.append(Motion(from_pose(pose), v, r, False, self.spindle))
+
+    movej = movel
+
+    def force_mode(self, task: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
+        if self.pressing_since_s == np.inf:
+            self.pressing_since_s = self.time_s
+            self.told.append(("force_mode",))
+        self.motions[-1] = self.motions[-1]._replace(pressing=True)
+        frames = from_pose(task), from_pose(self.actual_tcp_pose)
+        self.pressings.append(Pressing(*frames, selection.tolist(), wrench.tolist(), kind, limits.tolist()))
+
+    def end_force_mode(self) -> None:
+        if self.pressing_since_s < np.inf:
+            self.told.append(("end_force_mode",))
+        self.pressing_since_s = np.inf
+
+    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
+        if value is not None:
+            self.spindle = bool(value)
+            self.told.append((f"spindle {self.spindle}",))
+        return self.spindle
+
+
+def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
+    """The robot after the program; popups are closed at once."""
+    from polish_sim.ur.script import Machine  # it needs lark
+
+    robot, notes = Recorder(contact_after_s), Notes()
+    machine = Machine(text, notes)
+    for _ in range(MOST_STEPS):
+        machine.tick(robot)
+        robot.step()
+        if machine.popup_open:
+            robot.told.append(("popup",))
+            machine.close_popup()
+        if not machine.running:
+            break
+    assert not machine.running
+    assert "exception" not in [event[0] for event in notes.events], notes.events
+    return robot
 
 
 def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Recorder:
