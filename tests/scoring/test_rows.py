@@ -146,5 +146,5 @@ def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
     (flat,) = choose_cases(BATTERY, ["flat-30"])
-    line = replace(flat, settings=(*flat.settings, "process.max_feed_s=2"))
+    line = replace(flat, settings=(*flat.settings, f"part.file={plate_file()}", "process.max_feed_s=2"))
     assert 0.5 < measure_row(Task(line, user_entry(f"{file}:Press"), 0))["slowed"] < 0.6  # and the ramp
