@@ -64,16 +64,6 @@ def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path
         run_record.read_record(tmp_path)
 
 
-def test_areas_that_contradict_each_other_are_named_beside_the_figures(record):
-    def notes(polished: float) -> list[str]:
-        areas = {"region_area_m2": 0.02, "polished_area_m2": polished, "left_out_area_m2": 0.005}
-        return run_record.notes_of([replace(record, metrics={**record.metrics, **areas})])
-
-    (said,) = notes(0.0151)
-    assert all(word in said for word in ("metrics.json", "polished_area_m2", "0.0151", record.name))
-    assert notes(0.015) == []
-
-
 @pytest.mark.parametrize(
     ("name", "array", "change"),
     [
@@ -134,7 +124,7 @@ def test_part_force_and_feed_of_every_run_stand_in_its_own_column():
         assert wanted.items() <= rows.items()
 
 
-def test_how_a_run_ended_is_said_and_what_runs_differ_in_but_seed_and_controller_is_named():
+def test_how_a_run_ended_what_runs_differ_in_and_areas_that_contradict_each_other_are_named(record):
     stopped = {"path_done": 0.5, "protective_stop": "the force was too large"}
     for metrics, said in (
         ({}, "whole"),
@@ -149,6 +139,14 @@ def test_how_a_run_ended_is_said_and_what_runs_differ_in_but_seed_and_controller
     assert note.startswith("'b' stopped at 50.0% (the force was too large)")
     (note,) = run_record.notes_of([run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})])
     assert note.endswith("they differ in part.file, sensor.force_noise_n.")
+
+    def notes(polished: float) -> list[str]:
+        areas = {"region_area_m2": 0.02, "polished_area_m2": polished, "left_out_area_m2": 0.005}
+        return run_record.notes_of([replace(record, metrics={**record.metrics, **areas})])
+
+    (said,) = notes(0.0151)
+    assert all(word in said for word in ("metrics.json", "polished_area_m2", "0.0151", record.name))
+    assert notes(0.015) == []
 
 
 def test_runs_of_one_name_are_told_apart(tmp_path):

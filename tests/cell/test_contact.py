@@ -207,14 +207,11 @@ def test_beyond_a_limit_it_is_refused_and_within_accepted(refused, named, within
     accepted(*within.split())
 
 
-def test_an_experiment_refuses_them_before_it_moves():
+def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_as_a_soft_pad_goes():
     for key, value in (("pad.damping_s_m", 20), (SMOOTH, 1e-5), ("sensor.rate_hz", 40)):
         with pytest.raises(ConfigError, match=key):
             run_experiment(ideal("force", f"{key}={value}"))
-
-
-def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes():
-    """2 x 20 N / 4000 N/m."""
+    # 2 x 20 N / 4000 N/m.
     usual = ideal("force")
     assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008
     soft = replace(usual.head, spring_scale=0.2)

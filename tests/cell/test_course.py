@@ -73,7 +73,7 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
     np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
-def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes():
+def test_rows_follow_the_plan_over_several_strokes_and_a_raster_line_neighbours_the_line_before_it():
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
     second = pressed_with(10.0, along_tool(TOUCH, y=0.01))._replace(start_s=0.04)
     course = course_on(plane(), pressed_with(20.0), second)
@@ -81,6 +81,12 @@ def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes():
     np.testing.assert_allclose(course.depth[rows < 0.0295], PRESSED, rtol=1e-3)
     np.testing.assert_allclose(course.depth[rows > 0.0305], 0.5 * PRESSED, rtol=1e-3)
     assert course.neighbour[round(0.05 / course.spacing)] == pytest.approx(0.01 / course.spacing, abs=1)
+    x = np.arange(0.0, 0.1, 0.0005)
+    there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
+    back = np.stack([x[::-1], 0.0 * x + 0.008, 0.0 * x], axis=1)
+    rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
+    assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
+    np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
 
 
 def test_the_turning_is_that_of_the_path_and_all_else_stays_when_the_whole_cell_is_turned():
@@ -93,15 +99,6 @@ def test_the_turning_is_that_of_the_path_and_all_else_stays_when_the_whole_cell_
     here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
     np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
-
-
-def test_a_raster_line_neighbours_the_line_before_run_the_other_way():
-    x = np.arange(0.0, 0.1, 0.0005)
-    there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
-    back = np.stack([x[::-1], 0.0 * x + 0.008, 0.0 * x], axis=1)
-    rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
-    assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
-    np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
 
 
 def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():

@@ -189,16 +189,13 @@ def pressed_at(x: float, lean: float = 0.0) -> PadPoses:
     return PadPoses(np.array([[x, 0.0, 0.0]]), axis, np.zeros((1, 3)), -SPIN * axis, np.array([FORCE]))
 
 
-def test_half_over_an_edge_the_pad_sinks_twice_as_deep_and_does_the_same_work_beyond_it_none():
+def test_rates_times_dwell_are_the_removal_of_a_run_and_half_over_an_edge_the_pad_sinks_twice_as_deep():
     nodes = level_nodes(0.0004)
     nodes = removal.PressedNodes(*(column[nodes.positions[:, 0] < 0.0] for column in nodes))
     found = exposure_rates(nodes, pressed_at(0.0), R, STIFFNESS)
     assert found.depths[0] == pytest.approx(2.0 * FORCE / STIFFNESS, rel=0.02)
     assert (found.rates @ nodes.areas)[0] == pytest.approx(FORCE * SPIN * 2.0 / 3.0 * R, rel=5e-3)
     assert exposure_rates(nodes, pressed_at(1.1 * R), R, STIFFNESS).rates.sum() == 0.0
-
-
-def test_rates_times_dwell_are_the_removal_of_a_run_at_that_pose():
     nodes, dwell, pose = level_nodes(0.001), 0.7, pressed_at(0.004, lean=0.01)
     found = exposure_rates(nodes, pose, R, STIFFNESS)
     sunk = np.array([[0.004, 0.0, 0.0]]) - found.depths[0] * pose.axes
@@ -235,11 +232,19 @@ def block() -> Polished:
     return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", TRACK, R_NODES)
 
 
-def test_the_regions_areas_sum_to_the_region_however_fine_the_nodes(block):
+def test_areas_sum_to_the_region_however_fine_the_nodes_and_those_lie_on_the_bent_surface(block):
     coarse, fine = (block.place(PartConfig(), edge)[1] for edge in (2.0 * removal.EDGE, removal.EDGE))
     assert len(fine.mesh.vertices) > 2 * len(coarse.mesh.vertices)
     for nodes in (coarse, fine):
         assert nodes.pressed.areas[: len(nodes.mesh.vertices)].sum() == pytest.approx(0.08 * 0.03, rel=1e-6)
+    part, nodes = block.place(PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.002))
+    places, normals = nodes.pressed.positions, nodes.pressed.normals
+    assert np.ptp(places[:, 2]) > 0.001
+    distances = [field_distance(part.field, *place) for place in places[::7]]
+    assert np.median(np.abs(distances)) < 1e-9
+    assert np.abs(distances).max() < 1e-4
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    assert (normals[:, 2] > 0.9).all()
 
 
 def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
@@ -253,17 +258,6 @@ def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
     outside = (np.abs(grid[..., 0]) >= 0.04) | (np.abs(grid[..., 1]) >= 0.015)
     under = np.hypot(np.maximum(np.abs(x) - 0.03, 0.0), y) < R_NODES
     assert beside.areas[under].sum() == pytest.approx((way & outside).sum() * 1e-8, rel=0.03)
-
-
-def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block):
-    part, nodes = block.place(PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.002))
-    places, normals = nodes.pressed.positions, nodes.pressed.normals
-    assert np.ptp(places[:, 2]) > 0.001
-    distances = [field_distance(part.field, *place) for place in places[::7]]
-    assert np.median(np.abs(distances)) < 1e-9
-    assert np.abs(distances).max() < 1e-4
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    assert (normals[:, 2] > 0.9).all()
 
 
 def test_nodes_on_a_rings_sharp_edges_can_be_met_by_the_pad():

@@ -64,7 +64,7 @@ def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed):
     assert angular[1] == pytest.approx(planned + limited, abs=1e-12)
 
 
-def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force():
+def test_in_free_space_the_hybrid_is_the_position_law_and_force_mode_differs_along_tool_z_alone():
     m, t = drawn(0, contact=0.0)
     hybrid, position = (signals.controller(name).step(m, t) for name in ("hybrid-pi", "position"))
     np.testing.assert_array_equal(hybrid, position)
@@ -72,6 +72,12 @@ def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_t
     quiet = signals.controller("position").step(m, t)
     m.wrench[:] += 100.0
     np.testing.assert_array_equal(signals.controller("position").step(m, t), quiet)
+    for contact in (0.0, 1.0):
+        m, t = drawn(0, contact)
+        ours, hybrid = (signals.controller(name).step(m, t) for name in ("force-mode", "hybrid-pi"))
+        across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
+        np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
+        np.testing.assert_array_equal(ours[3:], hybrid[3:])
 
 
 def leaning(made: CompiledController, steps: int, moment: Callable[[float], float]) -> list[float]:
@@ -174,12 +180,3 @@ def test_force_control_begins_at_the_tools_speed_stays_within_its_limit_and_begi
     law.step(m, t)
     t.contact = True
     np.testing.assert_allclose([law.step(m, t)[2] for _ in range(100)], first, atol=1e-12)
-
-
-def test_everything_but_tool_z_is_as_in_hybrid_pi():
-    for contact in (0.0, 1.0):
-        m, t = drawn(0, contact)
-        ours, hybrid = (signals.controller(name).step(m, t) for name in ("force-mode", "hybrid-pi"))
-        across = np.eye(3) - np.outer(m.rotation[:, 2], m.rotation[:, 2]) * contact
-        np.testing.assert_allclose(across @ ours[:3], across @ hybrid[:3], atol=1e-12)
-        np.testing.assert_array_equal(ours[3:], hybrid[3:])

@@ -125,15 +125,12 @@ def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
         read_robot_recording(write_csv(tmp_path / "few.csv", LOG, ",", names), ("q_rad",))
 
 
-def test_a_window_leaves_out_the_rest_and_a_gap_in_it(tmp_path):
+def test_a_window_leaves_out_the_rest_and_a_gap_in_it_and_takes_its_own_memory(tmp_path):
     file = write_csv(tmp_path / "log.csv", GAP)
     read = read_robot_recording(file, window=(1.5, 3.0))
     assert (read.start, read.time[-1], read.whole) == (pytest.approx(1.5), pytest.approx(1.5), False)
     assert abs(len(read_robot_recording(file, window=(0.0, 0.9)).time) - 451) <= 1
-
-
-def test_a_large_file_takes_the_memory_of_its_window(tmp_path):
-    """Over 40 MB of text; what is read of it grows with the window, not with the file."""
+    # Over 40 MB of text; what is read of it grows with the window, not with the file.
     file = write_csv(tmp_path / "log.csv", LOG)
     header, *lines = file.read_text().splitlines()
     rests = [line.partition(",")[2] for line in lines] * 50

@@ -133,12 +133,6 @@ def in_work(T_base_tool: list[Array]) -> Array:
     return np.asarray(inverse(from_pose(PART_POSE)) @ np.stack(T_base_tool))
 
 
-def test_without_a_measured_part_the_program_stops_before_it_moves():
-    robot = executed(sphere(), ExportSetup())
-    assert robot.motions == []
-    assert "popup" in robot.names()
-
-
 def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_order(ball, plate):
     order = ["set_tcp", "set_payload", "spindle False", "zero_ftsensor", "spindle True", "force_mode"]
     places = [ball.names().index(event) for event in [*order, "end_force_mode"]]
@@ -155,7 +149,7 @@ def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_ord
         assert blend.max() > 0.0
 
 
-def test_moves_in_contact_run_through_points_of_the_unpressed_path_and_pass_every_one_closely(ball):
+def test_moves_in_contact_run_through_the_unpressed_path_and_do_not_wind_up_the_last_joint(ball):
     path = sphere().path
     corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
     planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
@@ -163,6 +157,11 @@ def test_moves_in_contact_run_through_points_of_the_unpressed_path_and_pass_ever
     assert gap.min(axis=1).max() < PRINTED_M
     assert (np.linalg.norm(corners - MIDDLE, axis=1) > 0.1 - 1e-5).all()
     assert to_polyline(path.positions_work[path.process], corners).max() < 5.2e-5
+    # x keeps its direction over all turns of the spiral; along the feed it would go round once per turn.
+    x_axes = np.stack([motion.T_base_tool[:3, 0] for motion in ball.motions])
+    middle = x_axes.mean(axis=0)
+    assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
+    assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
 
 
 def test_nothing_touches_the_part_without_force_mode(ball, plate):
@@ -195,15 +194,7 @@ def test_force_mode_pushes_along_the_inward_normal_of_the_sphere_wherever_the_to
         assert max(pressing.limits[:2]) <= 0.01
 
 
-def test_a_spiral_does_not_wind_up_the_last_joint(ball):
-    """x keeps its direction over all turns of the spiral; along the feed it would go round once per turn."""
-    x_axes = np.stack([motion.T_base_tool[:3, 0] for motion in ball.motions])
-    middle = x_axes.mean(axis=0)
-    assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
-    assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
-
-
-def test_without_contact_the_program_switches_everything_off_and_stops():
+def test_without_contact_the_program_switches_everything_off_and_without_a_measured_part_it_never_moves():
     machine, path = run_program(urscript_text(sphere(), SETUP), contact_after_s=np.inf), sphere().path
     ended = [event for event in machine.names() if event != "stopj"]
     assert ended[ended.index("end_force_mode") :] == ["end_force_mode", "spindle False", "popup"]
@@ -211,6 +202,9 @@ def test_without_contact_the_program_switches_everything_off_and_stops():
     pressed = in_work([motion.T_base_tool for motion in machine.motions if motion.pressing])[:, :3, 3]
     beside = np.cross(pressed - path.positions_work[first], path.axes_work[first])
     assert np.abs(beside).max() < PRINTED_M, "only the landing itself, straight down"
+    robot = executed(sphere(), ExportSetup())
+    assert robot.motions == []
+    assert "popup" in robot.names()
 
 
 def test_an_arc_is_followed_to_its_end_in_force_mode_so_that_the_tool_lands_on_the_move():
@@ -228,7 +222,7 @@ def test_an_arc_is_followed_to_its_end_in_force_mode_so_that_the_tool_lands_on_t
     assert height == pytest.approx(STANDOFF_M, abs=PRINTED_M)
 
 
-def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
+def test_speed_and_force_are_those_of_the_process_or_waypoint_and_without_leads_it_lands_from_above():
     slow = executed(sphere(), replace(SETUP, process=ProcessConfig(contact_force_n=12.0, feed_m_s=0.02)))
     assert {pressing.wrench[2] for pressing in slow.pressings} == {12.0}
     assert {motion.speed for motion in slow.motions if motion.blend > 0.0} == {0.02}
@@ -237,9 +231,6 @@ def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
     machine = executed(replace(sphere(), path=replace(sphere().path, force=force, feed=np.full(count, 0.03))))
     assert (machine.pressings[0].wrench[2], machine.pressings[-1].wrench[2]) == (10.0, 15.0)
     assert {motion.speed for motion in machine.motions if motion.blend > 0.0} == {0.03}
-
-
-def test_a_path_without_leads_is_landed_from_above():
     machine = executed(replace(sphere(), path=sphere().path.rows(sphere().path.process)))
     ends = in_work([machine.motions[k].T_base_tool for k in (0, -1)])[:, :3, 3]
     assert np.linalg.norm(ends - MIDDLE, axis=1) - 0.1 == pytest.approx([0.03, 0.03], abs=1e-5)

@@ -38,14 +38,11 @@ def distance_to_box(points, size):
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
-def test_signed_distance_of_a_box_is_exact_beside_faces_edges_and_corners():
+def test_signed_distances_are_exact_beside_edges_of_a_box_and_their_signs_beside_those_of_a_star():
     size = (0.1, 0.06, 0.02)
     points = np.random.default_rng(0).uniform(-0.08, 0.08, (5000, 3))
     assert np.abs(signed_distances(box(size), points) - distance_to_box(points, size)).max() < 1e-12
-
-
-def test_sign_is_right_beside_the_sharp_edges_of_a_star():
-    """Closed prism over a star: reflex and sharp edges, where the nearest facet's own normal errs."""
+    # Closed prism over a star: reflex and sharp edges, where the nearest facet's own normal errs.
     angle = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
     radius = np.where(np.arange(10) % 2 == 0, 0.05, 0.015)
     outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])

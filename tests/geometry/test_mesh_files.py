@@ -209,15 +209,12 @@ def test_a_wrong_unit_or_side_is_refused_and_the_fitting_ones_named(sides, unit,
         part_of(BLOCK, "up")
 
 
-def test_vertices_keep_their_order_and_repeated_ones_are_merged():
+def test_vertices_keep_their_order_repeated_ones_are_merged_and_what_is_no_mesh_is_refused():
     points, faces = np.array(COARSE_BALL.vertices), np.array(COARSE_BALL.faces)
     part = part_from_arrays(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), unit="mm")
     assert len(part.vertices) == len(points)
     _, first = np.unique(faces.ravel(), return_index=True)
     assert np.array_equal(part.vertices, 1e-3 * points[faces.ravel()[np.sort(first)]])
-
-
-def test_arrays_that_are_no_mesh_are_refused():
     points, faces = np.array(COARSE_BALL.vertices), np.array(COARSE_BALL.faces)
     for vertices, triangles, said in (
         (points[:, :2], faces, r"got \(162, 2\) and \(320, 3\)"),

@@ -111,13 +111,18 @@ def test_small_holes_are_closed_with_place_and_size_and_a_large_one_is_left():
     assert is_solid(from_soup(np.delete(triangles, one, axis=0)), BALL.volume, rel=1e-4)
 
 
-def test_several_bodies_are_kept_counted_and_measured_and_those_that_pass_through_each_other_reported():
+def test_several_bodies_are_kept_counted_and_measured_a_loose_fin_is_dropped_if_small():
     part = joined(soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0])
     assert len(part.faces) == 24
     assert said(part, "2 bodies in one file (2 of them closed)", "100 x 60 x 20; 100 x 60 x 20 mm")
     assert not said(part, "self-intersecting")
     part = joined(soup(BLOCK), soup(trimesh.creation.box((10.0, 10.0, 80.0))))
     assert said(part, "self-intersecting: ", "pass through each other")
+    small = joined(soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]])
+    assert said(small, "dropped 1 facets of 1 loose fins")
+    assert as_trimesh(small).is_watertight
+    large = joined(soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]])
+    assert said(large, "2 bodies in one file (1 of them closed)")
 
 
 def test_solids_glued_at_a_face_become_one_and_those_that_touch_along_an_edge_stay_two():
@@ -131,14 +136,6 @@ def test_solids_glued_at_a_face_become_one_and_those_that_touch_along_an_edge_st
         assert is_solid(part, 2 * 100 * 60 * 20)
         assert as_trimesh(part).body_count == 2
         assert said(part, "1 edges of more than two facets", "the first at (50, 30, 0) mm")
-
-
-def test_a_loose_fin_is_dropped_if_small_and_a_sheet_of_its_own_if_large():
-    small = joined(soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]])
-    assert said(small, "dropped 1 facets of 1 loose fins")
-    assert as_trimesh(small).is_watertight
-    large = joined(soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]])
-    assert said(large, "2 bodies in one file (1 of them closed)")
 
 
 def dome(noise: float, seed: int = 0):
@@ -253,9 +250,6 @@ def test_broken_files_are_read_or_refused_without_traceback_hang_or_full_memory(
     # Edges without length that repairs leave.
     assert not try_files(first_seed=50_003, count=1, folder=tmp_path).faults
     assert min(outcome.counts["read"], outcome.counts["refused"]) > 10
-
-
-def test_the_worker_of_the_fuzz_holds_its_memory_limit():
     outcome = run_apart(first_seed=0, count=7)
     assert not outcome.faults
     assert sum(outcome.counts.values()) == 7

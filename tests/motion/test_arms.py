@@ -71,7 +71,7 @@ def test_the_model_stands_where_the_table_says_with_its_links(name):
         assert sum(body.inertia) == pytest.approx(sum(link.inertia[:3]), rel=1e-6)
 
 
-def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path):
+def test_a_make_brings_its_gears_leaves_what_is_set_by_name_and_an_unknown_one_is_refused(tmp_path):
     base = default_scenario("arc")
     other = override(base, ["robot.real.encoder_rad=1e-5", "robot.arm=ur10e", "robot.real.gear_ratio=77"])
     assert other.robot.real.coulomb_nm == ARMS["ur10e"].gears["coulomb_nm"]
@@ -81,9 +81,6 @@ def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path):
     back = override(other, ["robot.arm=ur5e"])
     changed = {k for k, v in asdict(back.robot.real).items() if v != asdict(base.robot.real)[k]}
     assert changed == {"encoder_rad", "gear_ratio"}
-
-
-def test_an_unknown_make_is_refused_with_the_known_ones_and_the_table_in_use_cannot_be_written_to():
     with pytest.raises(InputError, match=r"ideal, ur10e, ur5e"):
         override(Scenario(), ["robot.arm=ur20"])
     with pytest.raises(ValueError, match="read-only"):

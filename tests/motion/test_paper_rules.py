@@ -58,7 +58,7 @@ def test_vertices_use_their_tolerance_and_without_one_are_stops(plan):
     assert measure_deviation(stops, TRIAL).vertex.value < 1e-14
 
 
-def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with():
+def test_the_papers_second_time_is_never_more_than_the_one_it_compares_with_the_third_exact_on_a_gantry():
     drawn = np.random.default_rng(0).normal(size=(4, 50, 9, 6))
     rates = JointRates(*(np.array([1.0, 0.1, 0.05, 0.02])[:, None, None, None] * drawn))
     limits = SmoothingLimits()
@@ -68,10 +68,7 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with():
         ours = paper_rules.second_time(v, rates, limits, signed=True)
         assert np.all(ours <= theirs)
         assert np.any(ours < theirs)
-
-
-def test_on_a_gantry_the_third_time_is_exact():
-    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they fill the limit."""
+    # Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they fill the limit.
     limits = SmoothingLimits(joint_jerk=six(10.0))
     first = np.zeros((1, 9, 6))
     first[..., 0] = 0.1

@@ -70,16 +70,7 @@ def test_a_single_pose_is_a_path_of_no_length_and_a_motion_of_no_duration():
     np.testing.assert_allclose(run.velocities, 0.0)
 
 
-def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface():
-    """The part bends like a cylinder; pressed in by 4 mm the points move on a shorter radius."""
-    angle = np.linspace(0.0, 1.0, 200)
-    on_part = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
-    table = trajectory.build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
-    assert table.length == pytest.approx(0.1)
-    np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05)[1]), 0.96, atol=1e-6)
-
-
-def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropped():
+def test_turns_and_curvature_belong_to_their_place_by_the_arc_length_of_the_surface():
     x = np.repeat(np.linspace(0.0, 0.1, 11), [1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1])
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))
@@ -88,6 +79,12 @@ def test_turns_and_curvature_belong_to_their_place_and_repeated_points_are_dropp
     assert table.pass_index[row] == 4
     assert table.curvature[row] == pytest.approx(100.0 * row * table.spacing)
     assert table.pass_index[-1] == 10
+    # The part bends like a cylinder; pressed in by 4 mm the points move on a shorter radius.
+    angle = np.linspace(0.0, 1.0, 200)
+    on_part = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
+    table = trajectory.build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
+    assert table.length == pytest.approx(0.1)
+    np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05)[1]), 0.96, atol=1e-6)
 
 
 LINE = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])

@@ -232,12 +232,14 @@ def test_without_one_law_the_others_still_land_and_with_all_inertia_does_not_rin
     assert np.abs(run.force[run.time >= since] - 20.0).max() < off
 
 
-def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff():
+def test_touch_down_makes_the_landing_faster_stiffness_holds_stiffer_springs_and_unknown_laws_are_refused():
     slow, fast = (land(adaptive(law), Plant(noise=0.5), approach=0.002) for law in ("touch-down", ""))
     assert settling(fast, 20.0) < 0.8 * settling(slow, 20.0)
     stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
     assert land(adaptive(), stiff).force.max() < 21.0
     assert land(adaptive("stiffness"), stiff).force.max() > 25.0
+    with pytest.raises(ConfigError, match=r"'touchdown'.*touch-down, stiffness"):
+        adaptive(laws="touchdown")
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
@@ -254,8 +256,3 @@ def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
         speeds.append(controller.step(m, t)[2])
     assert np.max(speeds[1001:]) < 0.02
     assert np.mean(speeds[1001:]) == pytest.approx(0.01, rel=0.05)
-
-
-def test_a_law_that_does_not_exist_is_refused_with_the_names_there_are():
-    with pytest.raises(ConfigError, match=r"'touchdown'.*touch-down, stiffness"):
-        adaptive(laws="touchdown")

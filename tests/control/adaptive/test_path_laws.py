@@ -215,16 +215,13 @@ def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it():
     assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / surface.MOMENT_HZ), rel=0.05)
 
 
-def test_the_moment_a_border_causes_on_the_drawing_does_not_turn_the_tool():
+def test_a_drawn_borders_moment_does_not_turn_the_tool_whose_axis_is_turned_about_its_own_axes():
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
     m, state = measurement_at_rest(), surface.NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
     for _ in range(3000):
         surface.level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
-
-
-def test_the_planned_axis_is_turned_about_the_tools_own_axes():
     t, R = fed_at(0.0), np.empty((3, 3))
     t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
     surface.tilted_target(t, surface.NormalMemory(0.05, -0.1), R)
@@ -244,17 +241,14 @@ def wave(s: float) -> float:
     return 0.0005 * (1.0 - math.cos(100.0 * s))
 
 
-def test_a_drawn_wave_is_followed_better_with_feed_forward():
+def test_a_drawn_wave_is_followed_better_with_feed_forward_another_one_on_the_next_turn():
     course, worst = course_of(np.array([wave(SPACING * r) for r in range(700)])), []
     for laws in ("", "feed-forward"):
         places, errors = follow(controller(laws, course), wave, 0.3)
         worst.append(float(np.abs(errors[places > 0.05]).max()))
     assert worst[0] > 0.3
     assert worst[1] < 0.2 * worst[0]
-
-
-def test_a_wave_that_was_not_drawn_is_followed_better_on_the_next_turn():
-    """Two equal turns of 0.4 m one after the other; nothing of the wave is in the course."""
+    # Two equal turns of 0.4 m one after the other; nothing of the wave is in the course.
     rows = np.arange(1700)
     course = course_of(np.zeros(1700), neighbour=np.where(rows >= 800, rows - 800, -1))
     places, errors = follow(controller("learning", course), lambda s: 0.6 * wave(s % 0.4), 0.78)
