@@ -141,6 +141,12 @@ def undrawn() -> Iterator[None]:
         yield
 
 
+def ran(*words: object) -> None:
+    """Run a command for the fixture of a module: without pictures, and to the end."""
+    with undrawn():
+        assert execute(commands, [str(word) for word in words]) == 0
+
+
 @pytest.fixture(autouse=True)
 def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
     """Tests with the mark `pictures` draw, and commands in other processes."""

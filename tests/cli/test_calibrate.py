@@ -8,21 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.config import Scenario
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import Tool, assert_refused, done, metrics_of, undrawn
+from tests.cli.conftest import Tool, assert_refused, done, metrics_of, ran
 
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one small calibration, made once."""
     folder = tmp_path_factory.mktemp("calibrated") / "one"
-    words = ["calibrate", "payload", "--poses", "6", "--seed", "4", "--out", str(folder), "--check"]
-    with undrawn():
-        assert execute(commands, words) == 0
+    ran("calibrate", "payload", "--poses", 6, "--seed", 4, "--out", folder, "--check")
     return folder
 
 

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
 from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import InputError
-from tests.cli.conftest import assert_refused, done, metrics_of, refused
+from tests.cli.conftest import assert_refused, done, metrics_of, ran, refused
 
 Rows = list[list[str]]
 PAIR = 'cell "7" \\ left'
@@ -26,8 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folders of calibrations, one of a tool and one of the bases."""
     folder = tmp_path_factory.mktemp("made")
     for name, pair in (("tcp", ()), ("base", ("--pair", PAIR))):
-        words = ("calibrate", name, *pair, "--seed", "2", "--check", "--out", str(folder / name))
-        assert execute(commands, list(words)) == 0
+        ran("calibrate", name, *pair, "--seed", 2, "--check", "--out", folder / name)
     return folder
 
 

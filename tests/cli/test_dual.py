@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Call, Tool, done, metrics_of, refused, undrawn
+from tests.cli.conftest import Call, Tool, done, metrics_of, ran, refused
 
 SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 
@@ -25,9 +23,8 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "tool": ("tcp",),
         "own": ("tcp", "--cell-tool", "--seed", "3", "--check"),
     }
-    with undrawn():
-        for name, words in asked.items():
-            assert execute(commands, ["calibrate", *words, "--out", str(made / name)]) == 0
+    for name, words in asked.items():
+        ran("calibrate", *words, "--out", made / name)
     return made
 
 

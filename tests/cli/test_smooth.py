@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from tests.cli.conftest import assert_refused, done, metrics_of, undrawn
+from tests.cli.conftest import assert_refused, done, metrics_of, ran
 
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
@@ -24,8 +22,7 @@ def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one smoothed path, beside the path, made once."""
     place = tmp_path_factory.mktemp("smoothed")
     (place / "path.csv").write_text(ZIGZAG)
-    with undrawn():
-        assert execute(commands, ["smooth", str(place / "path.csv"), "--out", str(place / "one")]) == 0
+    ran("smooth", place / "path.csv", "--out", place / "one")
     return place / "one"
 
 

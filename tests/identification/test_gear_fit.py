@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from polish_sim.cell.gears import elastic_torque, slip
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.identification.elastic import SprungHead, filtered
 from polish_sim.identification.gear_fit import _hysteresis, _spring
 from polish_sim.identification.identify import run_identification
@@ -20,7 +18,7 @@ from polish_sim.identification.regressor import States
 from polish_sim.identification.settings import GEARS, SCENARIO, IdentifySettings
 from polish_sim.scenario_file import override
 from tests.cell.elastic import HOME, joints_at
-from tests.cli.conftest import undrawn
+from tests.cli.conftest import ran
 from tests.identification.known import design_once
 
 PLANTED = [
@@ -36,7 +34,6 @@ class Planted(NamedTuple):
     """What the identification of the planted arm left."""
 
     folder: Path
-    exit_code: int
     figures: dict[str, Any]
     rows: dict[str, dict[str, str]]  #: Of parameters.csv, by name
 
@@ -57,12 +54,10 @@ def _one_motion() -> Iterator[None]:
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     folder = tmp_path_factory.mktemp("planted") / "found"
     settings = [word for setting in PLANTED for word in ("--set", setting)]
-    words = ["identify", "--periods", "2", "--seed", "2", *settings, "--out", str(folder)]
-    with undrawn():
-        code = execute(commands, words)
+    ran("identify", "--periods", 2, "--seed", 2, *settings, "--out", folder)
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     rows = csv.DictReader((folder / "parameters.csv").read_text(encoding="utf-8").splitlines())
-    return Planted(folder, code, figures, {row["name"]: row for row in rows})
+    return Planted(folder, figures, {row["name"]: row for row in rows})
 
 
 def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(planted):
@@ -98,7 +93,6 @@ def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted):
     assert {path.name for path in planted.folder.iterdir()} == {
         "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
-    assert planted.exit_code == 0
     assert {claim.figure for claim in GEARS} <= planted.figures.keys()
     assert np.shape(planted.figures["gear_stiffness_nm_rad"]) == (6, 3)
     assert len(planted.figures["nrms_heldout"]) == 6

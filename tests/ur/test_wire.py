@@ -19,8 +19,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cli.boundary import execute
-from polish_sim.cli.main import commands
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.log import PROCESS_PHASE
@@ -29,7 +27,7 @@ from polish_sim.ur.controller import Link, RobotController
 from polish_sim.ur.dashboard import answer
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
-from tests.cli.conftest import UNPROVEN, Started, undrawn
+from tests.cli.conftest import UNPROVEN, Started, ran, undrawn
 from tests.kept import plate_file
 
 ADDRESS = "127.0.0.1"
@@ -400,9 +398,7 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim):
 
 def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_path):
     both, plate = ("127.0.0.9", "127.0.0.10"), str(plate_file())
-    planned = ["plan", plate, "--stepover", "40", *UNPROVEN, "--out", str(tmp_path / "PLAN")]
-    with undrawn():
-        assert execute(commands, planned) == 0
+    ran("plan", plate, "--stepover", 40, *UNPROVEN, "--out", tmp_path / "PLAN")
     words = ["serve", "--part", plate, "--path", "PLAN/path.csv", "--out", "TWO"]
     words += ["--address", both[0], "--address", both[1]]
     with (tmp_path / "said").open("w") as stream, undrawn():
