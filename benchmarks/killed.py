@@ -1,7 +1,8 @@
-"""`python -m benchmarks.killed --count 30`: `plan` and `run surface` ended by Ctrl-C or kill -9 at random
-times.
+"""`python -m benchmarks.killed --count 30`: `plan`, `run surface` and work in rows ended by Ctrl-C, kill or
+kill -9 at random times.
 
-They leave no folder half written, no process behind and, after the next command beside them, no draft.
+They leave no folder half written, no process behind and, after the next command beside them, no draft. Work
+in rows (`--only sweep,score,tune,seeds`) is resumed after each and ends with the files of work left alone.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -33,6 +35,18 @@ WORDS = {
     "plan": ["plan", "part.stl", "--up", "z", "--stepover", "10", "--pad-diameter", "20"],
     "run": ["run", "surface", "--path", "made", "--part", "part.stl", "--feed", "60"],
 }
+ONE = ("--workers", "1")
+ROWS = {
+    "sweep": ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin6", *ONE],
+    "score": ["score", "--case", "step-20", "--seeds", "6", *ONE],
+    "tune": ["tune", "hybrid-pi", "--over", "force_p", "--trials", "3", "--case", "step-*", "--seeds", "1",
+             "--held-out-seeds", "1", *ONE],
+    "seeds": ["run", "arc", "--seeds", "6", *ONE],
+}  # fmt: skip
+"""Work that is kept row by row."""
+SAME = {"sweep": "metrics.json", "score": "score.md", "tune": "tuned.toml", "seeds": "seed-0003/log.npz"}
+"""A file of it that depends on its rows alone."""
+VOLATILE = ("wall_s", "loop_wall_s", "real_time_factor")
 ENDS_S = 20.0
 """What a command left running ends by itself within this time [s]."""
 
@@ -94,11 +108,56 @@ def try_once(folder: Path, name: str, how: signal.Signals, after_s: float) -> tu
     return cut, found
 
 
+def rows_of(folder: Path) -> dict[str, dict[str, object]]:
+    """The rows of a folder without what differs by itself, by their keys; a torn line is none."""
+    lines = [line for line in (folder / "rows.jsonl").read_text().splitlines() if line.endswith("}")]
+    entries = map(json.loads, lines)
+    return {entry["key"]: {k: v for k, v in entry["row"].items() if k not in VOLATILE} for entry in entries}
+
+
+def resumed(folder: Path, name: str, takes: float, rng: np.random.Generator) -> tuple[int, list[str]]:
+    """End a work in rows again and again and resume it; how often it was ended, and what is wrong."""
+    out, whole = folder / "out" / "cut", folder / f"whole_{name}"
+    ways = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+    found, ended = list[str](), 0
+    for how in rng.permutation(np.array(ways, dtype=object)):
+        words = [*PROGRAM, *ROWS[name], "--out", "out/cut"]
+        run = subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                               text=True, start_new_session=True)  # fmt: skip
+        try:
+            run.wait(float(rng.uniform(0.0, takes)))
+        except subprocess.TimeoutExpired:
+            run.send_signal(how)
+            ended += 1
+        _, err = run.communicate()
+        answers = how != signal.SIGKILL and "import_site" not in err
+        if answers and (run.returncode not in (0, 130) or "Traceback" in err):
+            found.append(f"{how.name}: exit code {run.returncode}: {err[-300:]}")
+        end = time.monotonic() + ENDS_S
+        while _others(run.pid) and time.monotonic() < end:
+            time.sleep(0.1)
+        found += [f"{how.name}: processes {left} left at work"] if (left := _others(run.pid)) else []
+    last = subprocess.run(
+        [*PROGRAM, *ROWS[name], "--out", "out/cut"], cwd=folder, capture_output=True, text=True
+    )
+    if last.returncode:
+        return ended, [*found, f"resuming: exit code {last.returncode}: {last.stderr[-300:]}"]
+    if rows_of(out) != rows_of(whole):
+        found.append("other rows than those of work left alone")
+    if (out / SAME[name]).read_bytes() != (whole / SAME[name]).read_bytes():
+        found.append(f"another {SAME[name]}")
+    files, wanted = ({str(file.relative_to(at)) for file in at.rglob("*")} for at in (out, whole))
+    found += [f"other files: {files ^ wanted}"] if files != wanted else []
+    shutil.rmtree(out)
+    return ended, found
+
+
 def main() -> None:
     """Print how many were ended, how, and what was wrong."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.killed", description=__doc__)
     parser.add_argument("--count", type=int, default=30, help="of each command and each way to end it")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default=",".join([*WORDS, *ROWS]), help="these commands, with commas")
     given = parser.parse_args()
     rng, faults, ended = np.random.default_rng(given.seed), 0, Counter[str]()
     with tempfile.TemporaryDirectory() as name:
@@ -108,13 +167,22 @@ def main() -> None:
             [*PROGRAM, *WORDS["plan"], "--out", "made"], cwd=folder, check=True, capture_output=True
         )
         (folder / "out").mkdir()
-        for what in WORDS:
+        for what in given.only.split(","):
             begin = time.monotonic()
+            words = (WORDS | ROWS)[what]
             run = subprocess.run(
-                [*PROGRAM, *WORDS[what], "--out", f"whole_{what}"], cwd=folder, capture_output=True
+                [*PROGRAM, *words, "--out", f"whole_{what}"], cwd=folder, capture_output=True
             )
             assert run.returncode in (0, 3), run.stderr
             takes = time.monotonic() - begin
+            for number in range(given.count if what in ROWS else 0):
+                cuts, found = resumed(folder, what, takes, rng)
+                ended[f"{what}, resumed: ended"] += cuts
+                faults += len(found)
+                for fault in found:
+                    print(f"{what}, number {number}: {fault}", flush=True)
+            if what in ROWS:
+                continue
             for how in (signal.SIGKILL, signal.SIGINT):
                 for _ in range(given.count):
                     after = float(rng.uniform(0.0, takes))

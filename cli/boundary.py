@@ -81,8 +81,11 @@ def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             file = error.filename2 or error.filename
             where = f" '{file}'" if file else ""
-            cure = "Make room, change who may use it, or write elsewhere."
-            return console.fail(f"cannot read or write{where}: {error.strerror}. {cure}", USAGE)
+            return console.fail(
+                f"cannot read or write{where}: {error.strerror}. Make room, change who may use it, or write "
+                "elsewhere.",
+                USAGE,
+            )
         return console.fail(_bug_message(error, debug), BUG)
     return outcome if isinstance(outcome, int) else DONE
 

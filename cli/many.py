@@ -21,7 +21,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, refuse_beside, refuse_
 from polish_sim.cli.output_folder import claimed, rows_folder
 from polish_sim.cli.run import PICTURES_MISSING, plan_to_run, simulate
 from polish_sim.config import Checked
-from polish_sim.errors import InputError, count_text
+from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.page import save_page
 from polish_sim.row_file import (
@@ -135,8 +135,9 @@ def _begun(folder: Path) -> Metrics | None:
 def _difference(begun: Metrics, asked: Metrics, file: str) -> str:
     """The first thing in which two works differ, in words; ``file`` says what the one begun is of."""
     if begun.get("of") != asked["of"]:
-        unknown = f"its {file}, which says of what, is damaged or gone"
-        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else unknown
+        if "of" not in begun:
+            return f"its {file}, which says of what, is damaged or gone"
+        return f"a {begun['of']}, not a {asked['of']}"
     for name in (name for name in asked if name not in ("of", "rows")):
         if begun.get(name) != asked.get(name):
             return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
@@ -186,7 +187,7 @@ def seed_rows(
             try:
                 if key in kept.known:
                     many.read(seed_folder(folder, number))
-            except InputError as error:
+            except PolishSimError as error:
                 console.note(f"{seed} {number} is done again: {error}")
                 del kept.known[key]
         # What is done already needs no plan.

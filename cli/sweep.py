@@ -25,7 +25,7 @@ from polish_sim.cli.options import (
 )
 from polish_sim.cli.run import OF_RUNS, checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import count_text, duration_text, needed, refuse_idle, unknown_name
+from polish_sim.errors import InputError, count_text, duration_text, needed, refuse_idle, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
@@ -96,17 +96,18 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     from polish_sim.studies.study import STUDY, Study, read_axis, read_study
 
     file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
+    out: Path | None = given["--out"]
     if file.is_file() or (file.suffix == ".toml" and what not in EXPERIMENTS):
         study = read_study(file)
         refuse_idle(named_options(given), OF_STUDY, f"beside a study: what is varied is written in '{file}'")
-        out = given["--out"] or (
-            file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
-        )
+        if out is None and file.name == STUDY and (file.parent / ROWS).is_file():
+            out = file.parent
+            if not file.read_bytes().endswith(b"\n"):
+                raise InputError(f"'{file}' was cut: its last line has no end. Restore it, or give --out.")
     elif what in EXPERIMENTS:
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
         study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)
-        out = given["--out"]
     else:
         raise unknown_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
     study.check()

@@ -11,7 +11,7 @@ from polish_sim.cli.sweep import check_values
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
-from tests.cli.conftest import Started, metrics_of
+from tests.cli.conftest import Started, metrics_of, refused
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
@@ -70,6 +70,9 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     assert polish_sim("sweep", "s", *HERE).code == 0
     assert rows_of(Path("s")) == after
     assert "hello" not in done.out
+    study.write_text(study.read_text().rpartition("\n")[0])
+    refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "--out")
+    assert rows_of(Path("s")) == after
 
 
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):

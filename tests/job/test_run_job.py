@@ -156,6 +156,7 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
         ("damaged run/log.npz", "run/log.npz"),
         ("damaged run/path.npz", "run/path.npz"),
         ("cut run/config.toml", "run/config.toml"),
+        ("null run/config.toml", "run/config.toml"),
         ("plan/pass.json", "plan/pass.json"),
         ("null plan/pass.json", "plan/pass.json"),
     ],

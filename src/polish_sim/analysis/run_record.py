@@ -117,15 +117,13 @@ def read_record(folder: Path) -> RunRecord:
             f"'{folder / CONFIG}' is not the config of a run, or was cut: it names no experiment or has no "
             "end. Run it again."
         )
-    path, again = None, "Delete it to see the run without."
+    path = None
     if (folder / PATH).is_file():
-        path = read_arrays(folder / PATH, "path", again, _path_of)
+        path = read_arrays(folder / PATH, "path", "Delete it to see the run without.", _path_of)
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
-    name = folder.resolve().name
     metrics = read_json(folder / METRICS)
     check_forms(metrics, FORMS, folder / METRICS, WITHOUT)
-    log = read_log(folder / LOG)
-    return RunRecord(name, scenario, metrics, log, path, removal)
+    return RunRecord(folder.resolve().name, scenario, metrics, read_log(folder / LOG), path, removal)
 
 
 def read_records(folders: Sequence[Path]) -> list[RunRecord]:

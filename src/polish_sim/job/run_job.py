@@ -97,7 +97,7 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
             try:
                 figures = read_record(target / "run").metrics
                 read_removal(target / "run" / REMOVAL)
-            except InputError as error:
+            except PolishSimError as error:
                 raise _no_longer_whole(target, error) from None
             for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
                 if key not in figures:

@@ -208,7 +208,7 @@ def _base(first: SweptCircle, second: SweptCircle, step: Array, covariance: Arra
     def displaced(step: Array) -> Array:
         moved = _frame(first, second, step)
         turn = moved[:3, :3] @ T[:3, :3].T
-        rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        rotation = 0.5 * (turn - turn.T)[[2, 0, 1], [1, 2, 0]]
         return np.concatenate([moved[:3, 3], rotation])
 
     J = _differences(displaced, step)
