@@ -19,13 +19,11 @@ def trace_of(phase: NDArray[np.int8], **columns: Array) -> Trace:
     return Trace(**(zero | {"time_s": np.arange(n) * DT, "phase": phase} | columns))
 
 
-def force_trace(
-    contact_force: float = 20.0, tau: float = 0.1, approach_s: float = 2.0, hold_s: float = 4.0
-) -> Trace:
+def force_trace(contact_force: float = 20.0, tau: float = 0.1) -> Trace:
     """Approach, then a first-order rise to the set force (from contact), then a retract at zero force."""
-    time = np.arange(0.0, approach_s + hold_s + 1.0, DT)
-    phase = np.where(time < approach_s, 0, np.where(time < approach_s + hold_s, 2, 3)).astype(np.int8)
-    force = np.where(phase == PROCESS_PHASE, contact_force * (1.0 - np.exp(-(time - approach_s) / tau)), 0.0)
+    time = np.arange(0.0, 7.0, DT)
+    phase = np.where(time < 2.0, 0, np.where(time < 6.0, 2, 3)).astype(np.int8)
+    force = np.where(phase == PROCESS_PHASE, contact_force * (1.0 - np.exp(-(time - 2.0) / tau)), 0.0)
     return trace_of(phase, normal_force_n=force)
 
 
@@ -40,9 +38,8 @@ def arc_trace(radial_error_m: float = 5e-5, feed_m_s: float = 0.01, ripple_m_s: 
     radius = PAPER_ARC.radius + radial_error_m
     points = np.asarray(PAPER_ARC.center) + radius * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v)
     speed = feed_m_s + ripple_m_s * np.sin(2 * np.pi * 0.5 * time)
-    return trace_of(
-        np.full(len(time), 2, np.int8), tcp_position_m=points, tcp_speed_m_s=speed, path_s_m=feed_m_s * time
-    )
+    phase, s = np.full(len(time), 2, np.int8), feed_m_s * time
+    return trace_of(phase, tcp_position_m=points, tcp_speed_m_s=speed, path_s_m=s)
 
 
 def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06) -> ToolPath:
@@ -52,26 +49,20 @@ def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06)
     curvature = 1.0 + sum(sharpness * np.exp(-0.5 * ((s - c) / 0.008) ** 2) for c in centres)
     segment = np.full(len(s), PROCESS, np.int8)
     segment[:20], segment[-20:] = APPROACH, LEAD_OUT
-    positions = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
-    axes = np.tile([0.0, 0.0, 1.0], (len(s), 1))
-    return ToolPath(
-        positions, axes, s, np.zeros(len(s), np.int64), segment, np.broadcast_to(curvature, s.shape).copy()
-    )
+    positions, axes = np.outer(s, [1.0, 0.0, 0.0]), np.tile([0.0, 0.0, 1.0], (len(s), 1))
+    return ToolPath(positions, axes, s, np.zeros(len(s), np.int64), segment, curvature + 0.0 * s)
 
 
-def surface_trace(
-    path: ToolPath, dip_n: float = 5.0, contact_force: float = 20.0, feed_m_s: float = 0.01
-) -> Trace:
-    """Fed along a path with the set force, less a dip of 10 mm half-width at each strong bend."""
-    time = np.arange(0.0, path.length_m / feed_m_s, DT)
-    s, bend = feed_m_s * time, path.curvature
+def surface_trace(path: ToolPath, dip_n: float = 5.0) -> Trace:
+    """Fed along a path at 10 mm/s with 20 N, less a dip of 10 mm half-width at each strong bend."""
+    s, bend = 0.01 * np.arange(0.0, path.length_m / 0.01, DT), path.curvature
     peaks = (bend[1:-1] > bend[:-2]) & (bend[1:-1] > bend[2:]) & (bend[1:-1] > 10.0)
     centres = path.s[1:-1][peaks]
     dips = sum((np.exp(-0.5 * ((s - c) / 0.005) ** 2) for c in centres), np.zeros_like(s))
     process = (s >= path.s[20]) & (s <= path.s[-21])
     phase = np.where(process, 2, np.where(s < path.s[20], 0, 3)).astype(np.int8)
-    force = np.where(process, contact_force - dip_n * dips, 0.0)
-    return trace_of(phase, normal_force_n=force, path_s_m=s, tcp_speed_m_s=np.full_like(s, feed_m_s))
+    force = np.where(process, 20.0 - dip_n * dips, 0.0)
+    return trace_of(phase, normal_force_n=force, path_s_m=s, tcp_speed_m_s=np.full_like(s, 0.01))
 
 
 def log_of(trace: Trace, every: int = 4) -> RunLog:

@@ -29,10 +29,8 @@ def arc_record(trace: Trace | None = None) -> RunRecord:
 
 
 def force_record(trace: Trace | None = None, seed: int = 0) -> RunRecord:
-    run, scenario = (
-        synthetic.force_trace() if trace is None else trace,
-        Scenario(experiment="force", seed=seed),
-    )
+    run = synthetic.force_trace() if trace is None else trace
+    scenario = Scenario(experiment="force", seed=seed)
     return RunRecord("f", scenario, measure_force(run, 20.0), synthetic.log_of(run), None)
 
 

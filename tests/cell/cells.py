@@ -14,7 +14,6 @@ from polish_sim.cell import Cell, CellRun, RealPart, Silent, Stroke, build_scene
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.control.signals import Controller
 from polish_sim.experiments import default_scenario
 from polish_sim.models import robot_model_path
 from polish_sim.motion import inverse_near
@@ -88,14 +87,7 @@ def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
     )
 
 
-def pressing_stroke(
-    T_base_touch: Array = TOUCH,
-    height: float = 0.005,
-    slide: float = 0.0,
-    hold: float = 1.0,
-    lift: float = 0.0,
-    wanted: float = 20.0,
-) -> Stroke:
+def pressing_stroke(T_base_touch=TOUCH, height=0.005, slide=0.0, hold=1.0, lift=0.0, wanted=20.0) -> Stroke:
     """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m]."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
@@ -129,18 +121,11 @@ def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
 def start_of(stroke: Stroke) -> Array:
     """T_base_tool at the start of a stroke."""
     first = stroke.lead_in if stroke.contact else stroke.process
-    return transform(
-        Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0]
-    )
+    R = Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix()
+    return transform(R, first.positions[0])
 
 
-def cell_for(
-    scenario: Scenario,
-    *strokes: Stroke,
-    part: RealPart | None = None,
-    model: mujoco.MjModel | None = None,
-    controller: Controller | None = None,
-) -> Cell:
+def cell_for(scenario: Scenario, *strokes: Stroke, part=None, model=None, controller=None) -> Cell:
     """A cell at the start of its first stroke, without table."""
     return Cell(
         scenario,
@@ -153,9 +138,7 @@ def cell_for(
     )
 
 
-def on_plane(
-    *changes: str, part: RealPart | None = None, controller: Controller | None = None, **how: float
-) -> Cell:
+def on_plane(*changes: str, part=None, controller=None, **how: float) -> Cell:
     """An ideal cell that presses on a plane, every step logged; ``how`` as of `pressing_stroke`."""
     scenario, part = ideal("force", EVERY_STEP, *changes), part or part_under(plane())
     return cell_for(scenario, pressing_stroke(**how), part=part, controller=controller)  # type: ignore[arg-type]
@@ -195,9 +178,7 @@ class EachStep(Silent):
 def watched(cell: Cell, *quantities: Callable[[], Any]) -> tuple[CellRun, list[Array]]:
     """Run a cell and look at some quantities after every physics step: arrays (steps, ...)."""
     rows: list[list[Array]] = []
-    run = cell.run(
-        EachStep(lambda _model, _data: rows.append([np.array(quantity()) for quantity in quantities]))
-    )
+    run = cell.run(EachStep(lambda _model, _data: rows.append([np.array(look()) for look in quantities])))
     return run, [np.array(column) for column in zip(*rows, strict=True)]
 
 

@@ -45,9 +45,7 @@ def wall(x: float, height: float = 0.4) -> DistanceField:
     return sampled(lambda p: x - p[..., 0], (x - 0.016, -0.12, 0.0), (x + 0.016, 0.12, height))
 
 
-def part_at(
-    field: DistanceField, rotation: Array | None = None, position: Sequence[float] = (0.0, 0.0, 0.0)
-) -> RealPart:
+def part_at(field: DistanceField, rotation: Array | None = None, position=(0.0, 0.0, 0.0)) -> RealPart:
     """A part of one field, for contact and crash alike, at a pose in the base frame."""
     R = np.eye(3) if rotation is None else np.ascontiguousarray(rotation)
     return RealPart(field, field, R, np.array(position, dtype=float))

@@ -9,7 +9,7 @@ from scipy.integrate import quad_vec
 from scipy.optimize import brentq
 
 from polish_sim.arrays import Array
-from polish_sim.cell import RealPart, build_pad, press_pad
+from polish_sim.cell import build_pad, press_pad
 from polish_sim.config import PadConfig
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # R_base_pad of a pad that looks straight down
@@ -17,6 +17,8 @@ PAD = PadConfig()
 ELASTIC = replace(PAD, damping_s_m=0.0, friction=0.0)
 HEAD_STIFFNESS = 20000.0 / 3.0  # [N/m]
 PRESSED = 0.004  # D of 20 N on a flat part [m]
+STILL = (0.0, 0.0, 0.0)
+Foundation = Callable[[Array], tuple[Array, Array]]
 
 
 class Wrench(NamedTuple):
@@ -26,37 +28,18 @@ class Wrench(NamedTuple):
     torque: Array
 
 
-def press(
-    part: RealPart,
-    center: Array,
-    R_base_pad: Array = DOWN,
-    config: PadConfig = ELASTIC,
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    turning: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    spin: float = 0.0,
-) -> Wrench:
+def press(part, center, R_base_pad=DOWN, config=ELASTIC, velocity=STILL, turning=STILL, spin=0.0) -> Wrench:
     """What the compiled contact says."""
-    force, torque = np.zeros(3), np.zeros(3)
-    press_pad(
-        build_pad(config), part, spin, np.ascontiguousarray(R_base_pad), np.array(center, dtype=float),
-        np.array(velocity), np.array(turning), force, torque,
-    )  # fmt: skip
-    return Wrench(force, torque)
+    found, R = Wrench(np.zeros(3), np.zeros(3)), np.ascontiguousarray(R_base_pad)
+    center, velocity, turning = (np.array(vector, dtype=float) for vector in (center, velocity, turning))
+    press_pad(build_pad(config), part, spin, R, center, velocity, turning, *found)
+    return found
 
 
-def foundation(
-    depth_and_normal: Callable[[Array], tuple[Array, Array]],
-    center: Array,
-    R_base_pad: Array,
-    config: PadConfig = ELASTIC,
-) -> Wrench:
-    """Integral of k / A depth n over the disc: rings of 360 points, adaptive in the radius.
+def foundation(depth_and_normal: Foundation, center: Array, R_base_pad: Array, config=ELASTIC) -> Wrench:
+    """Integral of k / A depth n over the disc about a centre [m]: rings of 360 points, adaptive in radius.
 
-    Args:
-        depth_and_normal: Points (n, 3) to depths below the surface (n,) and outward normals (n, 3).
-        center: Centre of the face [m].
-        R_base_pad: Pad frame.
-        config: Radius and stiffness.
+    ``depth_and_normal`` takes points (n, 3) to depths below the surface (n,) and outward normals (n, 3).
     """
     angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     around = np.cos(angle)[:, None] * R_base_pad[:, 0] + np.sin(angle)[:, None] * R_base_pad[:, 1]
@@ -71,7 +54,7 @@ def foundation(
     return Wrench(total[:3], total[3:])
 
 
-def below_sphere(radius: float) -> Callable[[Array], tuple[Array, Array]]:
+def below_sphere(radius: float) -> Foundation:
     """Depth and normal of points in a ball whose top is at the origin."""
 
     def depth_and_normal(points: Array) -> tuple[Array, Array]:

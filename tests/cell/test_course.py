@@ -12,7 +12,6 @@ from polish_sim.cell.course import nearest_earlier
 from polish_sim.cell.linear_arm import joints_about, motion_matrices
 from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
-from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
 from tests.cell.cells import IDEAL_ARM, TOUCH, along_tool, joints_at, path_through, pressing_stroke, tool_pose
@@ -23,9 +22,7 @@ UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part th
 FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
 
 
-def course_on(
-    field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT, arm: str = "robot.arm=ur5e"
-) -> Course:
+def course_on(field, *strokes: Stroke, T_base_work=UPRIGHT, arm="robot.arm=ur5e") -> Course:
     scenario = override(default_scenario("surface"), ["plan.stepover_m=0.008", arm])
     return build_course(scenario, strokes, field, T_base_work, joints_at(TOUCH))
 

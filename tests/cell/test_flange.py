@@ -61,9 +61,8 @@ def test_the_force_rises_over_the_ramp_and_the_loop_lags_behind_it_and_fast_moti
     off_stop = run.time_s[np.argmax((run.pad_travel_m > 0.0) & (run.normal_force_n > 1.0))]
     for reached in (10.0, 18.0):
         expected = (reached - 2.0) / 18.0 * 0.4 + 1.0 / (2.0 * math.pi * 20.0)
-        assert run.time_s[np.argmax(run.normal_force_n > reached)] - off_stop == pytest.approx(
-            expected, abs=0.03
-        )
+        after = run.time_s[np.argmax(run.normal_force_n > reached)] - off_stop
+        assert after == pytest.approx(expected, abs=0.03)
     gentle = held(0.018, "head.damping_n_s_m=0")[0].trace
     sinking = (gentle.phase == TOUCH_PHASE) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
     speed = np.gradient(gentle.pad_travel_m, 0.001)[sinking].mean()

@@ -86,9 +86,8 @@ def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
 
 def in_the_air(*poses, feed, settings=(), **how) -> Cell:  # type: ignore[no-untyped-def]
     """A cell whose tool moves through poses, touching nothing with the pad."""
-    return cells.cell_for(
-        cells.ideal("arc", cells.EVERY_STEP, *settings), cells.free_stroke(*poses, feed=feed), **how
-    )
+    scenario = cells.ideal("arc", cells.EVERY_STEP, *settings)
+    return cells.cell_for(scenario, cells.free_stroke(*poses, feed=feed), **how)
 
 
 def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
@@ -107,10 +106,8 @@ def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_an
     run = cell.run()
     assert low.stop_reason == run.stop_reason == guards.REASONS[guards.CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
-    housing = (
-        cells.drawn_vertices(cell.model, cell.data, k) for k in cells.meshes_of(cell.model, "tool_mount")
-    )
-    deepest = max(vertices[:, 0].max() for vertices in housing) - 0.08
+    housing = cells.meshes_of(cell.model, "tool_mount")
+    deepest = max(cells.drawn_vertices(cell.model, cell.data, k)[:, 0].max() for k in housing) - 0.08
     assert -0.001 < deepest < 0.005
     keeps_its_log(run)
 
@@ -134,9 +131,7 @@ def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named():
     part, runs = no_part()._replace(position=np.array([-0.3, -0.6, 0.1])), []
     model = build_scene(cells.ideal("arc", cells.EVERY_STEP), Drawn(load_part(part_path("plate")), part))
     for look_every_s in (5.0, 0.003):
-        cell = in_the_air(
-            cells.tool_pose(0.2, -0.5, 0.05), cells.tool_pose(0.2, -0.5, -0.2), feed=0.05, model=model
-        )
+        cell = in_the_air(*(cells.tool_pose(0.2, -0.5, z) for z in (0.05, -0.2)), feed=0.05, model=model)
         runs.append(cell.run(cells.EachStep(lambda _model, _data: None, look_every_s)))
     assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(runs[0].stop_reason)))
     housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
@@ -209,10 +204,7 @@ def test_the_braking_distance_is_v_squared_over_2a(speed, deceleration):
 def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can():
     """The shoulder or elbow range is cut to what the retract of 30 mm would need half of."""
     cell = cells.on_plane(LOST, hold=2.0)
-    pressed, lifted = (
-        cells.joints_at(cells.tool_pose(0.0, -0.5, 0.096)),
-        cells.joints_at(cells.tool_pose(0.0, -0.5, 0.112)),
-    )
+    pressed, lifted = (cells.joints_at(cells.tool_pose(0.0, -0.5, z)) for z in (0.096, 0.112))
     joint = int(np.argmax(np.abs(lifted - pressed)))
     limits = cell.state.speedl.highest if lifted[joint] > pressed[joint] else cell.state.speedl.lowest
     limits[joint] = lifted[joint]
@@ -230,9 +222,8 @@ def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be():
     second = first._replace(travel=cells.way_through(above, way_down))
     part, drift, last = cells.part_under(plane()), 0.2, []
     for retare in (False, True):
-        cell = cells.cell_for(
-            cells.ideal("force", cells.EVERY_STEP), first, second._replace(retare=retare), part=part
-        )
+        strokes = first, second._replace(retare=retare)
+        cell = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), *strokes, part=part)
         cell.state.sensor.errors.creep[2] = 0.001 * drift
         trace = cell.run().trace
         last.append(trace.normal_force_n[trace.fed][-1])

@@ -84,10 +84,10 @@ def test_a_part_as_drawn_lies_where_it_is_placed_and_is_whole_for_the_crash_chec
         np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)
     # Not just where the pad goes; to half a cell: inside a sheet thinner than a cell no node is negative.
     places, coarse = np.random.default_rng(0).uniform(-0.05, 0.05, (500, 2)), part.coarse
-    assert max(field_distance(coarse, *place, -THICKNESS / 2) for place in places) < 0.5 * coarse.spacing
-    assert (
-        min(field_distance(coarse, *place, 0.008 - THICKNESS / 2) for place in places) > 0.5 * coarse.spacing
+    inside, beside = (
+        [field_distance(coarse, *place, z - THICKNESS / 2) for place in places] for z in (0.0, 0.008)
     )
+    assert max(inside) < 0.5 * coarse.spacing < min(beside)
 
 
 def test_the_bent_surface_lies_where_the_form_error_of_its_seed_says(sheet):

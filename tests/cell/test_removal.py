@@ -34,9 +34,8 @@ def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
     c, s = math.cos(0.4), math.sin(0.4)
     places = np.stack([c * x - s * y, s * x + c * y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     places = places[np.abs(places[:, :2]).max(axis=1) < half]
-    return removal.PressedNodes(
-        places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.full(len(places), spacing**2)
-    )
+    areas = np.full(len(places), spacing**2)
+    return removal.PressedNodes(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), areas)
 
 
 def steps(
@@ -112,11 +111,8 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
 
 def run_of(turn: Rotation = STRAIGHT) -> tuple[Trace, Rotation]:
     """A pass of 30 mm in 1.5 s over a plane by a robot that stands turned, and its tool."""
-    time = np.arange(0.0, 1.5, 1e-3)
-    tip, one = (
-        np.stack([0.02 * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1),
-        np.ones(1500),
-    )
+    time, one = np.arange(0.0, 1.5, 1e-3), np.ones(1500)
+    tip = np.stack([0.02 * time - 0.015, 0.0 * one, -0.004 * one], axis=1)
     trace = trace_of(
         np.full(1500, 2, np.int8), normal_force_n=20.0 * one, tcp_position_m=turn.apply(tip),
         tcp_speed_m_s=0.02 * one, pad_travel_m=0.003 * one, spindle_rad_s=SPIN * one,
@@ -131,10 +127,8 @@ def with_tool(log: RunLog, tool: Rotation) -> RunLog:
 
 
 def motion_of(every: int, turn: Rotation = STRAIGHT) -> removal.PadMotion:
-    trace, tool = run_of(turn)
-    return removal.pad_motion(
-        with_tool(log_of(trace, every), tool), trace, part_at(plane(), turn.as_matrix()), R
-    )
+    (trace, tool), part = run_of(turn), part_at(plane(), turn.as_matrix())
+    return removal.pad_motion(with_tool(log_of(trace, every), tool), trace, part, R)
 
 
 def exposed(motion: removal.PadMotion) -> removal.Removed:

@@ -32,13 +32,10 @@ from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_dep
 )
 def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
     """On a sphere the pad touches in part, and presses more softly: 17.4 N and 9.8 N."""
-    run = run_experiment(
-        cells.ideal("force", "controller.name=position", f"part.file={part}", cells.EVERY_STEP)
-    )
-    np.testing.assert_allclose(
-        run.trace.normal_force_n[-1000:], HEAD_STIFFNESS * (PRESSED - pad_depth), rtol=off
-    )
-    assert float(run.log["pad_travel_m"][-1]) == pytest.approx(PRESSED - pad_depth, rel=off)
+    settings = "controller.name=position", f"part.file={part}", cells.EVERY_STEP
+    run, travel = run_experiment(cells.ideal("force", *settings)), PRESSED - pad_depth
+    np.testing.assert_allclose(run.trace.normal_force_n[-1000:], HEAD_STIFFNESS * travel, rtol=off)
+    assert float(run.log["pad_travel_m"][-1]) == pytest.approx(travel, rel=off)
     np.testing.assert_allclose(run.log["tcp_position_m"][-1], run.log["target_position_m"][-1], atol=2e-5)
     measured, true = (run.log[name][-200:] for name in ("wrench_measured_tool", "wrench_true_tool"))
     np.testing.assert_allclose(measured, true, atol=0.01)
@@ -192,10 +189,8 @@ class NewtonEuler:
 
 
 def test_the_sensor_reads_m_a_minus_g_at_every_instant_less_the_contact_when_it_presses_and_slides():
-    tilted = cells.tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4))
-    stroke = cells.free_stroke(
-        cells.tool_pose(0, -0.5, 0.2), tilted, cells.tool_pose(0.1, -0.5, 0.2), feed=0.2
-    )
+    first, last = (cells.tool_pose(x, -0.5, 0.2) for x in (0.0, 0.1))
+    stroke = cells.free_stroke(first, cells.tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)), last, feed=0.2)
     free = NewtonEuler(cells.cell_for(cells.ideal("arc", cells.EVERY_STEP), stroke))
     assert free.run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(free.worst) < 1e-9

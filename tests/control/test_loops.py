@@ -63,9 +63,7 @@ def test_the_low_pass_answers_a_step_exactly_and_starts_at_the_first_reading(dt,
     assert np.isfinite(loops.low_pass_step(0.0, 1.0, 1e9, 1.0))
 
 
-def felt(
-    stiffness: float, tool: float = 0.02, part: float = 0.0, state: loops.FeltMemory | None = None
-) -> Array:
+def felt(stiffness: float, tool=0.02, part=0.0, state=None) -> Array:
     """Shares of the gains while tool and part come together at these speeds [m/s], to 1.2 times the force."""
     state = loops.FeltMemory() if state is None else state
     shares, force, measured, dt = [], 0.0, 0.0, 0.001

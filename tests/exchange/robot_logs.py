@@ -66,9 +66,8 @@ def write_bag(folder: Path, log: Log, kind: str) -> Path:
             stamp = round(1e9 * float(t))
             head = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
             force = pair(force=vector(*log["wrench"][k, :3]), torque=vector(*log["wrench"][k, 3:]))
-            writer.write(
-                wrenches, stamp, store.serialize_cdr(wrench(header=head, wrench=force), wrench.__msgtype__)
-            )
+            felt = store.serialize_cdr(wrench(header=head, wrench=force), wrench.__msgtype__)
+            writer.write(wrenches, stamp, felt)
             parts = {field: log[name][k, order] for field, name in
                      (("position", "q_rad"), ("velocity", "qd_rad_s"), ("effort", "torque_nm"))}  # fmt: skip
             message = state(header=head, name=list(JOINTS), **parts)

@@ -30,9 +30,7 @@ def part_of(mesh: trimesh.Trimesh, up: str = "z") -> PartMesh:
     return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up=up)
 
 
-def region_of(
-    mesh: trimesh.Trimesh, choice: str = "auto", up: str = "z", margin: float = 0.0, holes: float = 0.0
-) -> Region:
+def region_of(mesh: trimesh.Trimesh, choice="auto", up="z", margin=0.0, holes=0.0) -> Region:
     part = part_of(mesh, up)
     return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
 

@@ -87,9 +87,8 @@ def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus
         direction = np.array([[0.0, np.cos(angle), np.sin(angle)]])
         # Round the hole the torus is hollow, so negative; across it convex.
         expected = -(np.cos(angle) ** 2) / 0.6 + np.sin(angle) ** 2 / 0.4
-        assert surface.normal_curvature(at.facets, at.barycentric, direction) == pytest.approx(
-            expected, abs=0.02
-        )
+        found = surface.normal_curvature(at.facets, at.barycentric, direction)
+        assert found == pytest.approx(expected, abs=0.02)
 
 
 def test_normals_are_continuous_across_smooth_edges():

@@ -169,9 +169,8 @@ def _region_of(part: RandomPart, rng: np.random.Generator | None) -> Region:
     if rng is not None:
         order = rng.permutation(len(vertices))
         place = np.argsort(order)
-        faces = np.take_along_axis(
-            place[faces], (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3, axis=1
-        )
+        turned = (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3
+        faces = np.take_along_axis(place[faces], turned, axis=1)
         vertices, faces = vertices[order], faces[rng.permutation(len(faces))]
     mesh = exact_mesh(vertices, faces, part.up)
     return select_region(fit_surface(mesh), mesh)

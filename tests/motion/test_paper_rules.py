@@ -130,9 +130,7 @@ def test_a_file_written_is_read_again_and_a_section_left_out_keeps_its_defaults(
     again = load_limits(file)
     assert again.tip_jerk == pytest.approx(7.0)
     np.testing.assert_allclose(again.joint_speed, limits.joint_speed)
-    file.write_text(
-        "[joint]\nspeed_deg_s = 90\nacceleration_deg_s2 = 400\njerk_deg_s3 = [1, 2, 3, 4, 5, 6]\n"
-    )
+    file.write_text("[joint]\nspeed_deg_s = 90\nacceleration_deg_s2 = 400\njerk_deg_s3 = [1, 2, 3, 4, 5, 6]")
     limits = load_limits(file)
     assert limits.joint_speed == pytest.approx((math.pi / 2,) * 6)  # one number for all joints
     assert limits.joint_jerk[5] == pytest.approx(math.radians(6.0))

@@ -3,7 +3,6 @@ ground is at rest, rises evenly, or rises and falls along a track the tool is fe
 
 import math
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -34,13 +33,7 @@ class Run(NamedTuple):
     force: Array
 
 
-def land(
-    controller: CompiledController,
-    plant: Plant,
-    approach: float = 0.02,
-    seconds: float = 1.5,
-    set_force: float = 20.0,
-) -> Run:
+def land(controller: CompiledController, plant: Plant, approach=0.02, seconds=1.5, set_force=20.0) -> Run:
     """Come down on the spring at ``approach`` [m/s]; the target's contact begins when 2 N are measured."""
     rng, blend = np.random.default_rng(0), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     controller.reset(DT)
@@ -93,9 +86,7 @@ def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED
     )  # fmt: skip
 
 
-def follow(
-    controller: CompiledController, depth: Callable[[float], float], length: float
-) -> tuple[Array, Array]:
+def follow(controller: CompiledController, depth, length: float) -> tuple[Array, Array]:
     """Land, then feed along a track ``depth(s)`` [m] deeper than flat; places [m] and force errors [N]."""
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     feed, m, t = FEED, measurement_at_rest(), target_to_press(FORCE)
