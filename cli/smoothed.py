@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from polish_sim.arms import FIRST
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.errors import InputError, PolishSimError, count_text
-from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
+from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
+from polish_sim.motion import use_arm
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_toml, load_limits
@@ -114,9 +116,10 @@ def _prepare(
         placed = path_without_robot(points)
     else:
         observer.stage("place it before the robot")
-        placed = place_path(points, given["--part-pose"] or ())
-    repeated = len(points.path.s) - len(placed.rows)
-    if repeated:
+        proof = plan_facts(path).get("proof") or {}
+        use_arm(proof.get("arm", FIRST))
+        placed = place_path(points, given["--part-pose"] or proof.get("pose", ()))
+    if repeated := len(points.path.s) - len(placed.rows):
         notes.append(f"{count_text(repeated, 'repeated point')} left out")
     if given["--feed"] is not None:
         limits = replace(limits, tip_speed=given["--feed"])
@@ -130,12 +133,11 @@ def _prepare(
             f"'{path}' takes at least {hours:.3g} h at its feed; a motion of more than {LONGEST_H:g} "
             "h is not smoothed in one piece. Set a higher --feed, or divide the path."
         )
-    tolerance = _or(given["--tolerance"], 2e-5)
-    return SmoothingTask(placed, limits, tolerance, _or(given["--axis-tolerance"], math.radians(0.02)), feeds)
-
-
-def _or(value: Any, default: Any) -> Any:
-    return default if value is None else value
+    tip, axis = (
+        default if given[name] is None else given[name]
+        for name, default in (("--tolerance", 2e-5), ("--axis-tolerance", math.radians(0.02)))
+    )
+    return SmoothingTask(placed, limits, tip, axis, feeds)
 
 
 def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> MeasuredMotion:

@@ -89,9 +89,13 @@ def test_two_strokes_follow_each_other_through_free_space():
     np.testing.assert_allclose(run.trace.tcp_position_m[fed][-1, :2], second_touch[:2, 3], atol=1e-4)
 
 
-def contact_time(reading: Callable[[float], float]) -> float:
-    """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never."""
+def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float:
+    """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never.
+
+    ``floor`` is what the sensor's noise comes to [N].
+    """
     stroke, sequence, target = cells.pressing_stroke(height=0.008), build_sequence(), Target()
+    sequence.floor = floor
     t = -(TARE_START + TARE_TIME)
     while advance_sequence(stroke, sequence, reading(t), 1.0, 0.001, target, 0.005, 0.0):
         if sequence.stage == TOUCH_DOWN:
@@ -109,3 +113,11 @@ def test_contact_is_found_at_2_newton_and_by_a_shaken_arm_beyond_its_swing():
     assert contact_time(lambda t: 100.0 * max(t - 1.0, 0.0)) == pytest.approx(1.02, abs=0.0015)
     assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
     assert 1.0 < contact_time(lambda t: 3.0 * swing(t) + 100.0 * max(t - 1.0, 0.0)) < 1.15
+
+
+def test_one_reading_of_a_noisy_sensor_is_no_contact_high_above_the_part():
+    """5 mm above the surface, 0.6 s after the start, it is."""
+    assert contact_time(lambda t: 7.0 * (0.3 < t < 0.302)) == pytest.approx(0.301, abs=0.001)
+    assert contact_time(lambda t: 7.0 * (0.3 < t < 0.302), floor=6.0) == math.inf
+    assert contact_time(lambda t: 7.0 * (t > 0.3), floor=6.0) == pytest.approx(0.32, abs=0.002)
+    assert contact_time(lambda t: 7.0 * (0.8 < t < 0.802), floor=6.0) == pytest.approx(0.801, abs=0.001)

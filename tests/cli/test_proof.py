@@ -1,5 +1,6 @@
 """The proof as a user meets it: a plan that was played, a run from a place on, figures that are bad."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,11 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     # Smoothed, it lies where it was proven.
     assert polish_sim("smooth", "plan", "--rate", 20, "--out", "smooth").code == 0
     assert np.allclose(metrics_of("smooth")["T_base_work"], metrics_of("plan")["T_base_work"], atol=1e-9)
+    document = json.loads(Path("plan/path.json").read_text())
+    document["proof"].update(arm="ur10e", pose=[0.0, -1.0, 0.2, 0.0, 0.0, 0.0])  # out of a ur5e's reach
+    del document["sum"]
+    Path("far.json").write_text(json.dumps(document))
+    assert polish_sim("smooth", "far.json", "--rate", 20, "--out", "far").code == 0
     run = ("run", "surface", "--path", "plan")
     monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")

@@ -288,8 +288,9 @@ def advance_sequence(
 
     ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned
     feed the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the
-    part should be, the reading of a shaken arm must last to be contact. ``deeper`` [m] is how far the tool is
-    below its target: from there it is lifted, for springs stiffer than planned hold it above.
+    part should be, the reading of a shaken arm or of a noisy sensor must last to be contact. ``deeper`` [m]
+    is how far the tool is below its target: from there it is lifted, for springs stiffer than planned hold it
+    above.
     """
     state.time += dt
     stage = state.stage
@@ -300,11 +301,12 @@ def advance_sequence(
         _enter(state, TARE if stroke.retare else APPROACH if stroke.contact else FEEDING)
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
-        swinging = stage == APPROACH and state.time < SWINGS_FOR
         least = max(stroke.threshold, state.floor, state.air + SWING_ROOM * state.swing)
-        state.pressed = state.pressed + dt if measured_force > least and not swinging else 0.0
-        shaken = state.swing > 0.5 * least and state.depth + deeper < -reach
-        if state.pressed > (LASTS if shaken else 0.0):
+        counts = measured_force > least and (stage == SEEK or state.time >= SWINGS_FOR)
+        state.pressed = state.pressed + dt if counts else 0.0
+        # Of a sensor whose noise alone comes near, the drift of its zero does the rest.
+        doubted = state.swing > 0.5 * least or state.floor > stroke.threshold
+        if state.pressed > (LASTS if doubted and state.depth + deeper < -reach else 0.0):
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0

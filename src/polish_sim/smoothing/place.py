@@ -47,24 +47,26 @@ def path_without_robot(points: WayPoints) -> PlacedPath:
 def place_path(points: WayPoints, pose: Sequence[float]) -> PlacedPath:
     """Lay a path before the robot as `run surface` does, and check that the arm follows it, else ReachError.
 
-    ``pose``: of the work frame in the robot's base [m, rad]; empty: where a plan was proven, else chosen, the
-    side turned up that the plan says, or that most tool axes point to.
+    ``pose``: of the work frame in the robot's base [m, rad]; empty: chosen, the side turned up that a plan
+    says, or that most tool axes point to.
     """
-    rows, facts = distinct_rows(points), plan_facts(points.file)
+    rows = distinct_rows(points)
     positions = points.path.positions_work[rows]
     axes = points.path.axes_work[rows]
-    side = np.array(facts.get("up") or _main_side(axes), dtype=float)
-    pose = pose or (facts.get("proof") or {}).get("pose", ())
-    placements = (
-        [from_pose(pose)] if pose else default_placements(positions, side, float((positions @ side).min()))
-    )
-    cures = (
+    side = np.array(plan_facts(points.file).get("up") or _main_side(axes), dtype=float)
+    placements = [from_pose(pose)] if pose else default_placements(positions, side, (positions @ side).min())
+    reach, _way, q = follow_path(
+        points,
+        rows,
+        placements,
         "or smooth the tool's motion alone with --no-joints",
         "Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg).",
     )
-    reach, _way, q = follow_path(points, rows, placements, *cures)
-    chain = build_chain(positions, reach.T_base_work[:3, :3].T @ reach.rotations(axes))
-    return PlacedPath(chain, rows, build_arm(reach.T_base_work, tool_on_flange(), q[0].copy()))
+    return PlacedPath(
+        build_chain(positions, reach.T_base_work[:3, :3].T @ reach.rotations(axes)),
+        rows,
+        build_arm(reach.T_base_work, tool_on_flange(), q[0].copy()),
+    )
 
 
 def distinct_rows(points: WayPoints) -> Indices:
@@ -75,9 +77,8 @@ def distinct_rows(points: WayPoints) -> Indices:
     """
     positions = points.path.positions_work
     axes = points.path.axes_work
-    moved = norms(np.diff(positions, axis=0)) > SAME_M
-    turned = norms(np.diff(axes, axis=0)) > SAME_RAD
-    rows = np.flatnonzero(np.concatenate([[True], moved | turned]))
+    moved = (norms(np.diff(positions, axis=0)) > SAME_M) | (norms(np.diff(axes, axis=0)) > SAME_RAD)
+    rows = np.flatnonzero([True, *moved])
     if len(rows) < 2:
         raise SmoothingError(
             f"'{points.file}': all points are the same: there is no way to go. Give two that differ."
