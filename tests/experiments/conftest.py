@@ -8,7 +8,7 @@ from polish_sim.planning import PlanResult, plan_part
 from polish_sim.scenario_file import override
 from tests.kept import keep
 
-FREEFORM = ["plan.stepover_m=0.016", "process.max_feed_s=8"]
+FREEFORM = ["plan.stepover_m=0.016", "plan.edge_margin_m=0.04", "process.max_feed_s=8"]
 
 
 @pytest.fixture(scope="session")
