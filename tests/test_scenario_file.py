@@ -25,17 +25,6 @@ def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any, Field[Any]]]
             yield f"{place}{f.name}", value, f
 
 
-def test_a_file_that_was_cut_within_a_comment_is_refused_and_one_without_a_last_line_break_is_not(tmp_path):
-    whole = to_toml(Scenario())
-    file = tmp_path / "config.toml"
-    for cut in (whole.index("#", 900) + 5, whole.rindex("#") + 1):
-        file.write_text(whole[:cut])
-        with pytest.raises(ConfigError, match=r"config\.toml' was cut"):
-            load_scenario(file, Scenario())
-    file.write_text("# mine\nseed = 3")
-    assert load_scenario(file, Scenario()).seed == 3
-
-
 UNITS = {
     "_m": "[m]", "_n": "[N]", "_s": "[s]", "_hz": "[Hz]", "_kg": "[kg]", "_rad": "[rad]", "_nm": "[N m]",
     "_m_s": "[m/s]", "_m_s2": "[m/s^2]", "_rad_s": "[rad/s]", "_rad_s2": "[rad/s^2]", "_n_m": "[N/m]",

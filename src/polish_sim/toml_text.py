@@ -15,8 +15,6 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no
     TOML."""
     text = read_bytes(file, what, error).decode(errors="backslashreplace")
-    if "#" in text.rpartition("\n")[2]:
-        raise error(f"the {what} '{file}' was cut: it ends within a comment. Make it again, or end the line.")
     try:
         return tomllib.loads(text)
     except ValueError as caught:
