@@ -1,4 +1,5 @@
-"""A small job killed with SIGKILL at random simulated moments and resumed, beside the job left alone.
+"""A small job ended by SIGKILL, SIGTERM or SIGINT at random simulated moments and resumed, beside the job
+left alone.
 
     python -m benchmarks.job_killed [--count 20] [--seed 500]
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import signal
 import subprocess
 import sys
 import time
@@ -32,6 +34,7 @@ plan.stepover_m = 0.02
 process.feed_m_s = 0.02
 """
 PASS = "setup_1/region_1/pass_1"
+WAYS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 COMMAND = (sys.executable, "-c", "from polish_sim.cli import start; start()", "job")
 
 
@@ -56,10 +59,10 @@ def main() -> None:
                                        stdout=subprocess.DEVNULL)  # fmt: skip
             while process.poll() is None and len(list(out.glob(f"{PASS}/pieces/0-*/0*.npz"))) < after:
                 time.sleep(0.02)
-            process.kill()
+            process.send_signal(how := rng.choice(WAYS))
             process.wait()
             run(file, out, *(["--resume"] if (out / "job.toml").is_file() else []))
-            say(after, removal_of(folder / "whole"), removal_of(out), out)
+            say(how.name, after, removal_of(folder / "whole"), removal_of(out), out)
 
 
 def run(file: Path, out: Path, *more: str) -> None:
@@ -76,13 +79,13 @@ def removal_of(out: Path) -> RemovalMap:
     return read_removal(out / PASS / "run" / "removal.npz")
 
 
-def say(after: float, one: RemovalMap, two: RemovalMap, out: Path) -> None:
+def say(how: str, after: float, one: RemovalMap, two: RemovalMap, out: Path) -> None:
     """One line."""
     pieces = json.loads((out / "job.json").read_text())["passes"][0]["pieces"]
     polished = one.exposure > 0.1 * one.mean
     ratio, areas = two.exposure[polished] / one.exposure[polished], one.areas[polished]
     print(
-        f"killed at {after:5.1f} simulated s, {pieces} piece(s): removal {two.mean / one.mean:.3f}, "
+        f"{how} at {after:5.1f} simulated s, {pieces} piece(s): removal {two.mean / one.mean:.3f}, "
         f"under half {areas[ratio < 0.5].sum() / areas.sum():.4f}, "
         f"over 1.5 {areas[ratio > 1.5].sum() / areas.sum():.4f}",
         flush=True,

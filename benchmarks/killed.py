@@ -51,6 +51,14 @@ ENDS_S = 20.0
 """What a command left running ends by itself within this time [s]."""
 
 
+WAYS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+
+
+def answered(how: signal.Signals, code: int, err: str) -> bool:
+    """Whether a command had the time to answer a signal: before it has loaded its own modules Python does."""
+    return how != signal.SIGKILL and code != -how and "import_site" not in err
+
+
 def _faults(folder: Path, name: str, code: int, err: str, how: signal.Signals) -> Iterator[str]:
     """What is wrong after a command was ended."""
     out = folder / "out" / "cut"
@@ -60,13 +68,12 @@ def _faults(folder: Path, name: str, code: int, err: str, how: signal.Signals) -
             yield f"a folder without {sorted(missing)}"
         else:
             json.loads((out / "metrics.json").read_text())
-    # Before Python has loaded its own modules it answers itself.
-    if how == signal.SIGINT and "import_site" not in err and (code not in (0, 3, 130) or "Traceback" in err):
+    if answered(how, code, err) and (code not in (0, 3, 130) or "Traceback" in err):
         yield f"exit code {code}: {err[-300:]}"
     drafts = list(folder.glob(f"out/.*{DRAFT}"))
-    if drafts and how == signal.SIGINT:
-        yield "a draft after Ctrl-C"
-    with claimed(folder / "out" / "next", "plan"):
+    if drafts and answered(how, code, err):
+        yield f"a draft after {how.name}"
+    with claimed({"--out": folder / "out" / "next", "--overwrite": None}, "plan"):
         pass
     (folder / "out" / "next").rmdir()
     if list(folder.glob(f"out/.*{DRAFT}")):
@@ -118,9 +125,8 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
 def resumed(folder: Path, name: str, takes: float, rng: np.random.Generator) -> tuple[int, list[str]]:
     """End a work in rows again and again and resume it; how often it was ended, and what is wrong."""
     out, whole = folder / "out" / "cut", folder / f"whole_{name}"
-    ways = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
     found, ended = list[str](), 0
-    for how in rng.permutation(np.array(ways, dtype=object)):
+    for how in rng.permutation(np.array(WAYS, dtype=object)):
         words = [*PROGRAM, *ROWS[name], "--out", "out/cut"]
         run = subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
                                text=True, start_new_session=True)  # fmt: skip
@@ -130,7 +136,7 @@ def resumed(folder: Path, name: str, takes: float, rng: np.random.Generator) -> 
             run.send_signal(how)
             ended += 1
         _, err = run.communicate()
-        answers = how != signal.SIGKILL and "import_site" not in err
+        answers = answered(how, run.returncode, err)
         if answers and (run.returncode not in (0, 130) or "Traceback" in err):
             found.append(f"{how.name}: exit code {run.returncode}: {err[-300:]}")
         end = time.monotonic() + ENDS_S
@@ -183,7 +189,7 @@ def main() -> None:
                     print(f"{what}, number {number}: {fault}", flush=True)
             if what in ROWS:
                 continue
-            for how in (signal.SIGKILL, signal.SIGINT):
+            for how in WAYS:
                 for _ in range(given.count):
                     after = float(rng.uniform(0.0, takes))
                     cut, found = try_once(folder, what, how, after)
