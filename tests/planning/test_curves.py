@@ -100,7 +100,7 @@ def enclosed(loop):
     return 0.5 * np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0)[2]
 
 
-def test_edges_are_short_areas_are_kept_and_the_border_is_closed(tmp_path):
+def test_edges_are_short_areas_kept_the_border_closed_and_a_flood_of_triangles_is_refused(tmp_path):
     mesh = triangulate(coarse_plate(tmp_path).surface, 0.003)
     a, b = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
     assert np.linalg.norm(a - b, axis=1).max() <= 0.003
@@ -112,6 +112,8 @@ def test_edges_are_short_areas_are_kept_and_the_border_is_closed(tmp_path):
     assert border.length == pytest.approx(0.64)
     # It has the region on its left.
     assert enclosed(border.positions) == pytest.approx(0.16**2, rel=1e-9)
+    with pytest.raises(PlanError, match="too large for so fine a step-over"):
+        triangulate(coarse_plate(tmp_path).surface, 2e-5)
 
 
 def test_new_vertices_lie_on_the_curved_surface():
@@ -135,11 +137,6 @@ def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_s
     (line,) = level_lines(mesh, mesh.vertices[:, 1], 0.0123)
     assert not line.closed
     assert np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() == pytest.approx(0.16, rel=1e-9)
-
-
-def test_a_step_over_too_fine_for_the_part_is_an_error_not_a_flood(tmp_path):
-    with pytest.raises(PlanError, match="too large for so fine a step-over"):
-        triangulate(coarse_plate(tmp_path).surface, 2e-5)
 
 
 def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):

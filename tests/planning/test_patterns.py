@@ -1,5 +1,6 @@
 """Where patterns run: spiral, contour, connected Fermat spirals, raster (paper 1, section 1.3, fig. 6)."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -114,6 +115,8 @@ def test_lines_on_a_plate_are_parallel_and_one_step_over_apart():
     assert len(places) > 20
     # The outermost two on either side are the border turn and its distance to the first line.
     assert np.diff(places)[1:-1] == pytest.approx(STEP, rel=1e-3)
+    with pytest.raises(PlanError, match="lines cannot run along"):  # the way the region looks
+        plan_path(region_of("plate"), replace(plan, raster_direction=(0.0, 0.0, 1.0)))
 
 
 def test_no_turn_is_tighter_than_a_third_of_a_step_over():
@@ -132,19 +135,8 @@ def test_no_turn_is_tighter_than_a_third_of_a_step_over():
         assert (np.abs(even[sharp + 1, :2]) > edges).all(axis=1).all()
 
 
-def test_lines_along_the_way_the_region_looks_are_refused():
-    with pytest.raises(PlanError, match="lines cannot run along"):
-        plan_path(
-            region_of("plate"),
-            PlanConfig(pattern="raster", stepover_m=STEP, raster_direction=(0.0, 0.0, 1.0)),
-        )
-
-
-def test_the_long_axis_is_the_part_s():
+def test_the_long_axis_is_the_part_s_and_the_top_of_a_turned_box_as_wide_as_its_short_side():
     assert np.abs(_short_axis(region_of("cylinder"))) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
-
-
-def test_the_top_of_a_turned_box_is_as_wide_as_its_short_side():
     turn = Rotation.random(random_state=1)
     box = trimesh.creation.box((0.2, 0.12, 0.05))
     up = ",".join(str(value) for value in turn.apply([0.0, 0.0, 1.0]))
