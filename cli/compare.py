@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, refuse_beside, refuse_without, takes
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError
 from polish_sim.page import save_page
@@ -100,6 +100,7 @@ def compare(real: LogFile, given: Given) -> int:
     beside = given["--beside"]
     refuse_beside(given, "--beside", *REPLAY)
     refuse_without(given, "--beside", "--asked")
+    refuse_taken(given, real, beside or real)
     log = read_measured_log(real, given, () if beside else ("q_rad",))
     if beside is None and (pressed := pressing(log)):
         console.note(f"note: {pressed}")

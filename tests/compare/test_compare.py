@@ -194,6 +194,7 @@ def test_a_log_of_a_tool_that_pressed_is_said_to_be_replayed_without_the_force(
         ("--payload-center 0,0,2000", "at most 1000"),
         ("--asked 20", "--beside"),
         ("--beside nowhere", "nowhere"),
+        ("--beside out --overwrite", "--out 'out' is read itself"),
         ("--to 0.0001", "fewer than two"),
     ],
 )
