@@ -74,42 +74,18 @@ def way_through(*poses: Array) -> TimedPath:
 def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
     """Move through poses in free space and stay at the last."""
     start, path = path_through(poses[0]), path_through(*poses)
-    return Stroke(
-        travel=way_through(poses[0]),
-        lead_in=start,
-        process=path,
-        motion=time_path(path, feed_pace(feed)),
-        force=np.zeros(len(path.positions)),
-        approach_speed=0.005,
-        feed=feed,
-        hold=hold,
-        feed_time=math.inf,
-    )
+    motion, force = time_path(path, feed_pace(feed)), np.zeros(len(path.positions))
+    ways = {"travel": way_through(poses[0]), "lead_in": start, "process": path, "motion": motion}
+    return Stroke(**ways, force=force, approach_speed=0.005, feed=feed, hold=hold, feed_time=math.inf)
 
 
 def pressing_stroke(T_base_touch=TOUCH, height=0.005, slide=0.0, hold=1.0, lift=0.0, wanted=20.0) -> Stroke:
     """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m]."""
-    depth = 0.004
-    pressed = along_tool(T_base_touch, z=depth)
-    path = path_through(pressed, along_tool(pressed, x=slide))
-    force = np.full(len(path.positions), wanted)
-    return Stroke(
-        travel=way_through(T_base_touch),
-        lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
-        process=path,
-        motion=time_path(path, feed_pace(0.01)),
-        depth=depth,
-        force=force,
-        contact=True,
-        approach_speed=0.005,
-        feed=0.01,
-        threshold=2.0,
-        search_depth=0.01,
-        hold=hold,
-        feed_time=math.inf,
-        lift=lift,
-        start_s=0.0,
-    )
+    pressed, above = along_tool(T_base_touch, z=0.004), along_tool(T_base_touch, z=-height)
+    stroke = free_stroke(pressed, along_tool(pressed, x=slide), feed=0.01, hold=hold)
+    ways = {"travel": way_through(T_base_touch), "lead_in": path_through(above, T_base_touch)}
+    stroke = stroke._replace(**ways, force=np.full_like(stroke.force, wanted), threshold=2.0)
+    return stroke._replace(depth=0.004, contact=True, search_depth=0.01, lift=lift)
 
 
 def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
@@ -127,15 +103,9 @@ def start_of(stroke: Stroke) -> Array:
 
 def cell_for(scenario: Scenario, *strokes: Stroke, part=None, model=None, controller=None) -> Cell:
     """A cell at the start of its first stroke, without table."""
-    return Cell(
-        scenario,
-        model if model is not None else build_scene(scenario),
-        part or no_part(),
-        strokes,
-        joints_at(start_of(strokes[0])),
-        controller or build_controller(scenario.controller),
-        np.random.default_rng(scenario.seed),
-    )
+    model, q = model or build_scene(scenario), joints_at(start_of(strokes[0]))
+    law, rng = controller or build_controller(scenario.controller), np.random.default_rng(scenario.seed)
+    return Cell(scenario, model, part or no_part(), strokes, q, law, rng)
 
 
 def on_plane(*changes: str, part=None, controller=None, **how: float) -> Cell:

@@ -33,32 +33,43 @@ class Run(NamedTuple):
     force: Array
 
 
+class Tool:
+    """Late commands, the tool an integrator of limited acceleration, a late sensor behind its low-pass."""
+
+    def __init__(self, plant: Plant, z: float = 0.0) -> None:
+        self.z, self.v, self.sensed, self.mass = z, 0.0, 0.0, plant.mass
+        self.commands, self.readings = (
+            deque([0.0] * n) for n in (plant.command_delay + 1, plant.sensor_delay + 1)
+        )
+
+    def step(self, command: float, force: float) -> None:
+        """Move on under a command [m/s]; ``force`` on the sensor but for what it carries [N]."""
+        self.commands.append(command)
+        change = min(max(self.commands.popleft() - self.v, -ACCELERATION * DT), ACCELERATION * DT)
+        self.v += change
+        self.z += self.v * DT
+        blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+        self.sensed += blend * (force + self.mass * change / DT - self.sensed)
+        self.readings.append(self.sensed)
+
+
 def land(controller: CompiledController, plant: Plant, approach=0.02, seconds=1.5, set_force=20.0) -> Run:
     """Come down on the spring at ``approach`` [m/s]; the target's contact begins when 2 N are measured."""
-    rng, blend = np.random.default_rng(0), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+    rng, tool, planned, forces = np.random.default_rng(0), Tool(plant), 0.0, []
     controller.reset(DT)
     m, t = measurement_at_rest(), target_to_press(set_force)
-    commands, readings = deque([0.0] * (plant.command_delay + 1)), deque([0.0] * (plant.sensor_delay + 1))
-    z = v = sensed = planned = 0.0
-    forces: list[float] = []
     while len(forces) < seconds / DT:
         part = GAP - plant.rise * max(0.0, len(forces) * DT - 0.6)
-        force = plant.stiffness * max(z - part, 0.0)
+        force = plant.stiffness * max(tool.z - part, 0.0)
         if force > 0.5 or forces:
             forces.append(force)
-        m.position[2], m.twist[2], m.wrench[2] = z, v, readings.popleft()
+        m.position[2], m.twist[2], m.wrench[2] = tool.z, tool.v, tool.readings.popleft()
         if m.wrench[2] > max(2.0, 2.7 * plant.noise):
             t.contact = True
         planned = 0.0 if t.contact else min(planned + 0.05 * DT, approach)
         t.twist[2] = planned
-        t.position[2] = z if t.contact else t.position[2] + planned * DT
-        commands.append(float(controller.step(m, t)[2]))
-        step = ACCELERATION * DT
-        before, v = v, v + min(max(commands.popleft() - v, -step), step)
-        z += v * DT
-        load = force + plant.mass * (v - before) / DT + plant.noise * float(rng.standard_normal())
-        sensed += blend * (load - sensed)
-        readings.append(sensed)
+        t.position[2] = tool.z if t.contact else t.position[2] + planned * DT
+        tool.step(float(controller.step(m, t)[2]), force + plant.noise * float(rng.standard_normal()))
         m.time += DT
     return Run(DT * np.arange(len(forces)), np.array(forces))
 
@@ -69,10 +80,7 @@ def settling(run: Run, wanted: float, band: float = 1.0) -> float:
     return float(run.time[min(outside[-1] + 1, len(run.time) - 1)])
 
 
-SPACING = 0.0005
-SPRING = 5000.0
-FORCE = 20.0
-FEED = 0.06
+SPACING, SPRING, FORCE, FEED = 0.0005, 5000.0, 20.0, 0.06  # [m], [N/m], [N], [m/s]
 
 
 def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED) -> Course:
@@ -88,30 +96,23 @@ def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED
 
 def follow(controller: CompiledController, depth, length: float) -> tuple[Array, Array]:
     """Land, then feed along a track ``depth(s)`` [m] deeper than flat; places [m] and force errors [N]."""
-    blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
-    feed, m, t = FEED, measurement_at_rest(), target_to_press(FORCE)
+    tool, m, t = Tool(Plant(), z=-0.002), measurement_at_rest(), target_to_press(FORCE)
     controller.reset(DT)
-    commands, readings = deque([0.0] * 9), deque([0.0] * 3)
-    z, v, sensed, s, clock, approach = -0.002, 0.0, 0.0, 0.0, 0.0, 0.01
-    places, errors = [], []
+    s, clock, places, errors = 0.0, 0.0, [], []
     while s < length:
-        force = SPRING * max(z - depth(s), 0.0)
-        m.position[:], m.twist[2], m.wrench[2], m.time = (s, 0.0, z), v, readings.popleft(), clock
+        force = SPRING * max(tool.z - depth(s), 0.0)
+        m.position[:], m.twist[2], m.time = (s, 0.0, tool.z), tool.v, clock
+        m.wrench[2] = tool.readings.popleft()
         if m.wrench[2] > 2.0:
             t.contact = True
-        fed = clock > 1.0
-        t.s, t.speed, t.twist[0] = s, feed if fed else 0.0, feed if fed else 0.0
-        t.twist[2] = 0.0 if t.contact else approach
+        t.s, t.speed = s, FEED if clock > 1.0 else 0.0
+        t.twist[0], t.twist[2] = t.speed, 0.0 if t.contact else 0.01
         t.position[:] = s, 0.0, FORCE / SPRING
         answer = controller.step(m, t)
-        commands.append(float(answer[2]))
-        before, v = v, v + min(max(commands.popleft() - v, -1.2 * DT), 1.2 * DT)
-        z += v * DT
-        sensed += blend * (force + 2.0 * (v - before) / DT - sensed)
-        readings.append(sensed)
-        if fed:
+        tool.step(float(answer[2]), force)
+        if clock > 1.0:
             places.append(s)
             errors.append(FORCE - force)
-            s += feed * float(answer[6]) * DT
+            s += FEED * float(answer[6]) * DT
         clock += DT
     return np.array(places), np.array(errors)
