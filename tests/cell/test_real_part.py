@@ -11,9 +11,9 @@ from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.real_part import PartFields, bend_of, build_part_fields, displacement_of, spread_over
 from polish_sim.config import PadConfig, PartConfig
 from polish_sim.geometry import Surface, field_distance
-from polish_sim.geometry.fit import fit_triangles
 from polish_sim.spatial import apply, transform
 from tests.cell.pressing import DOWN, PAD, press
+from tests.geometry.shapes import fit
 
 UP = np.array([0.0, 0.0, 1.0])
 TRUE = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0)
@@ -24,9 +24,7 @@ T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.a
 @pytest.fixture(scope="module")
 def sheet() -> Surface:
     """A sheet 100 x 100 x 3 mm, its top in the plane z = 0."""
-    mesh = trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide()
-    vertices = np.array(mesh.vertices) - [0.0, 0.0, THICKNESS / 2]
-    return fit_triangles(vertices, np.array(mesh.faces, dtype=np.int32))
+    return fit(trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide(), sunk=THICKNESS / 2)
 
 
 def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
@@ -110,8 +108,7 @@ HALF, DEEPEST = 0.05, 0.008
 @pytest.fixture(scope="module")
 def block() -> PartFields:
     """A block with an edge at x = 50 mm, as the pad meets it near there."""
-    mesh = trimesh.creation.box((2.0 * HALF, 0.06, 0.02))
-    surface = fit_triangles(np.array(mesh.vertices) - [0.0, 0.0, 0.01], np.array(mesh.faces, dtype=np.int32))
+    surface = fit(trimesh.creation.box((2.0 * HALF, 0.06, 0.02)), sunk=0.01)
     near_it = np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]])
     return build_part_fields(surface, Touch(near_it, np.array([UP, UP]), SMALL_PAD.radius_m))
 

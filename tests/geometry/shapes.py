@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from polish_sim.errors import MeshError
 from polish_sim.geometry import PartMesh, Region, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.geometry.fit import fit_triangles
+from polish_sim.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +35,12 @@ def part_of(mesh: trimesh.Trimesh, up: str = "z") -> PartMesh:
 def region_of(mesh: trimesh.Trimesh, choice="auto", up="z", margin=0.0, holes=0.0) -> Region:
     part = part_of(mesh, up)
     return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
+
+
+def fit(mesh: "trimesh.Trimesh | Shape", sunk: float = 0.0) -> Surface:
+    """The surface of a mesh in metres, lowered."""
+    vertices = np.array(mesh.vertices, dtype=np.float64) - [0.0, 0.0, sunk]
+    return fit_triangles(vertices, np.array(mesh.faces, dtype=np.int32))
 
 
 def prism(outline: Floats, depth: float) -> trimesh.Trimesh:

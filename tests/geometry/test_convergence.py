@@ -8,9 +8,8 @@ import pytest
 import trimesh
 
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import Shape, cylinder, prism, saddle, sphere, torus
+from tests.geometry.shapes import Shape, cylinder, fit, prism, saddle, sphere, torus
 
 # Least orders (of the rms error) of position, normal and curvature.
 LADDERS = {
@@ -25,7 +24,7 @@ LADDERS = {
 
 def errors(shape: Shape) -> dict[str, np.ndarray]:
     """Errors of the fit and of the flat facets at random places."""
-    surface, rng = fit_triangles(shape.vertices, shape.faces), np.random.default_rng(0)
+    surface, rng = fit(shape), np.random.default_rng(0)
     facets = rng.integers(0, len(shape.faces), 3000).astype(np.int32)
     barycentric = rng.dirichlet([1.0, 1.0, 1.0], 3000)
     positions, normals = surface.evaluate(facets, barycentric)
@@ -63,9 +62,8 @@ def test_the_fit_converges_to_the_true_surface_faster_than_flat_facets(name):
 
 def test_edge_mid_points_miss_a_circle_by_an_eighth_of_r_phi_to_the_fourth():
     """With half-angle phi (paper 1, eq. 4: tangents as long as the chord)."""
-    phi = np.pi / 32.0
-    shape = cylinder(32)
-    surface = fit_triangles(shape.vertices, shape.faces)
+    phi, shape = np.pi / 32.0, cylinder(32)
+    surface = fit(shape)
     rim = np.flatnonzero(np.isclose(shape.vertices[shape.faces][:, :2, 2], 0.0).all(axis=1)).astype(np.int32)
     middles = surface.evaluate(rim, np.tile([0.5, 0.5, 0.0], (len(rim), 1))).positions
     miss = np.abs(np.hypot(middles[:, 0], middles[:, 1]) - 1.0)
@@ -73,15 +71,12 @@ def test_edge_mid_points_miss_a_circle_by_an_eighth_of_r_phi_to_the_fourth():
 
 
 def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus():
-    ball = sphere(4, radius=0.05)
-    surface = fit_triangles(ball.vertices, ball.faces)
-    facets = np.arange(100, dtype=np.int32)
+    surface, facets = fit(sphere(4, radius=0.05)), np.arange(100, dtype=np.int32)
     middle = np.full((100, 3), 1.0 / 3.0)
     directions = np.random.default_rng(5).normal(size=(100, 3))
     assert surface.normal_curvature(facets, middle, directions) == pytest.approx(20.0, rel=0.005)
 
-    ring = torus(48)
-    surface = fit_triangles(ring.vertices, ring.faces)
+    surface = fit(torus(48))
     at = surface.closest(np.array([[0.6, 0.0, 0.0]]))
     for angle in np.linspace(0.0, np.pi, 7):
         direction = np.array([[0.0, np.cos(angle), np.sin(angle)]])
@@ -92,8 +87,7 @@ def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus
 
 
 def test_normals_are_continuous_across_smooth_edges():
-    shape = torus(16, jitter=0.4)
-    surface = fit_triangles(shape.vertices, shape.faces)
+    surface = fit(torus(16, jitter=0.4))
     facet, edge = np.nonzero(surface.smooth)
     facet, edge = facet.astype(np.int32), edge.astype(np.int32)
     for t in (0.0, 0.3, 0.5):
@@ -108,10 +102,6 @@ def test_normals_are_continuous_across_smooth_edges():
 
 
 # Creases stay sharp, flat faces flat, the skin closed.
-
-
-def fit(mesh: trimesh.Trimesh) -> Surface:
-    return fit_triangles(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int32))
 
 
 RING = fit(trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20))

@@ -11,9 +11,8 @@ from polish_sim.errors import ConfigError
 from polish_sim.geometry import DistanceField, build_distance_field, field_distance
 from polish_sim.geometry.distance_field import bend_field, signed_distances
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
-from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import saddle, sphere, torus
+from tests.geometry.shapes import fit, saddle, sphere, torus
 
 H, BAND = 1e-3, 6e-3
 
@@ -24,13 +23,11 @@ def look_up(field, points):
 
 @cache
 def fitted(shape) -> tuple[Surface, DistanceField]:
-    surface = fit_triangles(shape.vertices, shape.faces)
-    return surface, build_distance_field(surface, H, BAND)
+    return fit(shape), build_distance_field(fit(shape), H, BAND)
 
 
 def box(size) -> Surface:
-    mesh = trimesh.creation.box(size)
-    return fit_triangles(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32))
+    return fit(trimesh.creation.box(size))
 
 
 def distance_to_box(points, size):
@@ -47,8 +44,7 @@ def test_signed_distances_are_exact_beside_edges_of_a_box_and_their_signs_beside
     radius = np.where(np.arange(10) % 2 == 0, 0.05, 0.015)
     outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
     star = shapely.Polygon(outline)
-    mesh = trimesh.creation.extrude_polygon(star, 0.02)
-    surface = fit_triangles(mesh.vertices - [0.0, 0.0, 0.01], mesh.faces.astype(np.int32))
+    surface = fit(trimesh.creation.extrude_polygon(star, 0.02), sunk=0.01)
     points = np.random.default_rng(1).uniform(-0.06, 0.06, (5000, 3)) * [1.0, 1.0, 0.4]
     inside = shapely.contains_xy(star, *points[:, :2].T) & (np.abs(points[:, 2]) < 0.01)
     assert 300 < inside.sum() < 4000
@@ -108,8 +104,7 @@ def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
 
 
 def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
-    sheet = saddle(24, radius=0.3, half_width=0.05)
-    surface = fit_triangles(sheet.vertices, sheet.faces)
+    surface = fit(saddle(24, radius=0.3, half_width=0.05))
     points = np.array([[0.0, 0.0, -0.002], [0.0, 0.0, 0.002], [0.06, 0.0, -0.002], [0.0, 0.056, -0.01]])
     assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
     with pytest.raises(ConfigError, match="at least twice the spacing"):

@@ -14,7 +14,7 @@ from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import cylinder, grid_faces, sphere, torus
+from tests.geometry.shapes import cylinder, fit, grid_faces, sphere, torus
 
 
 def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
@@ -34,26 +34,23 @@ def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
 
 
 def test_distances_agree_with_brute_force_over_all_patches_to_1e_10_m_whatever_the_hint():
-    shape = torus(8, major=0.05, minor=0.02, jitter=0.3)
-    surface = fit_triangles(shape.vertices, shape.faces)
+    surface = fit(torus(8, major=0.05, minor=0.02, jitter=0.3))
     points = np.random.default_rng(7).uniform(-1.0, 1.0, (8, 3)) * [0.08, 0.08, 0.03]
     for point, position in zip(points, surface.closest(points).positions, strict=True):
         coarse = np.linalg.norm(surface.control - point, axis=2).min(axis=1)
         brute = min(search_patch(surface, int(facet), point) for facet in np.argsort(coarse)[:25])
         assert np.linalg.norm(position - point) == pytest.approx(brute, abs=1e-10)
-    shape, rng = torus(48, jitter=0.3), np.random.default_rng(1)
-    surface = fit_triangles(shape.vertices, shape.faces)
+    surface, rng = fit(torus(48, jitter=0.3)), np.random.default_rng(1)
     points = rng.uniform(-1.5, 1.5, (500, 3)) * [1.0, 1.0, 0.4]
-    wild = rng.integers(0, len(shape.faces), len(points)).astype(np.int32)
+    wild = rng.integers(0, len(surface.faces), len(points)).astype(np.int32)
     away = np.linalg.norm(surface.closest(points).positions - points, axis=1)
     hinted = np.linalg.norm(surface.closest(points, hint=wild).positions - points, axis=1)
     assert np.abs(away - hinted).max() < 1e-12
 
 
 def test_on_a_restricted_surface_only_that_part_is_found_where_it_was_before():
-    shape = sphere(3)
-    surface = fit_triangles(shape.vertices, shape.faces)
-    upper = np.flatnonzero(shape.vertices[shape.faces][:, :, 2].min(axis=1) > 0.2).astype(np.int32)
+    surface = fit(sphere(3))
+    upper = np.flatnonzero(surface.vertices[surface.faces][:, :, 2].min(axis=1) > 0.2).astype(np.int32)
     cap = surface.restrict(upper)
     assert (cap.is_open, surface.is_open) == (True, False)
     points = np.random.default_rng(2).normal(size=(500, 3))
@@ -65,10 +62,8 @@ def test_on_a_restricted_surface_only_that_part_is_found_where_it_was_before():
 
 
 def test_a_part_of_a_part_of_a_surface_bends_as_the_whole_to_the_last_bit():
-    shape = cylinder(128)
-    surface = fit_triangles(shape.vertices, shape.faces)
-    rng = np.random.default_rng(3)
-    first = rng.permutation(len(shape.faces))[: len(shape.faces) // 2].astype(np.int32)
+    surface, rng = fit(cylinder(128)), np.random.default_rng(3)
+    first = rng.permutation(len(surface.faces))[: len(surface.faces) // 2].astype(np.int32)
     second = rng.permutation(len(first))[: len(first) // 2].astype(np.int32)
     piece, facets = surface.restrict(first).restrict(second), first[second]
     at, numbers = rng.dirichlet([1, 1, 1], len(facets)), np.arange(len(facets), dtype=np.int32)
