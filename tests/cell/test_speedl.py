@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell.robot import (
-    Speedl,
-    build_request_line,
-    build_speedl,
-    limit_acceleration,
-    pass_request,
-    resolve_joints,
-)
+from polish_sim.cell import robot as interface
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.motion import jacobian
 from tests.cell.cells import joints_at, tool_pose
@@ -22,12 +15,12 @@ DT = 0.001
 TIP = np.array([0.0, 0.0, 0.22])
 ROBOT = RobotConfig()
 AT_WORK = joints_at(tool_pose(0.0, -0.5, 0.1))
-DEFAULT = build_speedl(ROBOT, SafetyConfig(), DT, AT_WORK)
+DEFAULT = interface.build_speedl(ROBOT, SafetyConfig(), DT, AT_WORK)
 
 
-def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
+def robot_with(q: Array = AT_WORK, **changes: Any) -> interface.Speedl:
     """The default interface at joint positions [rad], some of its limits changed."""
-    robot = build_speedl(ROBOT, SafetyConfig(), DT, q)
+    robot = interface.build_speedl(ROBOT, SafetyConfig(), DT, q)
     for name, value in changes.items():
         robot[name] = value  # type: ignore[index]
     return robot
@@ -36,11 +29,11 @@ def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
 def commanded(request, steps, robot=None, silent=10**9, again=10**9) -> Array:
     """Twist commanded at every step, shape (steps, 6); the host is silent from one step until another."""
     robot, found = robot or robot_with(), []
-    line = build_request_line(robot)
+    line = interface.build_request_line(robot)
     for n in range(steps):
         heard = n if n >= again else min(n, silent)
-        pass_request(robot, line, request(heard), heard + 1, DT)
-        limit_acceleration(robot, DT)
+        interface.pass_request(robot, line, request(heard), heard + 1, DT)
+        interface.limit_acceleration(robot, DT)
         found.append(robot.twist.copy())
     return np.array(found)
 
@@ -74,14 +67,14 @@ def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_
     assert found[-1, 0] == pytest.approx(speed)
 
 
-def resolved(q: Array, twist: Array) -> tuple[Speedl, bool]:
+def resolved(q: Array, twist: Array) -> tuple[interface.Speedl, bool]:
     """Joint speeds for a twist at a configuration, the smallest singular value known."""
     state, J, inside = robot_with(q), jacobian(q, TIP), True
-    line = build_request_line(state)
+    line = interface.build_request_line(state)
     for _ in range(400):
-        pass_request(state, line, twist, 1, DT)
+        interface.pass_request(state, line, twist, 1, DT)
         state.twist, state.joints = twist, q
-        inside = resolve_joints(state, J, DT)
+        inside = interface.resolve_joints(state, J, DT)
     return state, inside
 
 
@@ -104,11 +97,11 @@ def test_away_from_singularities_joints_give_exactly_the_twist_and_too_fast_a_on
 
 def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most():
     state, exact = robot_with(), []
-    line = build_request_line(state)
+    line = interface.build_request_line(state)
     for n in range(2000):
         J = jacobian(AT_WORK + np.array([0.2, 0.3, -0.4, 0.3, 1.5, 0.5]) * n / 2000, TIP)
-        pass_request(state, line, np.zeros(6), 1, DT)
-        resolve_joints(state, J, DT)
+        interface.pass_request(state, line, np.zeros(6), 1, DT)
+        interface.resolve_joints(state, J, DT)
         exact.append(np.linalg.svd(J, compute_uv=False)[-1])
         if n > 200:
             assert 0.99 * min(exact[-9:]) < state.weakest < 1.01 * max(exact[-9:])
