@@ -24,7 +24,7 @@ ARC = default_scenario("arc")
 def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
     well_damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
     low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
-    for q in np.random.default_rng(3).uniform(low, high, (4, 6)):
+    for q in np.random.default_rng(3 + gravity).uniform(low, high, (2, 6)):
         joints = joints_at(q, *SPRINGS_ONLY, well_damped, gravity=gravity)
         joints.go(0.3)
         soft = tangents(joints)

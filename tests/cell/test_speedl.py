@@ -71,7 +71,7 @@ def resolved(q: Array, twist: Array) -> tuple[interface.Speedl, bool]:
     """Joint speeds for a twist at a configuration, the smallest singular value known."""
     state, J, inside = robot_with(q), jacobian(q, TIP), True
     line = interface.build_request_line(state)
-    for _ in range(400):
+    for _ in range(200):
         interface.pass_request(state, line, twist, 1, DT)
         state.twist, state.joints = twist, q
         inside = interface.resolve_joints(state, J, DT)

@@ -184,7 +184,7 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
         np.repeat([shown[f"force_{name}_n"], shown[f"torque_{name}_nm"]], 3)
         for name in ("noise", "quantum", "range")
     )
-    found, cut = readings(config, steady, 40.0), shown["bandwidth_hz"] or math.inf
+    found, cut = readings(config, steady, 20.0), shown["bandwidth_hz"] or math.inf
     blend = 1.0 - math.exp(-2.0 * math.pi * cut / shown["rate_hz"])
     left = math.sqrt(blend / (2.0 - blend))
     np.testing.assert_allclose((found[2000:] - LOAD).std(axis=0), left * noise, rtol=0.04)
