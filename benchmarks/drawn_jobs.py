@@ -201,7 +201,7 @@ def _spread(name: str, found: Sequence[tuple[float, int]]) -> Row:
     if not found:
         return Row(name, "-", "-")
     worst, seed = max(found)
-    return Row(name, f"{np.median([value for value, _ in found]):.3g}", f"{worst:.3g} ({seed})")
+    return Row(name, f"{np.median([value for value, _ in found]):.3g}", f"{worst:.2g} ({seed})")
 
 
 def main() -> None:
