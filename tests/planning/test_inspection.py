@@ -168,7 +168,9 @@ def test_a_path_on_another_region_than_asked_for_is_refused():
 def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
     corner = path_through(np.array([(-0.05, -0.05, TOP), (0.05, -0.05, TOP), (0.05, 0.05, TOP)]))
     found = inspect_path(corner, PLATE, PlanConfig(stepover_m=0.05))
-    assert np.isnan([found.figures["stepover_mean_m"], found.figures["overlap"]]).all()
+    planned = measure_given_path(corner, PLATE, PlanConfig(stepover_m=0.05))
+    for figures in (found.figures, planned.figures):
+        assert np.isnan([figures["stepover_mean_m"], figures["overlap"]]).all()
     assert len(found.quality.spacing.distances_m) == 0
 
 

@@ -28,7 +28,7 @@ from polish_sim.planning.part_plan import (
 )
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.coverage import strictly_covered
-from polish_sim.planning.quality.figures import Quality, part_figures, without_spacing
+from polish_sim.planning.quality.figures import Quality, part_figures
 from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
@@ -219,8 +219,6 @@ def inspect_path(
     quality = given.measure(path)
     ground = given.asked.ground
     notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
-    if guess_stepover(path) is None:
-        quality = without_spacing(quality, pad)
     quality.figures.update(
         part_figures(mesh, surface),
         stepover_expected_m=plan.stepover_m,

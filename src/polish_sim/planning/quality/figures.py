@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, 
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
-from polish_sim.planning.quality.spacing import Stepover, measure_stepover, stepover_of
+from polish_sim.planning.quality.spacing import Stepover, guess_stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
 from polish_sim.spatial import angles_between, into_plane
@@ -124,6 +124,9 @@ def measure_quality(
     """
     ground = asked.ground
     on = locate(ground, path, process)
+    spacing = measure_stepover(on.runs, stepover)
+    if guess_stepover(path) is None:  # no stretch of the path runs beside another
+        spacing = stepover_of(np.empty(0), spacing.excluded)
     exposure = expose(ground, on, pad, asked.touched)
     area = account_for(asked, exposure.times > 0.0, pad, cuts)
     quality = Quality(
@@ -131,7 +134,7 @@ def measure_quality(
         area=area,
         exposure=exposure,
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
-        spacing=measure_stepover(on.runs, stepover),
+        spacing=spacing,
         axis_rate=_measure_axis_rate(on),
         crossings=find_crossings(on.runs),
         runs=on.runs,
@@ -139,7 +142,7 @@ def measure_quality(
     strict = strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover)
     quality.figures.update(
         _path_figures(on, path, process)
-        | _spacing_figures(quality.spacing, pad)
+        | _spacing_figures(spacing, pad)
         | _coverage_figures(quality, strict)
         | quality.pad_in_part.figures
         | _sharpness_figures(on, quality)
@@ -151,12 +154,6 @@ def measure_quality(
         | area.figures
     )
     return quality
-
-
-def without_spacing(quality: Quality, pad: PadConfig) -> Quality:
-    """The same where no stretch of the path runs beside another: distances between turns are NaN."""
-    none = stepover_of(np.empty(0), quality.spacing.excluded)
-    return replace(quality, spacing=none, figures=quality.figures | _spacing_figures(none, pad))
 
 
 def _path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
