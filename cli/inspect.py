@@ -40,7 +40,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     A plan of ours is measured with its own settings, on its own part unless --part names it; else the
     step-over is the path's. The part is not placed: times keep the tool's limits, not the arm's.
     """
-    refuse_taken(given, path, path.parent)
+    refuse_taken(given, path)
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.exchange import plan_facts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures

@@ -25,6 +25,10 @@ SAME = "the same command with"
 DRAFT = ".polish-sim-part"  #: Ending of the hidden folder a command fills; others with it are removed
 
 
+READ = ("--path", "--learn", "--task")  #: Options that name a folder of ours to read
+PLAN_FILES = ("path.json", "path.csv")  #: That stand for their plan's folder
+
+
 @dataclass(frozen=True)
 class OutputFolder:
     """A claimed folder: write into ``draft``; its files appear at ``final`` when the claim ends well."""
@@ -34,12 +38,13 @@ class OutputFolder:
 
 
 def refuse_taken(given: Mapping[str, Any], *read: Path) -> None:
-    """Refuse an output folder that exists, is no folder or one of those to ``read``, before anything is read;
-    `claimed` does so as well."""
+    """Refuse an output folder that exists, is no folder or one of those to ``read``, or which options name to
+    be read, before anything is; `claimed` does so as well."""
     out = given["--out"]
     if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
-    if out in read:
+    read = (*read, *(Path(given[name]) for name in READ if given.get(name)))
+    if out in [file.parent if file.name in PLAN_FILES else file for file in read]:
         raise InputError(f"--out '{out}' is read itself, and would be changed. Choose another.")
 
 

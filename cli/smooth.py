@@ -86,7 +86,7 @@ OPTIONS = (
 def smooth(path: PathFile, given: Given) -> None:
     """Smooth a tool path: trajectory.npz, trajectory.csv, metrics.json, limits.toml and pictures."""
     refuse_beside(given, "--no-joints", "--part-pose")
-    refuse_taken(given)
+    refuse_taken(given, path)
     from polish_sim.cli.smoothed import show_smoothing, smooth_file
 
     with claimed(given, "smooth") as folder, console.progress() as observer:

@@ -114,6 +114,9 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         assert polish_sim("run", "surface", *words, *quick)[0] == 0
         assert "radius_m = 0.01 " in Path("run/config.toml").read_text()
         shutil.rmtree("run")
+    for words in (("run", "surface", "--path", "plan"), ("smooth", "plan/path.json"), ("inspect", "plan")):
+        refused(polish_sim(*words, "--out", "plan", "--overwrite"), "'plan'", "--out")
+    assert metrics_of("plan") == metrics
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
     seen = metrics_of("seen")
     # All of the region counts, also the margin that was chosen with the pad.
