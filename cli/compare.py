@@ -100,7 +100,7 @@ def compare(real: LogFile, given: Given) -> int:
     beside = given["--beside"]
     refuse_beside(given, "--beside", *REPLAY)
     refuse_without(given, "--beside", "--asked")
-    refuse_taken(given, real, beside or real)
+    refuse_taken(given, real)
     log = read_measured_log(real, given, () if beside else ("q_rad",))
     if beside is None and (pressed := pressing(log)):
         console.note(f"note: {pressed}")

@@ -25,7 +25,7 @@ SAME = "the same command with"
 DRAFT = ".polish-sim-part"  #: Ending of the hidden folder a command fills; others with it are removed
 
 
-READ = ("--path", "--learn", "--task")  #: Options that name a folder of ours to read
+READ = ("--path", "--learn", "--task", "--beside")  #: Options that name a folder of ours to read
 PLAN_FILES = ("path.json", "path.csv")  #: That stand for their plan's folder
 
 

@@ -156,10 +156,8 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
     wanted = PAPER_ARC.radius
     across = np.cross([0.0, 0.0, 1.0], normal)
     offset = positions - center
-    u, v = (
-        offset @ (across / np.linalg.norm(across)),
-        offset @ np.cross(normal, across / np.linalg.norm(across)),
-    )
+    u = offset @ (across / np.linalg.norm(across))
+    v = offset @ np.cross(normal, across / np.linalg.norm(across))
     angle = np.arctan2(v, u)
     radius = np.hypot(u, v)
     exaggeration = _exaggeration(np.abs(radius - wanted).max(initial=0.0), wanted)

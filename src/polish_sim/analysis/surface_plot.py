@@ -125,10 +125,8 @@ def process_force(record: RunRecord) -> tuple[Array, Array]:
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
     process = record.log.fed
     place, force = process_force(record)
-    low, high = (
-        column_of(record.log, "normal_force_min_n")[process],
-        column_of(record.log, "normal_force_max_n")[process],
-    )
+    low = column_of(record.log, "normal_force_min_n")[process]
+    high = column_of(record.log, "normal_force_max_n")[process]
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
     axes.plot(place, force, color=color, lw=0.7, label=label)
 

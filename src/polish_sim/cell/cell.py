@@ -213,10 +213,8 @@ class Cell:
             planned_events(scenario.faults, scenario.process, self.on_part, self.fault_table), self.set_points
         )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
-        self.kernel, self.recorder = (
-            self._build_kernel(part),
-            build_recorder(0, self._every, self.more_columns),
-        )
+        self.kernel = self._build_kernel(part)
+        self.recorder = build_recorder(0, self._every, self.more_columns)
 
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""

@@ -156,12 +156,10 @@ def _sum_pressure(pad: Pad, spin: float) -> None:
     sx, sy, sz = spin * (xy * yz - xz * yy), spin * (xz * yx - xx * yz), spin * (xx * yy - xy * yx)
     depths, slope_x, slope_y, slope_z = pad.depth, pad.slope[0], pad.slope[1], pad.slope[2]
     material = pad.material
-    k, hardening, friction, smoothing = (
-        material.stiffness,
-        material.damping,
-        material.friction,
-        material.smoothing**2,
-    )
+    k = material.stiffness
+    hardening = material.damping
+    friction = material.friction
+    smoothing = material.smoothing**2
     fx = fy = fz = tx = ty = tz = 0.0
     for i in range(pad.x.shape[0]):
         a, b = pad.x[i], pad.y[i]

@@ -210,10 +210,8 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Seq
         # The part lies and the arm errs as before, the sensor's noise is another.
         again = np.random.SeedSequence(scenario.seed).spawn(len(streams) + lesson.runs)[-1]
         streams = streams._replace(sensor=np.random.default_rng(again))
-    held_behind, fixture = (
-        works_below(place.reach.T_base_work, place.path.axes_work),
-        standing_fixture(scenario.pad.radius_m, place),
-    )
+    held_behind = works_below(place.reach.T_base_work, place.path.axes_work)
+    fixture = standing_fixture(scenario.pad.radius_m, place)
     cell = Cell(
         scenario,
         build_scene(scenario, Drawn(place.shape.mesh, part), held_behind, fixture),

@@ -109,12 +109,11 @@ def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
         duration: Array,
         positions: Array,
         quaternions: Array,
-        force: Array | None = None,
-        bend: Array | None = None,
+        force: Array | float = 0.0,
+        bend: Array | float = 0.0,
     ) -> None:
         begin, none = pieces[-1].time[-1] if pieces else 0.0, np.zeros(len(positions))
-        parts = (force if force is not None else none, bend if bend is not None else none)
-        pieces.append(Cycle(begin + duration, positions, quaternions, *parts))
+        pieces.append(Cycle(begin + duration, positions, quaternions, none + force, none + bend))
 
     for number, stroke in enumerate(strokes):
         way, table, motion = stroke.travel, stroke.process, stroke.motion

@@ -117,14 +117,10 @@ class ArmCheck:
                 return ArmTouch(row, names)
             R, x = self._data.xmat[self._bodies].reshape(-1, 3, 3), self._data.xpos[self._bodies]
             near.append(x + np.einsum("kij,kj->ki", R, self._points))
-        points, rows = (
-            apply(inverse(T_base_work), np.concatenate(near)),
-            np.repeat(np.arange(len(q)), len(self._bodies)),
-        )
-        low, high = (
-            self._mesh.vertices.min(axis=0) - CLEARANCE_M,
-            self._mesh.vertices.max(axis=0) + CLEARANCE_M,
-        )
+        points = apply(inverse(T_base_work), np.concatenate(near))
+        rows = np.repeat(np.arange(len(q)), len(self._bodies))
+        low = self._mesh.vertices.min(axis=0) - CLEARANCE_M
+        high = self._mesh.vertices.max(axis=0) + CLEARANCE_M
         close = ((points > low) & (points < high)).all(axis=1)
         if close.any():
             close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
@@ -203,15 +199,14 @@ class PartPlacing:
             return self._reach(default_placements(self.positions, self.mesh.up, self.lowest))
         except ReachError as error:
             nowhere = error
-        reach = self.on_map(TRIED)
-        if reach is None and self.scenario.plan.region == "all":
+        if reach := self.on_map(TRIED):
+            return reach
+        if self.scenario.plan.region == "all":
             raise ReachError(
                 f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with "
                 "--path FOLDER/setup_N."
             )
-        if reach is None:
-            raise nowhere
-        return reach
+        raise nowhere
 
     def on_map(self, tried: int) -> Reach | None:
         """The first feasible of the ``tried`` best poses of the reach map, best of each height and distance

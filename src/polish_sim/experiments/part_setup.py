@@ -58,8 +58,7 @@ def check_set_points(path: ToolPath) -> None:
     Raises:
         PlanError: Naming the point, the value and the range.
     """
-    process = ProcessConfig()
-    ranges = {f.name: (f.metadata["low"], f.metadata["high"]) for f in fields(process)}
+    ranges = {f.name: (f.metadata["low"], f.metadata["high"]) for f in fields(ProcessConfig)}
     for name, column, key, unit in (
         ("force", path.force, "contact_force_n", "N"),
         ("feed", path.feed, "feed_m_s", "m/s"),

@@ -117,9 +117,8 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
-    worst = abs(estimate.mass - carried.mass) * calibration.GRAVITY + float(
-        np.linalg.norm(_bias_error(cell, estimate))
-    )
+    worst = abs(estimate.mass - carried.mass) * calibration.GRAVITY
+    worst += float(np.linalg.norm(_bias_error(cell, estimate)))
     return {
         "mass_error_kg": estimate.mass - carried.mass,
         "mass_error_relative": abs(estimate.mass / carried.mass - 1.0),

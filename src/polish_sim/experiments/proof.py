@@ -260,10 +260,8 @@ class _Prover:
         path, scenario = self.path, self.scenario
         rows = np.flatnonzero(path.process)
         rows = rows[np.unique(path.s[rows] // LOOKED_M, return_index=True)[1]]
-        places, force = (
-            path.positions_work[rows],
-            path.force_at(path.s[rows], scenario.process.contact_force_n),
-        )
+        places = path.positions_work[rows]
+        force = path.force_at(path.s[rows], scenario.process.contact_force_n)
         extent = 0.5 * diagonal_of(places)
         aside = (
             scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2)

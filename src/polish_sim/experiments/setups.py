@@ -124,10 +124,8 @@ class SetupSearch:
         numbers = sorted(patch.number for patch in shown)
         self.left = [patch for patch in self.left if patch.number not in numbers]
         region = f"all:{','.join(map(str, numbers))}/{self._counted_by}"
-        part, plan = (
-            replace(self._scenario.part, up=side_name(up)),
-            replace(self._scenario.plan, region=region),
-        )
+        part = replace(self._scenario.part, up=side_name(up))
+        plan = replace(self._scenario.plan, region=region)
         return Setup(up, tuple(shown), replace(self._scenario, part=part, plan=plan))
 
     def refuse(self, setup: Setup, why: str, elsewhere: bool) -> None:

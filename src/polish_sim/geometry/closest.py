@@ -44,11 +44,9 @@ def build_boxes(lows: Array, highs: Array) -> tuple[Array, Array, Ints, Ints, In
     capacity = max(2 * count, 1)
     items = np.arange(count, dtype=np.int32)
     low, high = np.empty((capacity, 3)), np.empty((capacity, 3))
-    right, first, size = (
-        np.full(capacity, -1, np.int32),
-        np.zeros(capacity, np.int32),
-        np.zeros(capacity, np.int32),
-    )
+    right = np.full(capacity, -1, np.int32)
+    first = np.zeros(capacity, np.int32)
+    size = np.zeros(capacity, np.int32)
     nodes = _build(lows, highs, 0.5 * (lows + highs), items, low, high, right, first, size)
     return low[:nodes], high[:nodes], right[:nodes], first[:nodes], size[:nodes], items
 

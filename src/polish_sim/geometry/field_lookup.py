@@ -40,11 +40,9 @@ def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     zero beyond the band. ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing
     [1/m].
     """
-    fx, fy, fz = (
-        (x - field.origin[0]) * per_metre,
-        (y - field.origin[1]) * per_metre,
-        (z - field.origin[2]) * per_metre,
-    )
+    fx = (x - field.origin[0]) * per_metre
+    fy = (y - field.origin[1]) * per_metre
+    fz = (z - field.origin[2]) * per_metre
     nx, ny, nz = field.table.shape
     if not (0.0 <= fx < nx * CELLS and 0.0 <= fy < ny * CELLS and 0.0 <= fz < nz * CELLS):
         return field.band, 0.0, 0.0, 0.0

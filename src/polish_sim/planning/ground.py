@@ -237,10 +237,8 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     out = count + np.arange(len(facet))
     after = np.roll(out, -1)
     faces = np.concatenate([np.stack([there, here, out], axis=1), np.stack([there, out, after], axis=1)])
-    places, upright = (
-        np.concatenate([surface.vertices, outer]),
-        np.empty((len(surface.vertices) + len(out), 3)),
-    )
+    places = np.concatenate([surface.vertices, outer])
+    upright = np.empty((len(surface.vertices) + len(out), 3))
     upright[here], upright[out] = normals, normals
     corners = places[faces]
     middles = 0.5 * (corners + next_corners(corners))

@@ -176,10 +176,8 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
     The step-over ``distance`` [m] sets the scale of e and the limits of s.
     """
     reach = COARSEST * distance
-    ahead, behind = (
-        curve.tangents(curve.knots + 0.5 * reach, reach),
-        curve.tangents(curve.knots - 0.5 * reach, reach),
-    )
+    ahead = curve.tangents(curve.knots + 0.5 * reach, reach)
+    behind = curve.tangents(curve.knots - 0.5 * reach, reach)
     curvature = norms(ahead - behind) / reach
     wanted = np.sqrt(8.0 * CHORD_ERROR * distance / np.maximum(curvature, 1e-9))
     wanted = np.clip(wanted, FINEST * distance, _coarsest(distance))

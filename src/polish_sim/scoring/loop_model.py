@@ -153,12 +153,10 @@ def build_plant(setup: LoopSetup) -> Plant:
     D += setup.head_damping * np.outer(squeezed, squeezed)
     step = h * np.linalg.inv(mass + h * D)
     # Rows over the states, and the command at the end.
-    move, contact, goal, rate = (
-        np.zeros((size, size + 1)),
-        np.zeros(size + 1),
-        np.zeros(size + 1),
-        np.zeros(size + 1),
-    )
+    move = np.zeros((size, size + 1))
+    contact = np.zeros(size + 1)
+    goal = np.zeros(size + 1)
+    rate = np.zeros(size + 1)
     contact[n], contact[N + n] = setup.pad_stiffness, setup.pad_damping
     # The command moves the servos' goal before they pull.
     goal[[set_point, place, size]] = 1.0 - arm.lag, arm.lag, arm.lag * h

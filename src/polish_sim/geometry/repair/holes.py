@@ -209,10 +209,8 @@ def _part_vertices(skin: Skin) -> Skin:
 def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bool) -> Indices:
     """Pair half-edges that bound the same solid wedge around their edge, shape (k, 2); none where that is not
     clear."""
-    a, b = (
-        skin.vertices[min(start[group[0]], end[group[0]])],
-        skin.vertices[max(start[group[0]], end[group[0]])],
-    )
+    a = skin.vertices[min(start[group[0]], end[group[0]])]
+    b = skin.vertices[max(start[group[0]], end[group[0]])]
     way = (b - a) / np.linalg.norm(b - a)
     third = skin.vertices[skin.faces[group // 3, (group + 2) % 3]] - a
     across = third - (third @ way)[:, None] * way

@@ -328,11 +328,9 @@ def _is_pierced(a, b):  # type: ignore[no-untyped-def]
         start, end = b[i], b[(i + 1) % 3]
         here, there = _volume(a[0], a[1], a[2], start), _volume(a[0], a[1], a[2], end)
         if min(here, there) < -slack and max(here, there) > slack:
-            x, y, z = (
-                _volume(a[0], a[1], start, end),
-                _volume(a[1], a[2], start, end),
-                _volume(a[2], a[0], start, end),
-            )
+            x = _volume(a[0], a[1], start, end)
+            y = _volume(a[1], a[2], start, end)
+            z = _volume(a[2], a[0], start, end)
             least = 1e-9 * (abs(x) + abs(y) + abs(z))
             if min(x, y, z) > least or max(x, y, z) < -least:
                 return True

@@ -81,12 +81,10 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
         elif i == 2 or i == 4:
             begin, length, acceleration, third = b, early - b, plateau, -jerk
         elif i == 3:
-            begin, length, acceleration, third = (
-                early,
-                abs(a - b - c),
-                left,
-                -2.0 * jerk if a < b + c else 0.0,
-            )
+            begin = early
+            length = abs(a - b - c)
+            acceleration = left
+            third = -2.0 * jerk if a < b + c else 0.0
         if length <= 0.0:
             continue
         if i >= 4:  # mirrored in time

@@ -163,15 +163,11 @@ class Polyline(NamedTuple):
     def slopes(self) -> tuple[Array, Array]:
         """Derivatives of `at` before and after every inner way point, shape (n - 1, 10) each."""
         chain, step = self.chain, np.diff(self.u)[:, None]
-        tips, turns = (
-            chain.lengths[:, None] * chain.directions / step,
-            chain.angles[:, None] * chain.turn_axes / step,
-        )
-        rolls, places, R = (
-            chain.rolls[:, None] / step,
-            np.diff(self.places)[:, None] / step,
-            chain.rotations[1:-1],
-        )
+        tips = chain.lengths[:, None] * chain.directions / step
+        turns = chain.angles[:, None] * chain.turn_axes / step
+        rolls = chain.rolls[:, None] / step
+        places = np.diff(self.places)[:, None] / step
+        R = chain.rotations[1:-1]
         sides = []
         for side in (slice(None, -1), slice(1, None)):
             spin = turns[side] + rolls[side] * R[:, :, 2]

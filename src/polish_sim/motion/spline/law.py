@@ -373,13 +373,11 @@ def _direct(programme: Programme, work: LawRoom, target: float) -> None:
     _substitute(H, r)
     for k in range(n):
         value, slack, weight, rates = work.value[k], work.slack[k], work.weight[k], work.rates[k]
-        slack_step, weight_step, y0, y1, y2 = (
-            work.slack_step[k],
-            work.weight_step[k],
-            r[k],
-            r[k + 1],
-            r[k + 2],
-        )
+        slack_step = work.slack_step[k]
+        weight_step = work.weight_step[k]
+        y0 = r[k]
+        y1 = r[k + 1]
+        y2 = r[k + 2]
         for i in range(ROWS):
             moved = rates[0, i] * y0 + rates[1, i] * y1 + rates[2, i] * y2
             slack_step[i] = 1.0 - slack[i] - value[i] - moved
