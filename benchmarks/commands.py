@@ -27,7 +27,8 @@ class Call(NamedTuple):
 
     def said(self, pattern: str) -> list[str]:
         """Its lines that match."""
-        return [line.strip() for line in self.text.splitlines() if re.search(pattern, line)]
+        lines = (line.strip() for line in self.text.splitlines())
+        return [line for line in lines if re.search(pattern, line)]
 
     @property
     def figures(self) -> dict[str, Any]:

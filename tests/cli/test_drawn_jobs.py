@@ -57,7 +57,7 @@ def test_every_body_is_a_part_with_an_area(name):
         (3, "", {"protective_stop": "torque"}, "stopped: torque"),
         (
             1,
-            " tangential error, max  mm  0.7  -  <= 0.65    NO",
+            " tangential error, max  mm  0.7  -  <= 0.65    NO ",
             {},
             "its plan did not say: tangential error",
         ),
