@@ -81,7 +81,7 @@ AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place
 AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
 #: What all pads together may play and time, in times the path's time in contact as it was planned, and at
-#: least so long [s]; then no margin is kept, and after twice that the plan is refused
+#: least so long [s]; then no margin is kept, and after half as much again the plan is refused
 MOST_WORK, LEAST_WORK_S = 8.0, 8000.0
 SAME_WAY = 0.1  #: At the start of a path joints differ by less in the same configuration of the arm [rad]
 FORCE_FAILS = (NO_STOP, *DYNAMIC)
@@ -343,11 +343,11 @@ class _Prover:
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""
-        if self.work.used > 2.0:
+        if self.work.used > 1.5:
             raise PlanError(
                 f"the plan could not be proven: after {self.work.done_s:.0f} s of the cell's time it still "
-                f"fails because {why}. Set a lower --feed or --contact-force, a smaller --pad-diameter or "
-                "another --region; --proof none runs it all the same."
+                f"fails because {why}. Set a lower --feed, another --contact-force, a smaller --pad-diameter "
+                "or another --region; --proof none runs it all the same."
             )
 
     def _keeps_clear(self, wider: float) -> bool:
