@@ -1,5 +1,7 @@
 """APT/CLDATA and G-code: others' files are read, ours come back, what cannot be read is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,6 +108,17 @@ def test_our_own_file_comes_back_to_print_precision_and_moves_rapid_in_the_air_o
     assert (back.force is None) != wishes
     if wishes:
         assert back.force[path.process] == pytest.approx(path.force[path.process], abs=1e-6)
+
+
+def test_a_tool_that_turns_in_place_in_the_air_is_one_point_of_a_file_that_reads_back(tmp_path):
+    result = shipped_plan("plate_two_holes")
+    positions, axes = result.path.positions_work.copy(), result.path.axes_work.copy()
+    positions[4:7] = positions[4] + 1e-10 * np.arange(3)[:, None]
+    axes[4:7] = [(np.sin(a), 0.0, np.cos(a)) for a in (0.1, 0.2, 0.3)]
+    result = replace(result, path=replace(result.path, positions_work=positions, axes_work=axes))
+    back = read(tmp_path, apt_text(result, ExportSetup())).path
+    there = np.linalg.norm(back.positions_work - positions[4], axis=1) < 1e-8
+    assert back.axes_work[there] == pytest.approx(axes[6:7], abs=1e-9)
 
 
 def test_left_out_points_lie_in_the_air_on_the_straight_move_between_those_written():

@@ -134,7 +134,10 @@ STEP = 5e-4  #: Between the depths that are looked at [m]
 @kernel
 def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float, force: float) -> bool:
     """Whether a pad of a pose ``frame`` (3, 3), ``middle`` (3,) pressed in by a ``depth`` carries a force."""
-    still, pushed, torque, place = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    still = np.zeros(3)
+    pushed = np.zeros(3)
+    torque = np.zeros(3)
+    place = np.zeros(3)
     for k in range(3):
         place[k] = middle[k] + depth * frame[k, 2]
     press_pad(pad, part, 0.0, frame, place, still, still, pushed, torque)

@@ -261,7 +261,11 @@ def check_guards(
     ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m],
     ``early`` how far above it the rim of a leaning pad touches [m].
     """
-    guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
+    guards = state.guards
+    dt = e.dt
+    robot = state.speedl
+    w = state.measurement.wrench
+    target = state.target
     t = count * dt
     if _exceeds(state, FORCE, math.sqrt(dot(w, w)), guards.force, t):
         return FORCE
@@ -315,7 +319,10 @@ def _check_surface(state: CellState, planned: float, early: float, dt: float, t:
     A pad that leans finds it with its rim, up to ``early`` [m] above the surface.
     An active flange measures by its travel where the surface is.
     """
-    guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
+    guards = state.guards
+    sequence = state.sequence
+    m = state.measurement
+    target = state.target
     if not target.contact:
         guards.holding, guards.depth, guards.was_held, guards.missing = 0.0, 0.0, False, 0.0
         return NO_STOP

@@ -117,7 +117,10 @@ def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) ->
 
     Force and torque of the part on the pad about the pad's centre, base frame, are left in ``scratch[1:3]``.
     """
-    scratch, wrench, moving, head = state.scratch, state.wrench, state.motion.velocity, e.head_body
+    scratch = state.scratch
+    wrench = state.wrench
+    moving = state.motion.velocity
+    head = e.head_body
     center, tool = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site]
     turn_spindle(state.spindle, e.dt)
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
@@ -276,7 +279,10 @@ def feed_learned(state: CellState, lesson: Lesson) -> None:
 @kernel
 def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: float) -> None:
     """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
-    status, robot, stop, firmness = state.status, state.speedl, state.stop, 1.0
+    status = state.status
+    robot = state.speedl
+    stop = state.stop
+    firmness = 1.0
     if status.stop == guards.NO_STOP or stop.stage == SENT:
         pass_request(robot, requests, state.answer.twist, status.requests, dt)
     if status.stop != guards.NO_STOP:

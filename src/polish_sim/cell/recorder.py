@@ -96,7 +96,10 @@ def record_state(
     ``part_position`` (3,) [m] is the origin of the part's frame, ``turns`` (n,) the turn of the path at the
     rows of the process table, ``phase`` as in ``log.PHASES``.
     """
-    filled, m, target, force = recorder.filled, state.measurement, state.target, state.wrench[2]
+    filled = recorder.filled
+    m = state.measurement
+    target = state.target
+    force = state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)
     filled.force_range[1] = max(filled.force_range[1], force)
     speed = math.sqrt(dot(m.twist, m.twist))

@@ -231,7 +231,10 @@ def _reward(trace: NDArray[np.void], steps: int, force: float, turn: EnvState, s
 
 @kernel
 def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
-    state, turn, status, sizes = k.cell.state, k.turn, k.cell.state.status, k.action.shape[0]
+    state = k.cell.state
+    turn = k.turn
+    status = k.cell.state.status
+    sizes = k.action.shape[0]
     for i in range(sizes):
         value = min(max(float(k.action[i]), -1.0), 1.0)
         if turn.moving and i == sizes - 1:

@@ -168,6 +168,7 @@ def steady_frames(path: ToolPath) -> Array:
 
 #: A left-out point in the air is this near the straight move [m], [rad]
 AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
+PRINTED_M = 2e-9  #: Places nearer to each other may be the same where they are printed
 NOTICED = 0.02  #: Relative change of force or feed that is passed on
 
 
@@ -195,9 +196,12 @@ def needed_rows(path: ToolPath, chord_m: float, axis_rad: float, longest_m: floa
 
 
 def rows_without_straight_air(path: ToolPath) -> Bools:
-    """Mask of all points in contact and of those in the air at which the tool changes its way, shape (n,)."""
+    """Mask of all points in contact and of those in the air at which the tool changes its way, shape (n,);
+    where it turns in place the last."""
     kept = path.process.copy()
     kept[needed_rows(path, AIR_CHORD_M, AIR_AXIS_RAD, np.inf)] = True
+    rows = np.flatnonzero(kept)
+    kept[rows[:-1][norms(np.diff(path.positions_work[rows], axis=0)) < PRINTED_M]] = False
     return kept
 
 

@@ -481,7 +481,10 @@ class _Prover:
         Raises:
             PlanError: No other path would help.
         """
-        path, s, row, pad = self.path, self.path.s, self._row(failure), self.scenario.pad.radius_m
+        path = self.path
+        s = self.path.s
+        row = self._row(failure)
+        pad = self.scenario.pad.radius_m
         code, pressed, slower = failure.code, float(self.pressed[row]), SLOWER * float(self.share[row])
         if code in HOPELESS:
             raise _Hopeless(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")

@@ -212,7 +212,10 @@ def feed_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
     feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the
     path with it.
     """
-    times, lengths, kept, slowest = 0.0, 0.0, 0.0, (math.nan, math.nan)
+    times = 0.0
+    lengths = 0.0
+    kept = 0.0
+    slowest = (math.nan, math.nan)
     for stroke in strokes:
         motion, feed = stroke.motion, stroke.feed
         fed = motion.speeds * motion.rates

@@ -174,7 +174,10 @@ def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -
 def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
     """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
     fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
-    height, along, across, sums = np.zeros(10), np.zeros(10), np.zeros(10), np.zeros((9, 10))
+    height = np.zeros(10)
+    along = np.zeros(10)
+    across = np.zeros(10)
+    sums = np.zeros((9, 10))
     along[0] = across[1] = 1.0
     for at in range(len(normals)):
         sums[:] = 0.0

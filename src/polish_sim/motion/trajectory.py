@@ -249,7 +249,10 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
         clock = row_times(sum(boxes))
         places, speeds = _rest_to_rest(clock, table.length, boxes)
     else:
-        boxes, clock, places, speeds = (0.0, 0.0, 0.0), row_times(0.0), np.zeros(2), np.zeros(2)
+        boxes = (0.0, 0.0, 0.0)
+        clock = row_times(0.0)
+        places = np.zeros(2)
+        speeds = np.zeros(2)
     n = len(clock)
     positions, velocities, spins = np.empty((3, n, 3))
     motion = TimedPath(

@@ -105,7 +105,10 @@ def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
 
     ``arm``: in its pose; that of ``force`` if not given, elastic joints swinging by next to nothing.
     """
-    head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
+    head = scenario.head
+    pad = scenario.pad
+    sensor = scenario.sensor
+    dt = scenario.simulation.timestep_s
     if arm is None and scenario.robot.elastic:
         arm = elastic_arm(joints_about(scenario, FORCE_POSE[None])[0])
     still = LoopSetup(

@@ -71,7 +71,11 @@ _CONTEXT, _ROW = AdaptiveContext.dtype, drawing.AheadRow.dtype
 def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type: ignore[no-untyped-def]
     c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
     ahead = Ahead(c.spacing, carray(course, c.rows, _ROW))
-    g, p, press_memory, path, dt = c.press, c.path, c.memory.press, c.memory.path, m.cycle
+    g = c.press
+    p = c.path
+    press_memory = c.memory.press
+    path = c.memory.path
+    dt = m.cycle
     force, twist = press_memory.force, out.twist
     position_by_velocity(m, t, c.hybrid.position, c.memory.hybrid, twist)
     turn(c.hybrid, p, ahead, path, m, t, c.memory.hybrid, dt, twist)

@@ -376,7 +376,11 @@ def _within_limits(
 
 def _joined(line: Polyline, parts: list[SplineMotion]) -> SplineMotion:
     """Stretches one after the other, the curve kinked between them."""
-    t, points, columns, place, clock = [np.zeros(DEGREE + 1)], [], [], 0.0, 0.0
+    t = [np.zeros(DEGREE + 1)]
+    points = []
+    columns = []
+    place = 0.0
+    clock = 0.0
     for part in parts:
         t.append(place + part.curve.spline.t[DEGREE + 1 :])
         points.append(part.curve.spline.c)

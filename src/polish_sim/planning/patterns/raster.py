@@ -39,7 +39,10 @@ AS_NARROW = 1e-6  #: Ways across a region that differ by less than this share of
 
 def _parallel_lines(request: PatternRequest) -> list[list[Curve]]:
     """Lines from one side of the region to the other in order, each the pieces between borders."""
-    region, mesh, stepover, report = request.region, request.mesh, request.stepover, request.report
+    region = request.region
+    mesh = request.mesh
+    stepover = request.stepover
+    report = request.report
     heights = (mesh.vertices - mesh.vertices.mean(axis=0)) @ _across(region, request.plan.raster_direction)
     lines, above, below = _both_sides(region, mesh, heights, 0.0, stepover, lambda share: report(0.5 * share))
     width = above + below + (len(lines) - 1) * stepover
