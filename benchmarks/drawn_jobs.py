@@ -7,11 +7,12 @@ three runs along the plan draw others and are asked to ``--check``. `inspect` me
 run from further on, one that learned, exported paths and a whole job follow by chance. Each command is a
 process of its own with a limit of processor time.
 
-Prints a line for each job and for each fault, then a table of sums. A fault is a traceback, an exit code
-outside of the contract, a figure that is no number, areas that contradict each other, figures of `inspect`
-that are not the plan's, a protective stop, lost contact, and a run that falls short where its plan did not
-say so. Of both limits of `run --check`, force and tangential error, the table says how many times as much a
-run used as the proof of its plan has noted: a plan says that it may fail from 1/1.4 of a limit on.
+Prints a line for each job and for each fault, then a table of sums, after Ctrl-C of the jobs that are
+done. A fault is a traceback, an exit code outside of the contract, a figure that is no number, areas that
+contradict each other, figures of `inspect` that are not the plan's, a protective stop, lost contact, and
+a run that falls short where its plan did not say so. Of both limits of `run --check`, force and
+tangential error, the table says how many times as much a run used as the proof of its plan has noted: a
+plan says that it may fail from 1/1.4 of a limit on.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -214,12 +216,16 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, help="folder of STL files; half of the jobs take one of them")
     parser.add_argument("--out", type=Path, help="where all is kept; else it is removed")
     asked = parser.parse_args()
+    if asked.parts and not asked.parts.is_dir():
+        parser.error(f"--parts '{asked.parts}' is no folder.")
     files = usable_files(asked.parts) if asked.parts else []
-    with tempfile.TemporaryDirectory() as scratch:
-        out = asked.out or Path(scratch)
-        outcomes = [try_job(seed, files, out) for seed in range(asked.first, asked.first + asked.count)]
-    print_rows(f"{asked.count} drawn jobs", sums(outcomes), ("median", "worst (seed)"))
-    sys.exit(any(outcome.faults for outcome in outcomes))
+    outcomes = list[Outcome]()
+    with tempfile.TemporaryDirectory() as scratch, suppress(KeyboardInterrupt):
+        for seed in range(asked.first, asked.first + asked.count):
+            outcomes.append(try_job(seed, files, asked.out or Path(scratch)))
+    title = f"{len(outcomes)} of {asked.count} drawn jobs"
+    print_rows(title, sums(outcomes), ("median", "worst (seed)"))
+    sys.exit(len(outcomes) < asked.count or any(outcome.faults for outcome in outcomes))
 
 
 if __name__ == "__main__":
