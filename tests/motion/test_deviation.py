@@ -11,7 +11,7 @@ import pytest
 from polish_sim.motion.rules import fir
 from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
-from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, filter_rise, fir_schedule
+from polish_sim.motion.rules.fir import corner_overlap, corner_speed, filter_rise, fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 
 TRIPLE = np.array([0.1, 0.05, 0.02])
@@ -40,7 +40,7 @@ def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: f
 
 def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
     """At the vertex half way through the overlap, which is at most as long as the filters."""
-    rng, rates, limited = np.random.default_rng(0), np.empty(4), 0
+    rng, limited = np.random.default_rng(0), 0
     for _ in range(2000):
         a, b, c = -np.sort(-(10.0 ** rng.uniform(-3.0, 0.5, 3)))
         length, tolerance = 10.0 ** rng.uniform([-1.7, -4.0], [1.7, 0.0])  # [mm]
@@ -48,8 +48,8 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
         change = corner_speed(length / a, length / a, np.cos(turn))
         overlap = corner_overlap(tolerance, change, b, c, b, c)
         most = vertex_error(b + c, b, c, change)
-        box_progress(a, b, c, 0.5 * overlap, rates)
-        measured = length * rates[0] * 2.0 * np.sin(0.5 * turn)
+        way = progress(np.array([a, b, c]), 0.5 * overlap)[0]
+        measured = length * way * 2.0 * np.sin(0.5 * turn)
         assert vertex_error(overlap, b, c, change) == pytest.approx(min(tolerance, most), abs=1e-12)
         assert measured == pytest.approx(min(tolerance, most), abs=1e-12)
         limited += most < tolerance
@@ -175,9 +175,14 @@ def triples(count: int, seed: int) -> np.ndarray:
 
 
 def progress(triple: np.ndarray, time: float) -> np.ndarray:
-    rates = np.empty(4)
-    fir.box_progress(*fir.sorted_times(*triple), time, rates)
-    return rates
+    """Of the pieces, with three derivatives."""
+    durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
+    count = fir.box_pieces(*triple, durations, coefficients)
+    starts = np.concatenate([[0.0], np.cumsum(durations[:count])])
+    if not 0.0 <= time <= starts[-1]:
+        return np.array([time > 0.0, 0.0, 0.0, 0.0])
+    k = min(np.searchsorted(starts, time, side="right") - 1, count - 1)
+    return np.array([np.polynomial.Polynomial(coefficients[k]).deriv(d)(time - starts[k]) for d in range(4)])
 
 
 def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12_from_nought_to_one():
@@ -201,21 +206,23 @@ def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12_from_nought_
     np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
 
 
-def test_the_pieces_are_the_closed_form():
+def test_the_pieces_follow_one_another_from_nought_to_one():
     durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
     special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
     for triple in np.concatenate([triples(50, 6), special]):
         count = fir.box_pieces(*triple, durations, coefficients)
         assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
-        begin = 0.0
-        for length, piece in zip(durations[:count], coefficients[:count], strict=True):
-            for share in (0.01, 0.5, 0.99):
-                t = share * length
-                true = progress(triple, begin + t)
-                assert piece @ t ** np.arange(4) == pytest.approx(true[0], abs=1e-13)
-                rate = piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t]
-                assert rate == pytest.approx(true[1], rel=1e-9, abs=1e-12 * true[1])
-            begin += length
+        pieces = [np.polynomial.Polynomial(piece) for piece in coefficients[:count]]
+        ends = [[piece.deriv(d)(t) for d in range(2)] for piece, t in zip(pieces, durations, strict=False)]
+        fastest = 1.0 / triple.max()
+        np.testing.assert_allclose(
+            np.array(ends[:-1]).reshape(-1, 2),
+            coefficients[1:count, :2],
+            rtol=0.0,
+            atol=1e-13 * (1.0 + fastest),
+        )
+        assert coefficients[0, 0] == 0.0
+        assert ends[-1][0] == pytest.approx(1.0, abs=1e-13)
 
 
 def test_no_profile_within_the_limits_is_shorter():

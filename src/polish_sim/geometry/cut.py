@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints, joined, next_corners, norms
 from polish_sim.geometry.surface import Surface, build_surface
@@ -48,17 +47,12 @@ def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
     ``values`` (m, 6) are the quantity as a quadratic over each patch, equal along shared edges; corners where
     its magnitude is at most ``on`` lie on the cut.
     """
-    sign = _corner_signs(values, on)
-    whole = ~(sign < 0).any(axis=1)
-    crossed = (sign > 0).any(axis=1) & ~whole
-    return _cut_apart(surface, values, np.flatnonzero(whole), np.flatnonzero(crossed), (sign,))
+    return _cut_apart(surface, values, on, False)
 
 
 def split(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
     """Cut a surface like `clip`, but keep both sides, still joined; no facet is on both sides of the cut."""
-    sign = _corner_signs(values, on)
-    crossed = (sign > 0).any(axis=1) & (sign < 0).any(axis=1)
-    return _cut_apart(surface, values, np.flatnonzero(~crossed), np.flatnonzero(crossed), (sign, -sign))
+    return _cut_apart(surface, values, on, True)
 
 
 def then(first: Clipped, second: Clipped) -> Clipped:
@@ -66,39 +60,38 @@ def then(first: Clipped, second: Clipped) -> Clipped:
     return Clipped(second.surface, first.parents[second.parents])
 
 
-def _corner_signs(values: Array, on: float) -> NDArray[np.int8]:
-    return np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3])).astype(np.int8)
-
-
-def _cut_apart(
-    surface: Surface, values: Array, whole: Indices, crossed: Indices, sides: tuple[NDArray[np.int8], ...]
-) -> Clipped:
-    """Keep whole facets, and of the crossed ones the sides where the corners' signs are not negative."""
-    kept: Ints = whole.astype(np.int32)
-    if len(crossed) == 0:
+def _cut_apart(surface: Surface, values: Array, on: float, both: bool) -> Clipped:
+    """Divide the facets that are crossed; keep those whose corners' signs are not negative, or ``both``
+    sides."""
+    sign = np.sign(np.where(np.abs(values[:, :3]) <= on, 0.0, values[:, :3]))
+    marked = sign * next_corners(sign) < 0.0
+    crossed = marked.any(axis=1)
+    kept: Ints = np.flatnonzero(~crossed & (both | (sign >= 0.0).all(axis=1))).astype(np.int32)
+    if not crossed.any():
         return Clipped(surface if len(kept) == len(surface.faces) else surface.restrict(kept), kept)
-    cut_at, cut_vertex, count = _edge_cuts(surface, values, sides[0])
-    pieces = (_cut_facets(surface, crossed, side, cut_at, cut_vertex) for side in sides)
-    cut = CutFacets(*joined([whole_facets(surface, kept), *pieces]))
-    return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
+    facets = whole_facets(surface, np.flatnonzero(crossed).astype(np.int32))
+    shares = _edge_cuts(surface, values, marked)[crossed]
+    cut, places = halve_edges(surface, facets, surface.vertices, marked[crossed], shares)
+    # A piece has corners of its parent, and cut points.
+    on_side = ((cut.barycentric == 1.0) @ sign[cut.parents, :, None] >= 0.0).all(axis=(1, 2))
+    pieces = CutFacets(*(column[both | on_side] for column in cut))
+    cut = CutFacets(*joined([whole_facets(surface, kept), pieces]))
+    return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
-def _edge_cuts(surface: Surface, values: Array, sign: NDArray[np.int8]) -> tuple[Array, Ints, int]:
-    """Where each edge is cut (from corner e on), the number of the cut point, and how many there are."""
+def _edge_cuts(surface: Surface, values: Array, cut: Bools) -> Array:
+    """Where each edge that is ``cut`` (m, 3) is, as a share of it from corner e on, (m, 3)."""
     first, second = surface.faces, next_corners(surface.faces)
     swap = first > second
     here, ahead = values[:, :3], next_corners(values[:, :3])
     start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
-    cut = sign * next_corners(sign) < 0
     low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
     _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
-    vertex = np.full(cut.shape, -1, dtype=np.int32)
-    vertex[cut] = len(surface.vertices) + number
     # At a crease the quantity may differ from side to side; the cut point must not.
     roots = _root(start[cut], middle[cut], end[cut])
-    at = np.full(cut.shape, np.nan)
+    at = np.full(cut.shape, 0.5)
     at[cut] = (np.bincount(number, weights=roots) / np.bincount(number))[number]
-    return np.where(swap, 1.0 - at, at), vertex, number.max() + 1
+    return np.where(swap, 1.0 - at, at)
 
 
 def _root(start: Array, middle: Array, end: Array) -> Array:
@@ -107,41 +100,6 @@ def _root(start: Array, middle: Array, end: Array) -> Array:
     root = np.sqrt(np.maximum(b * b - a * c, 0.0))
     # a t^2 + 2 b t + c = 0 in the form that does not cancel; the falling or rising branch by the ends' signs.
     return np.clip(c / (-b + np.where(start > 0.0, root, -root)), 1e-9, 1.0 - 1e-9)
-
-
-def _cut_facets(
-    surface: Surface, facets: Indices, sign: NDArray[np.int8], cut_at: Array, cut_vertex: Ints
-) -> CutFacets:
-    parents: list[int] = []
-    corners: list[list[Array]] = []
-    faces: list[list[int]] = []
-    unit = np.eye(3)
-    for facet in facets:
-        points: list[Array] = []
-        numbers: list[int] = []
-        for corner in range(3):
-            if sign[facet, corner] >= 0:
-                points.append(unit[corner])
-                numbers.append(surface.faces[facet, corner])
-            if cut_vertex[facet, corner] >= 0:
-                t = cut_at[facet, corner]
-                points.append((1.0 - t) * unit[corner] + t * unit[(corner + 1) % 3])
-                numbers.append(cut_vertex[facet, corner])
-        for triangle in _fan(surface.vertices[surface.faces[facet]], points):
-            parents.append(facet)
-            corners.append([points[i] for i in triangle])
-            faces.append([numbers[i] for i in triangle])
-    return CutFacets(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int64))
-
-
-def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
-    """Split a triangle or quadrangle; the quadrangle along its shorter diagonal."""
-    if len(points) == 3:
-        return [(0, 1, 2)]
-    places = np.array(points) @ triangle
-    if np.linalg.norm(places[0] - places[2]) <= _EQUAL * np.linalg.norm(places[1] - places[3]):
-        return [(0, 1, 2), (0, 2, 3)]
-    return [(0, 1, 3), (1, 2, 3)]
 
 
 def build_cut(surface: Surface, cut: CutFacets, count: int) -> Surface:
@@ -234,16 +192,26 @@ ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not 
 
 
 def halve_edges(
-    surface: Surface, cut: CutFacets, places: Array, split: Indices, facet: Indices, edge: Indices
+    surface: Surface, cut: CutFacets, places: Array, marked: Bools, shares: Array | float = 0.5
 ) -> tuple[CutFacets, Array]:
-    """Split triangles without gaps at the middles of some of their edges: triangles and vertices [m].
+    """Split triangles without gaps at the middles of their ``marked`` edges (m, 3), or at other ``shares`` of
+    them: triangles and vertices [m].
 
-    ``split`` (m, 3) are the numbers of the new vertices, which follow those of ``places`` (n, 3) [m], -1
-    where an edge stays whole; they are the middles of edges ``edge`` of triangles ``facet`` (k,), in order.
+    An edge is marked in both its triangles. New vertices follow those of ``places`` (n, 3) [m].
     """
-    weights = 0.5 * (cut.barycentric[facet, edge] + cut.barycentric[facet, (edge + 1) % 3])
-    places = np.concatenate([places, surface.evaluate(cut.parents[facet], weights).positions])
-    nodes = np.concatenate([cut.barycentric, 0.5 * (cut.barycentric + next_corners(cut.barycentric))], axis=1)
+    # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its
+    # middle.
+    edge, facet = np.nonzero(marked.T)
+    ends = np.stack([cut.faces[facet, edge], cut.faces[facet, (edge + 1) % 3]])
+    keys = ends.min(axis=0) * len(places) + ends.max(axis=0)
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    split = np.full(cut.faces.shape, -1)
+    split[facet, edge] = len(places) + which
+    facet, edge = facet[first], edge[first]
+    share, corners = np.asarray(shares)[..., None], cut.barycentric
+    nodes = np.concatenate([corners, (1.0 - share) * corners + share * next_corners(corners)], axis=1)
+    added = surface.evaluate(cut.parents[facet], nodes[facet, 3 + edge]).positions
+    places = np.concatenate([places, added])
     ids = np.concatenate([cut.faces, split], axis=1)
     count = (split >= 0).sum(axis=1)
     parts = []
@@ -253,12 +221,12 @@ def halve_edges(
         halved = split[rows] >= 0
         turn = np.argmax(halved & ~np.roll(halved, 1, axis=1), axis=1)[:, None] + np.arange(3)
         order = np.concatenate([turn % 3, 3 + turn % 3], axis=1)
-        first, others, row = np.ones((len(rows), 1), dtype=bool), pieces, rows[:, None]
+        usual, others, row = np.ones((len(rows), 1), dtype=bool), pieces, rows[:, None]
         if number == 2:  # what is left beside the corner between both edges is cut along its shorter diagonal
-            others, corners = _OTHER_DIAGONAL, ids[row, order]
-            one = norms(places[corners[:, 0]] - places[corners[:, 4]])
-            first = (one <= ALIKE * norms(places[corners[:, 2]] - places[corners[:, 3]]))[:, None]
-        for piece, other in zip(pieces, others, strict=True):
-            at = np.take_along_axis(order, np.where(first, piece, other), 1)
+            others, ends = _OTHER_DIAGONAL, places[ids[row, order]]
+            one, other = (norms(ends[:, a] - ends[:, b]) for a, b in ((0, 4), (2, 3)))
+            usual = (one <= ALIKE * other)[:, None]
+        for pair in zip(pieces, others, strict=True):
+            at = np.take_along_axis(order, np.where(usual, *pair), 1)
             parts.append((cut.parents[rows], nodes[row, at], ids[row, at]))
     return CutFacets(*joined(parts)), places

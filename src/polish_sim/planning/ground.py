@@ -95,7 +95,7 @@ def _with_facets(
 def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
     """Middle of a hole: mean of the Hermite curves' mid-points between rim points half the rim apart."""
     across = np.roll(np.arange(len(points)), -(len(points) // 2))
-    normal = unit(normals.mean(axis=0)[None])[0]
+    normal = unit(normals.mean(axis=0))
     chords = points[across] - points
     start, end = unit(into_plane(chords, normals)), unit(into_plane(chords, normals[across]))
     halfway = edge_middle(points, points[across], start, end)

@@ -87,23 +87,15 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
         long = _long_edges(vertices, cut.faces, longest_edge)
         if not long.any() or len(cut.faces) > 2 * MAX_TRIANGLES:
             break
-        # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its
-        # middle.
-        corner, row = np.nonzero(long)
-        ends = np.stack([cut.faces[row, corner], cut.faces[row, (corner + 1) % 3]])
-        keys = ends.min(axis=0) * len(vertices) + ends.max(axis=0)
-        _, first, which = np.unique(keys, return_index=True, return_inverse=True)
-        split = np.full(cut.faces.shape, -1)
-        split[row, corner] = len(vertices) + which
-        cut, vertices = halve_edges(surface, cut, vertices, split, row[first], corner[first])
+        cut, vertices = halve_edges(surface, cut, vertices, long)
     return _finish(surface, vertices, cut)
 
 
 def _long_edges(vertices: Array, triangles: Indices, longest_edge: float) -> Bools:
-    """Whether the edge from corner k to k + 1 of each triangle is longer than asked for, shape (3, m)."""
+    """Whether the edge from corner k to k + 1 of each triangle is longer than asked for, shape (m, 3)."""
     limit2 = (longest_edge * ALIKE) ** 2
     sides = (vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3))
-    return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides])
+    return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides], axis=1)
 
 
 def _finish(surface: Surface, vertices: Array, cut: CutFacets) -> Triangulation:

@@ -206,10 +206,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         marked = np.zeros(len(lengths), dtype=bool)
         marked[edges.of_facet[near]] = True
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))
-        number = np.full(len(marked), -1)
-        number[marked] = len(places) + np.arange(marked.sum())
-        halved = np.divmod(edges.first[marked], 3)
-        cut, places = halve_edges(surface, cut, places, number[edges.of_facet], *halved)
+        cut, places = halve_edges(surface, cut, places, marked[edges.of_facet])
         values = np.concatenate([values, distance.straight(places[len(values) :])])
     if len(cut.parents) == count:
         return Clipped(surface, cut.parents)

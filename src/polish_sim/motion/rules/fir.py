@@ -3,9 +3,9 @@
     S(t) = 1/(6 T1 T2 T3) SUM_A (-1)^|A| (t - T_A)_+^3
     A: subsets of {T1, T2, T3}, T_A: sum of its members
 
-That sum cancels where one time is small. Here the times are sorted, a >= b >= c, and a second form without
-differences of near numbers is used: S(t) = (H(t) - H(t - a)) / a, H the way of a speed that rises from 0 to 1
-over b + c, and S(T - t) = 1 - S(t) beyond half time.
+That sum cancels where one time is small. Here the times are sorted, a >= b >= c, the first half is added up
+piece by piece from accelerations without differences of near numbers, and S(T - t) = 1 - S(t) beyond half
+time.
 """
 
 from __future__ import annotations
@@ -71,77 +71,34 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
     plateau = 1.0 / (a * b) if b > 0.0 else 0.0
     jerk = plateau / c if c > 0.0 else 0.0
     early = min(a, b + c)  # the middle piece begins
-    left = max(b + c - a, 0.0) * jerk  # acceleration then
-    rates = np.empty(4)
+    # Where the pieces of the first half begin; an unfiltered box is at full speed at once.
+    ways, speeds = np.zeros(4), np.full(4, 0.0 if b > 0.0 else 1.0 / a)
     count = 0
     for i in range(PIECES):
-        begin, length, acceleration, third = 0.0, c, 0.0, jerk
-        if i == 1 or i == 5:
-            begin, length, acceleration, third = c, b - c, plateau, 0.0
-        elif i == 2 or i == 4:
-            begin, length, acceleration, third = b, early - b, plateau, -jerk
-        elif i == 3:
-            begin = early
-            length = abs(a - b - c)
-            acceleration = left
+        half = min(i, PIECES - 1 - i)
+        length, acceleration, third = c, 0.0, jerk
+        if half == 1:
+            length, acceleration, third = b - c, plateau, 0.0
+        elif half == 2:
+            length, acceleration, third = early - b, plateau, -jerk
+        elif half == 3:
+            length, acceleration = abs(a - b - c), max(b + c - a, 0.0) * jerk
             third = -2.0 * jerk if a < b + c else 0.0
+        if i < 3:
+            gained = length * (acceleration + 0.5 * length * third)
+            ways[i + 1] = ways[i] + length * (speeds[i] + 0.5 * gained - length * length * third / 12.0)
+            speeds[i + 1] = speeds[i] + gained
         if length <= 0.0:
             continue
-        if i >= 4:  # mirrored in time
-            box_progress(a, b, c, begin + length, rates)
-            acceleration = -(acceleration + third * length)
-            rates[0] = 1.0 - rates[0]
-        else:
-            box_progress(a, b, c, begin, rates)
+        begin = half
+        if i > 3:  # mirrored in time
+            begin, acceleration = half + 1, -(acceleration + third * length)
         durations[count] = length
-        coefficients[count, 0], coefficients[count, 1] = rates[0], rates[1]
+        coefficients[count, 0] = 1.0 - ways[begin] if i > 3 else ways[begin]
+        coefficients[count, 1] = speeds[begin]
         coefficients[count, 2], coefficients[count, 3] = 0.5 * acceleration, third / 6.0
         count += 1
     return count
-
-
-@njit
-def box_progress(a: float, b: float, c: float, time: float, rates: Array) -> None:
-    """Write S and its three derivatives at a time into ``rates`` (4,); a >= b >= c [s], a positive."""
-    total = a + b + c
-    late = time > 0.5 * total
-    t = total - time if late else time
-    rates[0] = rates[1] = rates[2] = rates[3] = 0.0
-    if t >= 0.0:
-        _rise(b, c, t, rates)
-        if t > a:
-            r = t - a
-            rates[0] -= r * (r / b) * (r / c) / 6.0
-            rates[1] -= r / b * (r / c) / 2.0
-            rates[2] -= r / b / c
-            rates[3] -= 1.0 / b / c
-        for d in range(4):
-            rates[d] /= a
-    if late:
-        rates[0] = 1.0 - rates[0]
-        rates[2] = -rates[2]
-
-
-@njit
-def _rise(b: float, c: float, t: float, rates: Array) -> None:
-    """Way H and derivatives of a speed that rises from 0 to 1 over b + c, at t > 0."""
-    rest = b + c - t
-    if t < c:
-        rates[0], rates[1], rates[2], rates[3] = (
-            t * (t / b) * (t / c) / 6.0,
-            t / b * (t / c) / 2.0,
-            t / b / c,
-            1.0 / b / c,
-        )
-    elif t < b:
-        r = t - c
-        rates[0], rates[1], rates[2] = (t * t + t * r + r * r) / (6.0 * b), (t + r) / (2.0 * b), 1.0 / b
-    elif rest > 0.0:
-        rates[0] = t - 0.5 * (b + c) + rest * (rest / b) * (rest / c) / 6.0
-        rates[1] = 1.0 - rest / b * (rest / c) / 2.0
-        rates[2], rates[3] = rest / b / c, -1.0 / b / c
-    else:
-        rates[0], rates[1] = t - 0.5 * (b + c), 1.0
 
 
 @njit

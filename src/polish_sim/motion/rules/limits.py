@@ -14,7 +14,7 @@ from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix4, Record, Vector6
 from polish_sim.motion.kinematics import NOMINAL, arm_lengths, joint_rows
 from polish_sim.spatial import inverse
-from polish_sim.toml_text import read_toml
+from polish_sim.toml_text import read_toml, toml_text
 
 MM, DEG = 1e-3, math.radians(1.0)
 JOINT_SPEED = math.radians(180.0)  #: Every joint of the default arm, as its maker publishes it [rad/s]
@@ -103,21 +103,10 @@ def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLim
 
 def limits_toml(limits: SmoothingLimits) -> str:
     """Limits as the text of a file that `load_limits` reads."""
-    lines: list[str] = []
-    for section in SECTIONS:
-        lines.append(f"[{section}]")
-        for key, spec in _keys(section).items():
-            value = getattr(limits, spec.name)
-            scale = spec.metadata["scale"]
-            listed = isinstance(value, tuple)
-            text = (
-                "[" + ", ".join(f"{v / scale:.10g}" for v in value) + "]"
-                if listed
-                else f"{value / scale:.10g}"
-            )
-            lines.append(f"{key} = {text}")
-        lines.append("")
-    return "\n".join(lines)
+    return toml_text({section: {
+        key: np.round(np.array(getattr(limits, spec.name)) / spec.metadata["scale"], 9)
+        for key, spec in _keys(section).items()
+    } for section in SECTIONS})  # fmt: skip
 
 
 def _keys(section: str) -> dict[str, Field[Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -11,9 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms
-from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curve import Curve
-from polish_sim.planning.patterns.run import Run, dense, with_round_corners
+from polish_sim.planning.patterns.run import Run, dense, numbered, with_round_corners
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
@@ -45,83 +44,55 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
     """
     out = list(runs)
     traces = [dense(run.positions, TRACE * stepover) for run in runs]
-    everything = np.concatenate(traces) if traces else np.empty((0, 3))
-    distance = _distance(mesh.vertices, everything, stepover)
-    rest = _edges_within(mesh, distance > STRICT * stepover)
+    distance = _distance(mesh, np.concatenate([np.empty((0, 3)), *traces]), stepover)
     tried = np.zeros(len(mesh.vertices), dtype=bool)
-    for place, area in _uncovered_places(mesh, rest, distance, tried, stepover):
+    for _ in range(MOST_LINES):
+        place, area = _largest_place(mesh, (distance > STRICT * stepover) & ~tried)
+        if area < WORTH_A_LINK * stepover**2:
+            break
+        tried |= place
         if area < WORTH_A_LIFT * stepover**2 and place[mesh.border].any():
             continue
-        line = _middle_line(mesh, rest, place, distance, stepover)
+        line = _middle_line(mesh, place, distance, stepover)
         owner, added = _lead_into(mesh, traces, line, stepover)
+        trace = dense(added, TRACE * stepover)
         if owner >= 0:
             if area < PAYS * stepover * _length(np.concatenate([traces[owner][-1:], added])):
                 continue
             more = Run(added, np.full(len(added), out[owner].pass_index[-1]))
             out[owner] = Run(*joined([out[owner], more]))
-            traces[owner] = np.concatenate([traces[owner], dense(added, TRACE * stepover)])
+            traces[owner] = np.concatenate([traces[owner], trace])
         elif area > WORTH_A_LIFT * stepover**2 and len(line) > 1:
-            added = line
-            out.append(Run(line, np.zeros(len(line), dtype=np.int64)))
-            traces.append(dense(line, TRACE * stepover))
+            out.append(numbered([line]))
+            traces.append(trace)
         else:
             continue
-        _come_nearer(mesh, distance, dense(added, TRACE * stepover), stepover)
+        distance = np.minimum(distance, _distance(mesh, trace, stepover))
         # What the line did not reach may be tried again.
         tried &= ~place | (distance < STRICT * stepover)
     return out
-
-
-def _uncovered_places(
-    mesh: Triangulation, rest: Indices, distance: Array, tried: Bools, stepover: float
-) -> Iterator[tuple[Bools, float]]:
-    """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are
-    any."""
-    for _ in range(MOST_LINES):
-        place, area = _largest_place(mesh, rest, (distance > STRICT * stepover) & ~tried)
-        if area < WORTH_A_LINK * stepover**2:
-            return
-        tried |= place
-        yield place, area
 
 
 def middle_ends(mesh: Triangulation, turn: Turn, stepover: float) -> Array:
     """Both ends of what an innermost turn will leave uncovered in its middle [m], shape (2, 3), or (0, 3)."""
     distance = np.zeros(len(mesh.vertices))
     distance[turn.inside] = distance_to(mesh, turn.inside, [turn.curve], DEEPEST * stepover)
-    uncovered = distance > STRICT * stepover
-    rest = _edges_within(mesh, uncovered)
-    place, area = _largest_place(mesh, rest, uncovered)
+    place, area = _largest_place(mesh, distance > STRICT * stepover)
     if area < WORTH_A_LINK * stepover**2:
         return np.empty((0, 3))
-    return _middle_line(mesh, rest, place, distance, stepover)[[0, -1]]
+    return _middle_line(mesh, place, distance, stepover)[[0, -1]]
 
 
-def _distance(points: Array, trace: Array, stepover: float) -> Array:
-    """Distance of points (n, 3) to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
-    if len(trace) == 0:
-        return np.full(len(points), np.inf)
-    found, _ = cKDTree(trace).query(points, distance_upper_bound=DEEPEST * stepover)
-    return found
+def _distance(mesh: Triangulation, trace: Array, stepover: float) -> Array:
+    """Distance of the vertices to a trace (k, 3), inf beyond 2.5 step-overs [m], shape (n,)."""
+    return cKDTree(trace).query(mesh.vertices, distance_upper_bound=DEEPEST * stepover)[0]
 
 
-def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: float) -> None:
-    """Bring distances of vertices up to date with a new trace (k, 3)."""
-    low, high = trace.min(axis=0) - DEEPEST * stepover, trace.max(axis=0) + DEEPEST * stepover
-    near = np.flatnonzero(((mesh.vertices > low) & (mesh.vertices < high)).all(axis=1))
-    distance[near] = np.minimum(distance[near], _distance(mesh.vertices[near], trace, stepover))
-
-
-def _edges_within(mesh: Triangulation, places: Bools) -> Indices:
-    """Edges inside a set of vertices, shape (k, 2)."""
-    return mesh.edges[places[mesh.edges].all(axis=1)]
-
-
-def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tuple[Bools, float]:
-    """The connected piece of largest area along the edges of the rest, and that area [m^2]."""
+def _largest_place(mesh: Triangulation, open_places: Bools) -> tuple[Bools, float]:
+    """The connected piece of largest area of some vertices, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
-    _, labels = label_within(rest, open_places)
+    _, labels = mesh.components(open_places)
     areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
     largest = _largest(areas)
     return labels == largest, areas[largest]
@@ -132,13 +103,13 @@ def _largest(values: Array | Indices) -> int:
     return int(np.argmax(values >= (1.0 - SAME) * values.max()))
 
 
-def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Array, stepover: float) -> Array:
+def _middle_line(mesh: Triangulation, place: Bools, distance: Array, stepover: float) -> Array:
     """Longest way through a place along the line furthest from everything covered, (n, 3); a point if
     compact."""
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
-    edges = number[rest[place[rest].all(axis=1)]]
+    edges = number[mesh.edges[place[mesh.edges].all(axis=1)]]
     depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
     length = norms(points[edges[:, 0]] - points[edges[:, 1]])
@@ -176,7 +147,7 @@ def _lead_into(
     can."""
     offers: list[tuple[float, int, Array]] = []
     for number, trace in enumerate(traces):
-        heading = unit((trace[-1] - trace[-min(10, len(trace))])[None])[0]
+        heading = unit(trace[-1] - trace[-min(10, len(trace))])
         for way, detour in _ways(line, trace[-1]):
             link = way[0] - trace[-1]
             length = np.linalg.norm(link) + detour
@@ -200,8 +171,8 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
     start, end = trace[-1], way[0]
     length = np.linalg.norm(end - start)
     back, ahead = trace[-min(LEAN, len(trace))], way[min(LEAN, len(way)) - 1]
-    leaving = unit((start - back)[None])[0] * length
-    arriving = unit((ahead - end)[None])[0] * length if len(way) > 1 else 2.0 * (end - start) - leaving
+    leaving = unit(start - back) * length
+    arriving = unit(ahead - end) * length if len(way) > 1 else 2.0 * (end - start) - leaving
     u = np.linspace(0.0, 1.0, max(int(length / (TRACE * stepover)), 2), endpoint=False)[1:, None]
     # Cubic with these ends and directions (Hermite).
     along, turning = u**2 * (3.0 - 2.0 * u), u * (1.0 - u)

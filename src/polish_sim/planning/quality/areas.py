@@ -139,7 +139,5 @@ def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
 def _within(sources: Array, points: Array, reach: float) -> Indices:
     """Row of the source (k, 3) nearest to each point (n, 3), -1 where none is within reach [m], shape
     (n,)."""
-    if not len(sources):
-        return np.full(len(points), -1)
     found, nearest = cKDTree(sources).query(points, distance_upper_bound=reach)
     return np.where(np.isfinite(found), nearest, -1)
