@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 SEEDS = 5
 SEEDS_OF_REACH = 20
-OF_CASES = ("--seeds", "--case", "--reach", "--list", "--check")
+OF_CASES = ("--seed", "--seeds", "--case", "--reach", "--list", "--check")
 """Options that count only where cases of a score are measured."""
 CONTROLLER_TEXT = (
     "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, "
@@ -40,7 +40,15 @@ CONTROLLER_TEXT = (
 @takes(
     Own("--controller", RUN, "NAME", CONTROLLER_TEXT),
     Own("--against", RUN, "NAME", "A second controller, to put beside it."),
-    Own("--seeds", RUN, "N", "Seeds per case, counting up from 0; default 5, with --reach 20.", int, 1, 1e6),
+    Own(
+        "--seeds",
+        RUN,
+        "N",
+        "Seeds per case, counting up from --seed; default 5, with --reach 20.",
+        int,
+        1,
+        1e6,
+    ),
     Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),
     Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery."),
     Own("--ablate", RUN, "", "Leave out one law of the controller after the other."),
@@ -57,7 +65,7 @@ CONTROLLER_TEXT = (
     ),
     Own("--list", RUN, "", "List the cases and what is run in each."),
     OWN["--set"]._replace(text="KEY=VALUE of the config for --controller; may be repeated."),
-    *("--check", "--workers", "--on", "--out"),
+    *("--seed", "--check", "--workers", "--on", "--out"),
     Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept."),
 )
 def score(given: Given) -> int:
@@ -93,8 +101,9 @@ def score(given: Given) -> int:
         else [own, *([user_entry(against)] if against is not None else [])]
     )
     check_entries(cases, entries)
-    seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
-    what, more = "score", {"cases": [case.name for case in cases], "seeds": seeds}
+    first = given["--seed"] or 0
+    seeds = range(first, first + (given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)))
+    what, more = "score", {"cases": [case.name for case in cases], **_seeds_of(seeds)}
     tasks = list_tasks(cases, entries, seeds)
     work: Callable[..., Any] = partial(run_score, cases, entries, seeds)
     show: Callable[..., int] = partial(write_and_show, given)
@@ -201,6 +210,10 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
     })  # fmt: skip
 
 
+def _seeds_of(seeds: range) -> dict[str, int]:
+    return {"first_seed": seeds.start, "seeds": len(seeds)}
+
+
 def _facts(score: Score) -> dict[str, Any]:
     from polish_sim.scoring import breaking, summarize, worst_case
 
@@ -208,7 +221,7 @@ def _facts(score: Score) -> dict[str, Any]:
     return {
         "controllers": [entry.label for entry in score.entries],
         "cases": [case.name for case in score.cases],
-        "seeds": score.seeds,
+        **_seeds_of(score.seeds),
         "worst_case": {entry.label: worst_case(summaries, entry) for entry in score.entries},
         "breaks": {entry.label: breaking(summaries, entry) for entry in score.entries},
         "runs": len(score.rows),

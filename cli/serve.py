@@ -396,5 +396,5 @@ def _score(task: Task, place: Workplace, run: CellRun, folder: Path) -> None:
 
     row = measured(task, place, run)
     write_json(folder / SCORE, {"rows": [row]})
-    summaries = summarize(Score((task.case,), (task.entry,), 1, (row,), 1))
+    summaries = summarize(Score((task.case,), (task.entry,), range(1), (row,), 1))
     console.table(overview(summaries, False)._replace(title=f"{CLIENT} [s, N], seed {task.seed}"))

@@ -13,7 +13,7 @@ from polish_sim.scoring.score import Row, Task
 from tests.cli.conftest import Started, metrics_of
 
 HERE = ["--on", "here"]
-ONE = ["--case", "approach-20", "--seeds", "1", *HERE]
+ONE = ["--case", "approach-20", "--seed", "500", "--seeds", "1", *HERE]
 SHORT = ["--set", "process.hold_s=1.5"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
 
@@ -32,7 +32,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
     assert "never" in out  # position does not come within 1 N
     score = read(Path("s/score.json"))
     assert score["controllers"] == ["hybrid-pi", "position"]
-    assert score["seeds"] == 1
+    assert (score["first_seed"], score["seeds"]) == (500, 1)
     assert set(score) >= {"cases", "worst_case", "rows", "versions", "definitions"}
     assert [row["case"] for row in score["rows"]] == ["approach-20", "approach-20"]
     assert {"controllers", "cases", "seeds", "worst_case"} <= metrics_of("s").keys()

@@ -39,7 +39,7 @@ def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
     seeds, measured = 2, list[int]()
     with locked(folder / "rows.jsonl"), open_workers("here" if workers == 1 else "local", workers) as crew:
         runner = Runner(Rows(folder), crew, lambda done, *_: measured.append(done))
-        score = run_score((SHORT, OTHER), [PI], seeds, runner)
+        score = run_score((SHORT, OTHER), [PI], range(seeds), runner)
     return score, measured
 
 

@@ -28,7 +28,7 @@ def row(case: scoring.Case, entry: scoring.Entry, seed: int, **changed: Any) -> 
 
 
 def score_of(*rows: dict[str, Any], entries: tuple[scoring.Entry, ...] = (A, B)) -> scoring.Score:
-    return scoring.Score((HOLD, PATH), entries, 2, rows, len(rows))
+    return scoring.Score((HOLD, PATH), entries, range(2), rows, len(rows))
 
 
 BROKEN = row(

@@ -162,7 +162,7 @@ class Score:
 
     cases: tuple[Case, ...]
     entries: tuple[Entry, ...]
-    seeds: int
+    seeds: range  #: Of every case; a case that repeats takes those behind them too
     rows: tuple[Row, ...]  #: In the order of controllers, cases and seeds
     wanted: int  #: Number of rows there are when all is done
 
@@ -176,10 +176,13 @@ class Score:
         return tuple(row for row in self.rows if row["controller"] == entry.label)
 
 
-def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> list[Task]:
+def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: range) -> list[Task]:
     """All rows of a score."""
     return [
-        Task(case, entry, seed) for entry in entries for case in cases for seed in range(seeds * case.repeats)
+        Task(case, entry, seeds.start + n)
+        for entry in entries
+        for case in cases
+        for n in range(len(seeds) * case.repeats)
     ]
 
 
@@ -222,9 +225,8 @@ def score_rows(
     return runner.fill(keys_of(tasks), work, setup_key, heard=heard)
 
 
-def run_score(cases: Sequence[Case], entries: Sequence[Entry], seeds: int, runner: Runner) -> Score:
-    """Measure all rows that are not there yet; Ctrl-C ends it early with what is there. Seeds count up from
-    0."""
+def run_score(cases: Sequence[Case], entries: Sequence[Entry], seeds: range, runner: Runner) -> Score:
+    """Measure all rows that are not there yet; Ctrl-C ends it early with what is there."""
     tasks = list_tasks(cases, entries, seeds)
     rows = tuple(score_rows(runner, tasks).values())
     return Score(tuple(cases), tuple(entries), seeds, rows, len(tasks))

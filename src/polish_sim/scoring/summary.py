@@ -180,8 +180,9 @@ def about_score(score: Score) -> str:
     """How many runs there are and what their figures are."""
     missing = score.wanted - len(score.rows)
     note = f" {missing} of {score.wanted} rows are missing." if missing else ""
-    runs, seeds = count_text(len(score.rows), "run"), count_text(score.seeds, "seed")
-    return f"{runs}, {seeds} per case; mean / worst over the seeds, exact contact force.{note}"
+    runs, seeds = count_text(len(score.rows), "run"), count_text(len(score.seeds), "seed")
+    first = f"{seeds} per case from {score.seeds.start} on"
+    return f"{runs}, {first}; mean / worst over the seeds, exact contact force.{note}"
 
 
 def markdown(score: Score, tables: Iterable[Table]) -> str:
