@@ -162,7 +162,7 @@ def box_distance2(low, high, node, point):  # type: ignore[no-untyped-def]
 _CANDIDATES = 32
 
 
-class Search(Record):
+class SearchRoom(Record):
     """Memory of a search, for one thread; allocated anew at each point it takes a tenth of the time."""
 
     nodes: Annotated[Ints, (64,)]  #: Still to be looked at, the last one first

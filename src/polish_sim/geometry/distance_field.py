@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import ConfigError
-from polish_sim.geometry.closest import BoxTree, Search, closest_in_tree
+from polish_sim.geometry.closest import BoxTree, SearchRoom, closest_in_tree
 from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
@@ -35,13 +35,13 @@ class SkinArrays(NamedTuple):
     neighbour_edges: Ints  #: Which edge of that facet it is, shape (m, 3)
     vertex_normals: Array  #: Angle-weighted sums of the patches' normals, zero at borders, shape (n, 3)
     tree: BoxTree
-    search: Search
+    search: SearchRoom
 
 
 def _build_skin(surface: Surface) -> SkinArrays:
     """Gather a surface's arrays, with the pseudo-normals of its vertices."""
     normals = surface.vertex_normal_sums
-    return SkinArrays(surface.control, surface.faces, *surface.adjacency, normals, surface.tree, Search())
+    return SkinArrays(surface.control, surface.faces, *surface.adjacency, normals, surface.tree, SearchRoom())
 
 
 def signed_distances(surface: Surface, points: Array) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, in_groups, norms, summed
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
-from polish_sim.geometry.closest import BoxTree, Search, build_box_tree, closest_points
+from polish_sim.geometry.closest import BoxTree, SearchRoom, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
 from polish_sim.spatial import crosses, into_plane, plane_axes, turned, unit
@@ -145,7 +145,7 @@ class Surface:
         """
         points = np.array(points, np.float64, order="C").reshape(-1, 3)  # a frozen array compiles anew
         hints = np.full(len(points), -1, dtype=np.int32) if hint is None else np.asarray(hint, dtype=np.int32)
-        facets, barycentric = closest_points(self.control, self.tree, Search(), points, hints)
+        facets, barycentric = closest_points(self.control, self.tree, SearchRoom(), points, hints)
         positions, normals = self.evaluate(facets, barycentric)
         return ClosestPoints(positions, normals, facets, barycentric)
 
