@@ -18,7 +18,7 @@ from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.mesh_file import read_mesh_file
 from polish_sim.geometry.orientation import choose_up
 from polish_sim.geometry.polygon import FileTriangles
-from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, flip_slivers, split_t_junctions
+from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, split_t_junctions
 from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
 from polish_sim.geometry.repair.skin import (
@@ -209,7 +209,7 @@ def mend(triangles: Array, path: Path) -> Skin:
     skin = drop_bad_facets(skin, path)
     skin = wind_alike(skin, path)
     skin = wind_alike(separate_crowded(split_t_junctions(skin), path), path)
-    skin = close_holes(flip_needles(flip_slivers(skin)))
+    skin = close_holes(flip_needles(skin))
     skin = turn_outward(skin)
     skin = smooth_noise(skin)
     return skin._replace(notes=(*skin.notes, *describe_shells(skin), *describe_crossing_facets(skin)))

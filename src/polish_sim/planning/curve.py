@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -9,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots
+from polish_sim.arrays import Array, Indices, Ints, dots, running_sums
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
@@ -109,9 +110,6 @@ def interpolated(positions: Array, normals: Array, knots: Array, where: Array) -
     )
 
 
-SAME = 1e-9  #: Distances that differ by less than this share are the same
-
-
 class Nearest(NamedTuple):
     """Nearest points of a curve."""
 
@@ -119,7 +117,7 @@ class Nearest(NamedTuple):
     positions: Array  #: Foot on the chord [m], shape (n, 3)
     normals: Array  #: Unit surface normal interpolated at the foot, shape (n, 3)
     distances: Array  #: Euclidean distance, inf beyond the limit asked for [m], shape (n,)
-    curve: Indices = np.empty(0, np.int64)  #: Which of several, shape (n,); (0,) of one curve alone
+    curve: Indices  #: Which of several, shape (n,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,18 +196,38 @@ class Curve:
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances
         are inf."""
-        both, order = self.tree.query(points, k=2, distance_upper_bound=limit)
-        # Of two points equally far away the first, whichever rounding puts nearer.
-        tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])
-        distances = both[:, 0]
-        index = np.where(tie, order.min(axis=1), order[:, 0])
-        found = np.isfinite(distances)
-        s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        near = self.near_point(points[found], index[found])
-        s[found], foot[found], normal[found], distances[found] = near[:4]
-        return Nearest(s, foot, normal, distances)
+        return nearest_of([self], points, limit)
 
-    def near_point(self, points: Array, index: Indices) -> Nearest:
-        """Nearest points on the two chords that meet in the curve's own points of these numbers, (n,)."""
-        s, foot, normal, gap = near_chords(*self._knots, len(self.positions), self.closed, points, index)
-        return Nearest(s, foot, unit(normal), gap)
+
+@dataclass(frozen=True, eq=False)
+class CurveSet:
+    """Several curves, asked which of them is nearest."""
+
+    curves: tuple[Curve, ...]
+
+    @cached_property
+    def _starts(self) -> Indices:
+        return running_sums([len(curve.positions) for curve in self.curves])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        if len(self.curves) == 1:
+            return self.curves[0].tree
+        return cKDTree(np.concatenate([curve.positions for curve in self.curves]))
+
+    def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
+        """Nearest points of the closest curve; distances beyond the limit [m] are inf."""
+        distances, found = self._tree.query(points, distance_upper_bound=limit)
+        which = np.searchsorted(self._starts, found, side="right") - 1
+        s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
+        for number, curve in enumerate(self.curves):
+            rows = np.flatnonzero(which == number)
+            own = found[rows] - self._starts[number]
+            near = near_chords(*curve._knots, len(curve.positions), curve.closed, points[rows], own)
+            s[rows], foot[rows], normal[rows], distances[rows] = near
+        return Nearest(s, foot, unit(normal), distances, which)
+
+
+def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Nearest:
+    """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
+    return CurveSet(tuple(curves)).nearest(points, limit)

@@ -13,9 +13,9 @@ from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.geometry.step_file import ENDINGS
+from polish_sim.planning.curve import CurveSet
 from polish_sim.planning.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
-from polish_sim.planning.offset_curve import CurveSet
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.quality.access import AVOID, TILT, Access
 from polish_sim.planning.turns import border_curves

@@ -8,16 +8,13 @@ comes from the level line of the distance to *all* curves around, so that the fa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, midpoints, next_corners, norms, running_sums
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.curve import Curve, Nearest, SurfaceQuery, step_on_surface
+from polish_sim.planning.curve import Curve, CurveSet, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.spatial import unit
 
@@ -110,50 +107,7 @@ FINEST = 1.0 / 40.0  #: Shortest control-point spacing as a share of the step-ov
 CHORD_ERROR = 1.0 / 4000.0  #: Chord error the spacing is adapted to, as a share of the step-over
 WHOLE = 1e-6  #: A count this little above a whole number is that number: rounding must not add a point
 BACK = 1e-6  #: Feet fall back only by more than this share of the distance; less is rounding
-ROUGHLY = 0.1  #: Lower bounds of distances may be too low by this share
 OFF = 0.02  #: Feet further than this share of the step-over from the surface are not on it
-
-
-@dataclass(frozen=True, eq=False)
-class CurveSet:
-    """Several curves, asked which of them is nearest."""
-
-    curves: tuple[Curve, ...]
-
-    @cached_property
-    def _starts(self) -> Indices:
-        return running_sums([len(curve.positions) for curve in self.curves])
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        if len(self.curves) == 1:
-            return self.curves[0].tree
-        return cKDTree(np.concatenate([curve.positions for curve in self.curves]))
-
-    @cached_property
-    def _longest_chord(self) -> float:
-        return max(np.diff(curve.knots).max() for curve in self.curves)
-
-    def at_least(self, points: Array) -> Array:
-        """A cheap lower bound of the distances of points (n, 3) to the curves [m], shape (n,)."""
-        to_points, _ = self._tree.query(points, eps=ROUGHLY)
-        return to_points / (1.0 + ROUGHLY) - 0.5 * self._longest_chord
-
-    def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
-        """Nearest points of the closest curve; distances beyond the limit [m] are inf."""
-        distances, found = self._tree.query(points, distance_upper_bound=limit)
-        which = np.searchsorted(self._starts, found, side="right") - 1
-        s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        for number, curve in enumerate(self.curves):
-            rows = np.flatnonzero(which == number)
-            near = curve.near_point(points[rows], found[rows] - self._starts[number])
-            s[rows], foot[rows], normal[rows], distances[rows] = near[:4]
-        return Nearest(s, foot, normal, distances, which)
-
-
-def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Nearest:
-    """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
-    return CurveSet(tuple(curves)).nearest(points, limit)
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:

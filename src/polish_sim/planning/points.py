@@ -28,20 +28,14 @@ class PointGrid(NamedTuple):
     items: Indices  #: Numbers of the points, sorted by cell, shape (n,)
 
 
-def cells_of(points: Array, side: float) -> tuple[Array, Indices, Indices]:
-    """Lowest corner of a grid around points (n, 3) with cells of a side [m], cells along its axes, each
-    point's cell (n,)."""
-    low = points.min(axis=0)
-    where = ((points - low) / side).astype(np.int64)
-    size = where.max(axis=0) + 1
-    return low, size, (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
-
-
 def build_point_grid(points: Array, cell: float) -> PointGrid:
     """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far
     for it."""
     cell = max(cell, longest_side(points) / MOST_ACROSS, 1e-9)
-    low, size, flat = cells_of(points, cell)
+    low = points.min(axis=0)
+    where = ((points - low) / cell).astype(np.int64)
+    size = where.max(axis=0) + 1
+    flat = (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
     items = np.argsort(flat, kind="stable")
     first = np.searchsorted(flat[items], np.arange(int(size.prod()) + 1))
     return PointGrid(low, cell, size, first.astype(np.int64), items.astype(np.int64))

@@ -5,21 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, dots, in_groups, norms
-from polish_sim.planning.curve import Curve, SurfaceQuery
-from polish_sim.planning.offset_curve import (
-    ROUNDING,
-    CurveSet,
-    LevelLine,
-    level_lines,
-    nearest_of,
-    offset_curve,
-)
-from polish_sim.planning.points import cells_of
+from polish_sim.arrays import Array, Indices, dots, in_groups
+from polish_sim.planning.curve import Curve, CurveSet, SurfaceQuery, nearest_of
+from polish_sim.planning.offset_curve import ROUNDING, LevelLine, level_lines, offset_curve
 from polish_sim.planning.triangulation import Triangulation
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
@@ -27,18 +18,17 @@ from polish_sim.planning.triangulation import Triangulation
 # A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept. So
 # all turns together cost little more than a few looks per vertex.
 
-#: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
+#: Vertices up to this many step-overs beyond the next turn are looked at; edges are a third of one long
 BEYOND = 0.6
-SCOUTS = 1.5  #: Size of the cells in each of which far bounds are looked up for one vertex [step-overs]
 FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
 
 
 class Front:
     """Distances of the vertices not covered yet, from turn to turn."""
 
-    def __init__(self, mesh: Triangulation, first: float, stepover: float) -> None:
+    def __init__(self, mesh: Triangulation, stepover: float) -> None:
         count = len(mesh.vertices)
-        self.mesh, self.first, self.stepover = mesh, first, stepover
+        self.mesh, self.stepover = mesh, stepover
         self.values = np.full(count, FAR * stepover)
         """Distances to the last turns [m]; 0 where covered, at least FAR where not measured yet, (n,)."""
         self.which = np.full(count, -1)
@@ -46,38 +36,21 @@ class Front:
         self.due = np.zeros(count, dtype=np.int64)
         """Number of the turn at which each vertex is looked at next, (n,)."""
         self._bounds = np.zeros(count)
-        self._scouts = _scouts(mesh.vertices, SCOUTS * stepover)
 
     def step(self, number: int) -> float:
         """Distance from turn to turn; of the first from the border [m]."""
-        return self.stepover if number else self.first
+        return self.stepover if number else 0.5 * self.stepover
 
     def look(self, rows: Indices, curves: CurveSet, number: int) -> Array:
-        """Bring the distances of vertices (k,) to the turns of a number up to date.
-
-        Returns them, lower bounds beyond the next turn [m], shape (k,).
-        """
-        cap, reach = FAR * self.stepover, self.step(number) + BEYOND * self.stepover
-        points = self.mesh.vertices[rows]
-        distances = self._at_least(rows, curves)
-        near = np.flatnonzero(distances < reach)
-        feet = curves.nearest(points[near], cap)
-        same_side = dots(feet.normals, self.mesh.normals[rows[near]]) > 0.0
-        exact = np.isfinite(feet.distances)
-        distances[near] = np.where(exact & same_side, feet.distances, cap)
-        self.which[rows] = -1
-        self.which[rows[near]] = np.where(exact & same_side, feet.curve, -1)
-        self.values[rows] = np.minimum(distances, cap)
+        """Bring the distances of vertices (k,) to the turns of a number up to date [m], shape (k,)."""
+        cap = FAR * self.stepover
+        feet = curves.nearest(self.mesh.vertices[rows], cap)
+        same_side = dots(feet.normals, self.mesh.normals[rows]) > 0.0
+        distances = np.where(same_side, feet.distances, cap)
+        self.which[rows] = np.where(same_side, feet.curve, -1)
+        self.values[rows] = distances
         self._bounds[rows] = distances + self._level(number)
         return distances
-
-    def _at_least(self, rows: Indices, curves: CurveSet) -> Array:
-        """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them
-        [m]."""
-        scouts, which = np.unique(self._scouts[rows], return_inverse=True)
-        points = self.mesh.vertices
-        away = norms(points[rows] - points[scouts][which])
-        return curves.at_least(points[scouts])[which] - away
 
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
@@ -89,7 +62,7 @@ class Front:
 
     def put_off(self, rows: Indices, number: int) -> None:
         """Let vertices wait until a turn later than this one comes near them."""
-        turns = np.floor((self._bounds[rows] - self.first) / self.stepover - BEYOND).astype(np.int64) + 1
+        turns = np.floor(self._bounds[rows] / self.stepover - 0.5 - BEYOND).astype(np.int64) + 1
         self.due[rows] = np.maximum(turns, number + 1)
 
     def at_least(self, rows: Indices, number: int) -> Array:
@@ -98,19 +71,12 @@ class Front:
 
     def _level(self, number: int) -> float:
         """How far the turns of a number are from the border [m]."""
-        return self.first + (number - 1) * self.stepover if number else 0.0
-
-
-def _scouts(points: Array, size: float) -> Indices:
-    """For each vertex the first one in its cell of a grid, shape (n,)."""
-    _, first, which = np.unique(cells_of(points, size)[2], return_index=True, return_inverse=True)
-    return first[which]
+        return (number - 0.5) * self.stepover if number else 0.0
 
 
 #: What is left inside a turn needs another one if its middle is further away than this many step-overs
 THIN = 1.1
 EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
-AT_BORDER = 0.05  #: The first turn may be off by this share of half a step-over before turns are stretched
 #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
 STRETCH = 0.03
 Report = Callable[[float], None]  #: Called with the share of the work done, 0 to 1
@@ -161,18 +127,17 @@ def grow_turns(
     surface: SurfaceQuery,
     mesh: Triangulation,
     borders: Sequence[Curve],
-    first: float,
     stepover: float,
     report: Report,
 ) -> list[Turn]:
     """Offset the borders inwards, turn after turn, until nothing is left; the outermost turns, the others
     below them.
 
-    The first turn runs ``first`` [m] from the border, the others a step-over [m] apart; ``report`` is called
-    with the share of the area done.
+    They run a step-over [m] apart, the first half of one from the border; ``report`` is called with the share
+    of the area done.
     """
     roots = [Turn(curve) for curve in borders]
-    front = Front(mesh, first, stepover)
+    front = Front(mesh, stepover)
     pieces = [OpenPiece(tuple(roots), np.arange(len(mesh.vertices)))]
     number = 0
     area = total = mesh.areas.sum()
@@ -185,25 +150,19 @@ def grow_turns(
     return [turn for root in roots for turn in root.children]
 
 
-class RingTurns(NamedTuple):
-    """How turns fill a ring evenly."""
-
-    first: float  #: Distance of the first turn from the outer border, and of the last from the inner one [m]
-    pitch: float  #: Distance from turn to turn [m]
-
-
 def ring_turns(
     surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float
-) -> RingTurns | None:
-    """Turns that fill a ring of even width from its outer to its inner border, half a step-over inside both.
+) -> float | None:
+    """How far turns are apart that fill a ring of even width from its outer to its inner border, half as far
+    inside both [m].
 
-    For a whole number of turns to fit they are a little further apart than a step-over, or closer. None if
-    the ring's width varies by more than half a step-over.
+    For a whole number of turns to fit that is a little more than a step-over, or less. None if the ring's
+    width varies by more than half a step-over.
     """
     outer, inner = borders
     if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:
         return None
-    turns = grow_turns(surface, mesh, [outer], 0.5 * stepover, stepover, lambda share: None)
+    turns = grow_turns(surface, mesh, [outer], stepover, lambda share: None)
     count = 0
     while len(turns) == 1:
         count, last, turns = count + 1, turns[0].curve, turns[0].children
@@ -213,12 +172,7 @@ def ring_turns(
     if np.ptp(gap) > EVEN * stepover or gap.max() > 2.0 * stepover:
         return None
     width = (count - 0.5) * stepover + gap.mean()
-    fitting = max(round(width / stepover), 1)
-    first = 0.5 * (width - (fitting - 1) * stepover)
-    if abs(first - 0.5 * stepover) < AT_BORDER * stepover:
-        return RingTurns(first, stepover)
-    pitch = width / np.ceil(width / ((1.0 + STRETCH) * stepover))
-    return RingTurns(0.5 * pitch, pitch)
+    return width / np.ceil(width / ((1.0 + STRETCH) * stepover))
 
 
 def _shrink(

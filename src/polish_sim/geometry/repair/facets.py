@@ -1,10 +1,9 @@
-"""Repairs of single facets: drop empty and double ones, flip slivers and needles, split T-junctions (Skin ->
-Skin)."""
+"""Repairs of single facets: drop empty and double ones, flip needles, split T-junctions (Skin -> Skin)."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -37,7 +36,7 @@ def drop_bad_facets(skin: Skin, path: Path) -> Skin:
     Raises:
         MeshError: No facet has an area.
     """
-    if (_facet_heights(skin.vertices, skin.faces) <= SLIVER * skin.size).all():
+    if (_shapes(skin.vertices, skin.faces).heights <= SLIVER * skin.size).all():
         raise MeshError(
             f"{path}: all {len(skin.faces)} facets have zero area (all points on a line or in one place). "
             "Export the part again."
@@ -74,61 +73,18 @@ def _drop_walls(skin: Skin, double: Bools) -> Skin:
     )
 
 
-def flip_slivers(skin: Skin) -> Skin:
-    """Turn the long edge of facets without height, so that the skin stays closed without them.
-
-    A corner that lies on its facet's long edge is connected to the facet beyond that edge instead.
-    """
-    vertices = skin.vertices
-    limit = SLIVER * skin.size
-    faces = skin.faces.copy()
-    flips = 0
-    for _ in range(_ROUNDS):
-        heights = _facet_heights(vertices, faces)
-        slivers = np.flatnonzero(heights <= limit)
-        adjacency = topology.find_adjacency(faces) if len(slivers) else None
-        done: set[int] = set()
-        for facet in slivers:
-            assert adjacency is not None
-            edge = _edge_lengths(vertices, faces[facet]).argmax()
-            other = adjacency.facets[facet, edge]
-            if other < 0 or done & {int(facet), other}:
-                continue
-            a, c, b = np.roll(faces[facet], -edge)
-            d = faces[other, (adjacency.edges[facet, edge] + 2) % 3]
-            pair = np.array([[b, a, d], [c, b, d]], dtype=np.int32)
-            if b == d or _facet_heights(vertices, pair).min() <= heights[facet]:
-                continue
-            faces[facet], faces[other] = pair
-            done |= {int(facet), other}
-        flips += len(done) // 2
-        if not done:
-            break
-    note = f"flipped the long edge of {flips} facets without height"
-    return skin.noted(note, faces=faces) if flips else skin
-
-
-def _facet_heights(vertices: Array, faces: Ints) -> Array:
-    """Smallest height of each facet [m], shape (m,)."""
-    longest = _edge_lengths(vertices, faces).max(axis=-1)
-    return 2.0 * facet_normals(vertices, faces)[1] / np.maximum(longest, 1e-300)
-
-
-def _edge_lengths(vertices: Array, faces: Ints) -> Array:
-    return norms(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces])
-
-
 def flip_needles(skin: Skin) -> Skin:
     """Connect the corner of a needle that lies near its long edge with the facet beyond that edge instead;
     noted.
 
     A needle's normal is far off on a curved face. Edges are flipped only where both facets become rounder and
-    the sharpest bend around them clearly smaller: at creases nothing changes. No vertex is moved.
+    the sharpest bend around them clearly smaller: at creases nothing changes. A facet without height has no
+    normal to go by: there the skin stays closed without it. No vertex is moved.
     """
     faces = skin.faces.copy()
     flipped = []
     for _ in range(_ROUNDS):
-        done = _flip_round(skin.vertices, faces)
+        done = _flip_round(skin.vertices, faces, SLIVER * skin.size)
         flipped += done
         if not done:
             break
@@ -139,9 +95,10 @@ def flip_needles(skin: Skin) -> Skin:
     return skin.noted(note, faces=faces)
 
 
-def _flip_round(vertices: Array, faces: Ints) -> list[int]:
-    """Flip needles in place, none beside another; the facets that were needles."""
-    shape, edge, normals = _roundness(vertices, faces)
+def _flip_round(vertices: Array, faces: Ints, least: float) -> list[int]:
+    """Flip needles in place, none beside another; the facets that were needles. Those lower than ``least``
+    [m] have no height."""
+    shape, edge, normals, heights = _shapes(vertices, faces)
     facet = np.flatnonzero(shape < NEEDLE)
     if len(facet) == 0:
         return []
@@ -153,8 +110,7 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     s = faces[other, (back + 2) % 3]
     # Facets p q r and q p s become s r p and r s q.
     pair = np.stack([np.stack([s, r, p], axis=1), np.stack([r, s, q], axis=1)], axis=1)
-    shape_1, _, normal_1 = _roundness(vertices, pair[:, 0])
-    shape_2, _, normal_2 = _roundness(vertices, pair[:, 1])
+    (shape_1, _, normal_1, _), (shape_2, _, normal_2, _) = (_shapes(vertices, pair[:, k]) for k in range(2))
     wanted = np.minimum(shape_1, shape_2) > np.minimum(shape[facet], shape[other])
     wanted &= (s != r) & _pass_closely(*(vertices[corner] for corner in (p, q, r, s)))
     sides = (facet, edge + 2), (other, back + 1), (facet, edge + 1), (other, back + 2)
@@ -170,7 +126,7 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
         inner = beyond[:, k] >= 0
         before = np.maximum(before, np.where(inner, angles_between(normals[old], normals[beyond[:, k]]), 0.0))
         after = np.maximum(after, np.where(inner, angles_between(new, normals[beyond[:, k]]), 0.0))
-    wanted &= after <= _CALMER * before
+    wanted &= (after <= _CALMER * before) | (heights[facet] <= least)
     if not wanted.any():
         return []
     start, end, _, _ = topology.sorted_half_edges(faces)
@@ -189,13 +145,21 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     return done
 
 
-def _roundness(vertices: Array, faces: Ints) -> tuple[Array, Indices, Array]:
-    """Height over longest edge (m,), which edge that is (m,), and the unit normal (m, 3)."""
+class _Shapes(NamedTuple):
+    """Of facets."""
+
+    roundness: Array  #: Height over longest edge [-], shape (m,)
+    longest: Indices  #: Which edge that is, shape (m,)
+    normals: Array  #: Unit, shape (m, 3)
+    heights: Array  #: [m], shape (m,)
+
+
+def _shapes(vertices: Array, faces: Ints) -> _Shapes:
     corners = vertices[faces]
     normals, areas = facet_normals(vertices, faces)
     lengths2 = ((next_corners(corners) - corners) ** 2).sum(axis=2)
     longest = np.maximum(lengths2.max(axis=1), 1e-300)
-    return 2.0 * areas / longest, lengths2.argmax(axis=1), normals
+    return _Shapes(2.0 * areas / longest, lengths2.argmax(axis=1), normals, 2.0 * areas / np.sqrt(longest))
 
 
 def _pass_closely(p: Array, q: Array, r: Array, s: Array) -> Bools:

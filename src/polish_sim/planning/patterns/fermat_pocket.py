@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, dots, norms
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.planning.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns ->
@@ -219,16 +219,11 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     """The lines led on to the next turn, and what they cost then."""
     here, there = layout.curves[row[-1]], layout.curves[child]
     s = lines.s[:, -1]
-    points = here.points(s)
-    foot = there.nearest(points)
+    foot = there.nearest(here.points(s))
     narrow, wide = (
         price + _misfit(layout, row[-1], child, s, steps) + _use(layout, child, foot.s, steps)
         for price, steps in ((lines.narrow, NARROW), (lines.wide, BAND))
     )
-    if len(row) > 1:
-        # The next turn must lie on the other side than the last.
-        back = layout.curves[row[-2]].points(lines.s[:, -2]) - points
-        wide = wide + np.where(dots(foot.positions - points, back) < 0.0, 0.0, np.inf)
     return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
 
 

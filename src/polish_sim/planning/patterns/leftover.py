@@ -11,10 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms
-from polish_sim.planning.curve import Curve
-from polish_sim.planning.patterns.run import Run, dense, numbered, with_round_corners
+from polish_sim.planning.patterns.run import Run, dense, numbered
 from polish_sim.planning.quality.coverage import STRICT
-from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Turn, distance_to
@@ -148,9 +146,9 @@ def _lead_into(
     offers: list[tuple[float, int, Array]] = []
     for number, trace in enumerate(traces):
         heading = unit(trace[-1] - trace[-min(10, len(trace))])
-        for way, detour in _ways(line, trace[-1]):
+        for way in (line, line[::-1]):
             link = way[0] - trace[-1]
-            length = np.linalg.norm(link) + detour
+            length = np.linalg.norm(link)
             price = length * (1.5 - 0.5 * (link @ heading) / max(length, 1e-12))
             if price < LONGEST_LINK * stepover:
                 offers.append((price, number, way))
@@ -158,9 +156,7 @@ def _lead_into(
         others = [trace for k, trace in enumerate(traces) if k != number]
         others.append(traces[number][:-TAIL_POINTS])
         for led in (_swung_into(traces[number], way, stepover), way):
-            if _is_clear(mesh, others, traces[number][-1], led, stepover) and _turns_clear(
-                mesh, traces[number], led, stepover
-            ):
+            if _is_clear(mesh, others, traces[number][-1], led, stepover):
                 return number, led
     return -1, line
 
@@ -178,23 +174,6 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
     along, turning = u**2 * (3.0 - 2.0 * u), u * (1.0 - u)
     arc = start + along * (end - start) + turning * ((1.0 - u) * leaving - u * arriving)
     return np.concatenate([arc, way])
-
-
-def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
-    """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap
-    [m]."""
-    nearest = norms(line - start).argmin()
-    ahead, back = line[nearest:], line[nearest::-1]
-    part = ahead if len(ahead) > len(back) else back
-    missed = _length(line) - _length(part)
-    return [(line, 0.0), (line[::-1], 0.0), (part, 2.0 * missed)]
-
-
-def _turns_clear(mesh: Triangulation, trace: Array, way: Array, stepover: float) -> bool:
-    """Whether a run that continues into a way, its corners rounded, does not cross its own last stretch."""
-    points = with_round_corners(np.concatenate([trace[-4 * TAIL_POINTS :], way]), stepover)
-    normals = mesh.normals[mesh.tree.query(points)[1]]
-    return len(find_crossings([Curve(points, normals, False)])) == 0
 
 
 def _is_clear(mesh: Triangulation, turns: Sequence[Array], start: Array, way: Array, stepover: float) -> bool:

@@ -11,13 +11,12 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
 from polish_sim.geometry.surface import enclosed
-from polish_sim.planning.curve import Curve
-from polish_sim.planning.offset_curve import LevelLine, level_lines, nearest_of
+from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.offset_curve import LevelLine, level_lines
 from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import (
-    RingTurns,
     Turn,
     border_curves,
     distance_to,
@@ -76,15 +75,13 @@ def grown_turns(request: PatternRequest) -> Grown:
     """Turns from all borders inwards, their tails cut off; on a ring of even width from the outer border
     only."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
-    borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
+    borders = border_curves(mesh)
     ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
-    if ring is not None:
-        borders = borders[:1]
-        spaced = ring
-    roots = grow_turns(surface, mesh, borders, spaced.first, spaced.pitch, request.report)
+    pitch = ring or stepover
+    roots = grow_turns(surface, mesh, borders[:1] if ring else borders, pitch, request.report)
     for turn in all_turns(roots):
         turn.curve = without_tails(turn.curve, TAIL * stepover)
-    return Grown(roots, spaced.pitch, ring is not None)
+    return Grown(roots, pitch, ring is not None)
 
 
 def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:

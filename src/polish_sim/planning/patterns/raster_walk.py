@@ -10,8 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.planning.curve import Curve
-from polish_sim.planning.offset_curve import nearest_of
+from polish_sim.planning.curve import Curve, nearest_of
 from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import unit
 

@@ -13,9 +13,8 @@ from polish_sim.arrays import Array, Bools, Indices, dots, norms, running_sums
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
-from polish_sim.planning.curve import Curve
+from polish_sim.planning.curve import Curve, nearest_of
 from polish_sim.planning.ground import Ground
-from polish_sim.planning.offset_curve import nearest_of
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.toolpath import rows_apart
