@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import _thread
 import ctypes
-import errno
 import gc
 import os
 import sys
@@ -30,10 +29,6 @@ from polish_sim.row_file import Metrics
 
 DONE, SHORT, USAGE, STOPPED, BUG, INTERRUPTED = 0, 1, 2, 3, 70, 130
 NOTHING_RECORDED = "interrupted; nothing was recorded yet."
-NO_ROOM = {
-    *(errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG, errno.EACCES, errno.EROFS),
-    *(errno.EISDIR, errno.ENOTDIR),
-}
 
 
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
@@ -78,7 +73,7 @@ def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
     except Exception as error:
         if swallowed or _is_interrupt(error):
             return console.fail(NOTHING_RECORDED, INTERRUPTED)
-        if isinstance(error, OSError) and error.errno in NO_ROOM:
+        if isinstance(error, OSError) and error.errno:  # no room, no permission, gone, too long a name ...
             file = error.filename2 or error.filename
             where = f" '{file}'" if file else ""
             return console.fail(

@@ -16,6 +16,7 @@ from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario, experiments, known_faults
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
 from polish_sim.scenario_file import to_toml
+from polish_sim.toml_text import END, WHOLE
 
 REST = "Options"
 
@@ -70,15 +71,16 @@ def config(experiment: Name) -> None:
 
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
+    payload = PAYLOAD_SCENARIO.experiment
+    if experiment not in (*ROWS, payload, LIMITS):
+        raise unknown_name("experiment", experiment, (*ROWS, payload, LIMITS))
     if experiment == LIMITS:
         from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 
-        console.say(limits_toml(SmoothingLimits()).rstrip())
-        return
-    calibrates = experiment == PAYLOAD_SCENARIO.experiment
-    if not calibrates and experiment not in ROWS:
-        raise unknown_name("experiment", experiment, (*ROWS, PAYLOAD_SCENARIO.experiment, LIMITS))
-    console.say(to_toml(PAYLOAD_SCENARIO if calibrates else default_scenario(experiment)).rstrip())
+        text = limits_toml(SmoothingLimits())
+    else:
+        text = to_toml(PAYLOAD_SCENARIO if experiment == payload else default_scenario(experiment))
+    console.say(text.removeprefix(WHOLE).removesuffix(END).rstrip())
 
 
 def list_names(kind: Kind = None) -> None:

@@ -43,7 +43,7 @@ LOG_OPTIONS = (
 
 
 def read_measured_log(
-    file: Path, given: Given, need: Sequence[str], slides: Sequence[int] = (), *of_gap: str
+    file: Path, given: Given, need: Sequence[str], slides: Sequence[int] = (), *of_gap: str | None
 ) -> RobotRecording:
     """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`.
 

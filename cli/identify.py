@@ -224,7 +224,7 @@ def _read(given: Given, file: Path, robot: LoggedRobot) -> tuple[RobotLog, State
 
     period, arm, chain = given["--period"], given["--arm"], robot.model.chain
     constants = () if arm is None else arm_table(arm).torque_constants
-    of_gap = "" if period else f"{CUT} If the whole motion repeats, give --period S."
+    of_gap = None if period else f"{CUT} If the whole motion repeats, give --period S."
     kinds = chain.geometry.kind.tolist() if arm is None else ()
     if given["--model"]:
         log_file.check_joints(file, given["--run"] or "", kinds, chain.joints)

@@ -122,6 +122,16 @@ def filled(
             raise KeyboardInterrupt
 
 
+def forget_damaged(kept: Rows, folders: Mapping[str, Path], read: Callable[[Path], object]) -> None:
+    """Have rows done again whose folders, by their keys, cannot be read."""
+    for key in folders.keys() & kept.known:
+        try:
+            read(folders[key])
+        except PolishSimError as error:
+            console.note(f"done again: {error}")
+            del kept.known[key]
+
+
 def _begun(folder: Path) -> Metrics | None:
     """What the rows in a folder are of; None if there are none yet, nothing known if it cannot be read."""
     if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
@@ -183,13 +193,7 @@ def seed_rows(
 
     def prepare(folder: Path) -> tuple[Rows, Callable[[Runner], dict[int, Metrics]]]:
         kept = Rows(folder)
-        for number, key in keys.items():
-            try:
-                if key in kept.known:
-                    many.read(seed_folder(folder, number))
-            except PolishSimError as error:
-                console.note(f"{seed} {number} is done again: {error}")
-                del kept.known[key]
+        forget_damaged(kept, {key: seed_folder(folder, number) for number, key in keys.items()}, many.read)
         # What is done already needs no plan.
         work = many.prepare(folder) if kept.missing(keys) else dict
 

@@ -82,6 +82,8 @@ OWN = {
             "PERCENT",
             "Set the step-over by the overlap of neighbouring turns, in percent of the pad's diameter.",
             float,
+            0.0,
+            100.0,
         ),
         Own(
             "--even-removal",
@@ -441,8 +443,6 @@ def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
     overlap = given["--overlap"]
     if given.get("--stepover") is not None:
         raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
-    if not 0.0 <= overlap < 100.0:
-        raise InputError(f"--overlap {number_text(overlap)} is not a percentage from 0 to below 100.")
     distance = 2.0 * pad.radius_m * (1.0 - 0.01 * overlap)
     least = stepover.spec["low"]
     if distance < least:
@@ -494,13 +494,14 @@ def refuse_beside(given: Given, chosen: str, *options: str) -> None:
 
 
 def named_options(given: Given) -> dict[str, str]:
-    """The options that were given, or whose keys are set or varied by name, each as the user said it."""
+    """The options that were given, or whose keys are set or varied by name, and other such keys, each as the
+    user said it."""
     keys = {f"{key.section}.{key.name}".strip("."): name for name, key in config_keys(Scenario()).items()}
     said = {
-        keys[name]: f"{by} {name}"
+        keys.get(name, name): f"{by} {name}"
         for by in ("--vary", "--set")
         for word in given.get(by) or ()
-        if (name := word.partition("=")[0].strip()) in keys
+        for name in [word.partition("=")[0].strip()]
     }
     return said | {name: name for name, value in given.items() if value is not None}
 

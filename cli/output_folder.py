@@ -13,20 +13,14 @@ from typing import Any
 
 from polish_sim.cli import console
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS, locked, put_file
-
-try:
-    import fcntl
-except ImportError:  # Windows: drafts of killed commands stay
-    fcntl = None  # type: ignore[assignment]
+from polish_sim.row_file import ROWS, lock, locked, put_file
 
 RESULTS = Path("results")
 SAME = "the same command with"
 DRAFT = ".polish-sim-part"  #: Ending of the hidden folder a command fills; others with it are removed
 
 
-READ = ("--path", "--learn", "--task", "--beside")  #: Options that name a folder of ours to read
-PLAN_FILES = ("path.json", "path.csv")  #: That stand for their plan's folder
+READ = ("--path", "--task", "--beside")  #: Options that name a folder of ours to read
 
 
 @dataclass(frozen=True)
@@ -38,13 +32,13 @@ class OutputFolder:
 
 
 def refuse_taken(given: Mapping[str, Any], *read: Path) -> None:
-    """Refuse an output folder that exists, is no folder or one of those to ``read``, or which options name to
-    be read, before anything is; `claimed` does so as well."""
+    """Refuse an output folder that exists, is no folder or holds what is to be ``read``, or what options name
+    to be read, before anything is; `claimed` does so as well."""
     out = given["--out"]
     if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
     read = (*read, *(Path(given[name]) for name in READ if given.get(name)))
-    if out in [file.parent if file.name in PLAN_FILES else file for file in read]:
+    if out and out.resolve() in [(file if file.is_dir() else file.parent).resolve() for file in read]:
         raise InputError(f"--out '{out}' is read itself, and would be changed. Choose another.")
 
 
@@ -65,13 +59,13 @@ def claimed(given: Mapping[str, Any], kind: str) -> Iterator[OutputFolder]:
         _sweep(final.parent)
         draft = _draft_of(final)
         with writing(final):
-            lock = _create_locked(draft)
+            held = _create_locked(draft)
         try:
             yield OutputFolder(draft, final)
             _publish(draft, final)
         finally:
             shutil.rmtree(draft, ignore_errors=True)
-            os.close(lock)
+            os.close(held)
 
 
 def _draft_of(final: Path) -> Path:
@@ -80,16 +74,16 @@ def _draft_of(final: Path) -> Path:
 
 def _sweep(parent: Path) -> None:
     """Remove the drafts of commands that were killed; those of running ones are locked."""
-    for draft in parent.glob(f".*{DRAFT}") if fcntl is not None else ():
-        with suppress(OSError):  # locked, just finished, or not ours to remove
-            lock = _locked(draft)
+    for draft in parent.glob(f".*{DRAFT}"):
+        with suppress(OSError):  # locked, just finished, not ours to remove, or on Windows
+            held = _locked(draft)
             shutil.rmtree(draft, ignore_errors=True)
-            os.close(lock)
+            os.close(held)
 
 
 def _create_locked(draft: Path) -> int:
     """Create a draft and lock it until the descriptor is closed or the process ends, however it does."""
-    if fcntl is None:
+    if os.name == "nt":  # no folder can be locked: drafts of killed commands stay
         draft.mkdir()
         return os.open(os.devnull, os.O_RDONLY)
     while True:
@@ -100,22 +94,20 @@ def _create_locked(draft: Path) -> int:
                 f"another command is writing '{draft.name[1 : -len(DRAFT)]}'. Wait for it."
             ) from None
         try:
-            lock = _locked(draft)
+            held = _locked(draft)
         except (FileNotFoundError, BlockingIOError):
             continue  # another command swept it before it was locked
-        if draft.exists() and os.path.samestat(draft.stat(), os.fstat(lock)):
-            return lock
-        os.close(lock)
+        if draft.exists() and os.path.samestat(draft.stat(), os.fstat(held)):
+            return held
+        os.close(held)
 
 
-def _locked(draft: Path) -> int:
+def _locked(folder: Path) -> int:
     """Open and lock a folder; OSError if it is locked, or gone."""
-    descriptor = os.open(draft, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    descriptor = os.open(folder, os.O_RDONLY)
+    if not lock(descriptor):
         os.close(descriptor)
-        raise
+        raise BlockingIOError
     return descriptor
 
 
@@ -182,7 +174,7 @@ def rows_folder(
 
 
 @contextmanager
-def occupied(folder: Path, lock: str, what: str) -> Iterator[None]:
+def occupied(folder: Path, name: str, what: str) -> Iterator[None]:
     """Make a folder unless it is there, and keep others out of it by a file in it.
 
     Raises:
@@ -191,8 +183,8 @@ def occupied(folder: Path, lock: str, what: str) -> Iterator[None]:
     with room_for(folder):
         with writing(folder):
             folder.mkdir(exist_ok=True)
-            (folder / lock).touch()
-        with locked(folder / lock, what):
+            (folder / name).touch()
+        with locked(folder / name, what):
             yield
 
 

@@ -77,11 +77,10 @@ def plan(part: PartFile, given: Given) -> int:
     refuse_beside(given, "--dual", "--reach-map")
     given = {**given, "--part": part}
     refuse_taken(given)
-    if dual:
-        of_plans = (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture", "--part-pose")
-        refuse_idle_options(experiment("dual"), named_options(given), of_plans)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
-    asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
+    row = experiment("dual" if dual else "surface")
+    refuse_idle_options(row, named_options(given))
+    asked = build_scenario(Scenario(experiment=row.name), given)
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.setups import SetupSearch

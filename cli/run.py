@@ -39,7 +39,6 @@ from polish_sim.experiments.registry import (
     claims_shown,
     default_scenario,
     experiment,
-    experiments,
     load,
     refuse_idle_options,
     run_experiment,
@@ -102,9 +101,7 @@ class ExperimentCommand(PanelledCommand):
         """Refuse what the experiment takes no notice of, then parse the rest."""
         row = experiment(str(self.name))
         named = {word.partition("=")[0] for word in args if word.startswith("--")} - set(COMMON_OPTIONS)
-        others = experiments().values() if named else ()
-        elsewhere = {option for other in others for option in other.options}
-        refuse_idle_options(row, {name: name for name in named}, elsewhere)
+        refuse_idle_options(row, {name: name for name in named})
         return super().parse_args(ctx, args)
 
 
@@ -124,9 +121,7 @@ def run(row: Experiment, given: Given) -> int:
     seeds = given.get("--seeds")
     refuse_beside(given, "--seeds", "--view", "--live", "--video", "--learn")
     live = live_address(given)
-    if seeds is None:
-        refuse_taken(given)
-        refuse_without(given, "--seeds", "--workers", "--on")
+    refuse_without(given, "--seeds", "--workers", "--on")
     if given.get("--video"):
         from polish_sim.cli.film import check_film
 
@@ -140,6 +135,7 @@ def run(row: Experiment, given: Given) -> int:
         from polish_sim.cli.many import run_many
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
+    refuse_taken(given, *map(Path, filter(None, (scenario.plan.file, scenario.process.learn))))
     sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
     if live is not None:
         from polish_sim.cli.live_view import LiveView
@@ -183,7 +179,7 @@ def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Chec
     from polish_sim.experiments.assembly import check
 
     row = experiment(scenario.experiment)
-    refuse_idle_options(row, named_options(given), OF_RUNS)
+    refuse_idle_options(row, named_options(given))
     source = scenario.plan.file
     path = None
     if source and row.along_plan:

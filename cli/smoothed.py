@@ -116,9 +116,8 @@ def _prepare(
         placed = path_without_robot(points)
     else:
         observer.stage("place it before the robot")
-        proof = plan_facts(path).get("proof") or {}
-        use_arm(proof.get("arm", FIRST))
-        placed = place_path(points, given["--part-pose"] or proof.get("pose", ()))
+        use_arm((plan_facts(path).get("proof") or {}).get("arm", FIRST))
+        placed = place_path(points, given["--part-pose"] or ())
     if repeated := len(points.path.s) - len(placed.rows):
         notes.append(f"{count_text(repeated, 'repeated point')} left out")
     if given["--feed"] is not None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED, USAGE
-from polish_sim.cli.many import filled
+from polish_sim.cli.many import filled, forget_damaged
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     Given,
@@ -25,7 +25,7 @@ from polish_sim.cli.options import (
 )
 from polish_sim.cli.run import OF_RUNS, checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import InputError, count_text, duration_text, needed, refuse_idle, unknown_name
+from polish_sim.errors import count_text, duration_text, needed, refuse_idle, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
@@ -102,8 +102,6 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
         refuse_idle(named_options(given), OF_STUDY, f"beside a study: what is varied is written in '{file}'")
         if out is None and file.name == STUDY and (file.parent / ROWS).is_file():
             out = file.parent
-            if not file.read_bytes().endswith(b"\n"):
-                raise InputError(f"'{file}' was cut: its last line has no end. Restore it, or give --out.")
     elif what in EXPERIMENTS:
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
@@ -169,16 +167,19 @@ def time_first(study: Study, missing: Sequence[StudyTask]) -> Row | None:
 
 def prepare_study(study: Study, given: Given, folder: Path) -> tuple[RunTable, Callable[[Runner], Metrics]]:
     """Say how many runs there are and how long they take; what does them."""
+    from polish_sim.analysis.run_record import read_record
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
-    from polish_sim.studies.table import RunTable, keys_of_runs, run_study
+    from polish_sim.studies.table import OUTCOMES, RUN_FOLDERS, RunTable, keys_of_runs, run_study
 
     table = RunTable(folder)
     if table.sources - {package_hash()[:12]}:
         console.note(
             "note: rows of another version of polish-sim are in the folder and kept; see the column 'source'."
         )
-    keys, logs = keys_of_runs(study), bool(given["--logs"])
+    keys, logs = keys_of_runs(study), bool(given["--logs"] or (folder / RUN_FOLDERS).exists())
+    ran = [key for key in keys.values() if logs and table.known.get(key) in OUTCOMES[:2]]
+    forget_damaged(table, {key: folder / RUN_FOLDERS / key for key in ran}, read_record)
     # All kernels are compiled once, not in every process; once they are, the processes start at once.
     if not is_warm() and not logs and (row := time_first(study, table.missing(keys))):
         table.add(row["config_hash"], row)

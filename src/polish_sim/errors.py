@@ -122,7 +122,7 @@ def read_bytes(file: Path, what: str, error: type[PolishSimError] = InputError) 
 def near_file(path: Path) -> str:
     """Ask whether a file of nearly that name was meant, beginning with a space; empty if there is none,
     or the file is there and cannot be read."""
-    if path.exists():
+    if path.exists() or path.is_symlink():
         return ""
     try:
         names = [entry.name for entry in path.parent.iterdir() if not entry.name.startswith(".")]

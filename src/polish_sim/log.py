@@ -284,9 +284,12 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
     write_arrays(file, columns)
 
 
+FORGET = "take its name from 'files' in metrics.json to see the run without."
+
+
 def read_removal(file: Path) -> RemovalMap:
     """Read a map written by ``write_removal``; InputError if the file is damaged or lacks an entry."""
-    return read_arrays(file, "removal map", "Delete it to see the run without.", _removal_of)
+    return read_arrays(file, "removal map", f"Delete it, and {FORGET}", _removal_of)
 
 
 def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:

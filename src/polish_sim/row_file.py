@@ -205,7 +205,7 @@ def locked(file: Path, what: str = "score") -> Iterator[None]:
     """Keep a second command out of a file's folder while the block runs (InputError), where the system has
     file locks. What a killed command left of a line is cut off."""
     with file.open("ab") as opened:
-        if not _lock(opened.fileno()):
+        if not lock(opened.fileno()):
             raise InputError(
                 f"another {what} is at work in '{file.parent}'. Wait for it, or choose another --out."
             )
@@ -221,7 +221,8 @@ def _cut_torn_line(file: Path) -> None:
         opened.truncate(sum(len(line) for line in opened if line.endswith(b"\n")))
 
 
-def _lock(descriptor: int) -> bool:
+def lock(descriptor: int) -> bool:
+    """Keep others from locking an open file until it is closed; whether nobody else had."""
     try:
         import fcntl
     except ImportError:  # not on Windows

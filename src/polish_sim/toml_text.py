@@ -10,11 +10,19 @@ from typing import Any
 
 from polish_sim.errors import PolishSimError, read_bytes
 
+#: First and last line of the files we write; users' own need neither
+WHOLE, END = "# Whole if its last line is: end\n", "# end\n"
+
 
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
-    """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no
-    TOML."""
+    """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read, is no TOML,
+    or one of ours that was cut."""
     text = read_bytes(file, what, error).decode(errors="backslashreplace")
+    if WHOLE in text and END not in text:
+        raise error(
+            f"the {what} '{file}' was cut: it has no line '# end'. Restore it, or delete its line "
+            f"'{WHOLE.strip()}' if it is meant so."
+        )
     try:
         return tomllib.loads(text)
     except ValueError as caught:
@@ -24,7 +32,9 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
 
 def toml_value(value: Any) -> str:
     """A single value as TOML writes it, and ``--set`` takes it."""
-    return toml_text({"v": value}).partition("= ")[2].strip()
+    import tomlkit
+
+    return tomlkit.item(_plain(value)).as_string()
 
 
 def toml_text(
@@ -41,7 +51,7 @@ def toml_text(
     for line in head:
         document.add(tomlkit.comment(line))
     _fill(document, values, comments or {}, "")
-    return tomlkit.dumps(document)
+    return WHOLE + tomlkit.dumps(document) + END
 
 
 def _fill(table: Any, values: Mapping[str, Any], comments: Mapping[str, str], place: str) -> None:

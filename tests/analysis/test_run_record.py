@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.analysis import run_record
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments.registry import setting_rows
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace, trace_of
@@ -92,7 +92,7 @@ def test_arrays_that_do_not_fit_are_refused_by_file(record, tmp_path, name, arra
 def test_a_folder_that_is_no_run_or_holds_a_truncated_file_is_refused_by_name(record, tmp_path):
     with pytest.raises(InputError, match=r"lacks config.toml, metrics.json, log.npz"):
         run_record.read_record(tmp_path)
-    run_record.write_record(tmp_path, record)
+    run_record.write_record(tmp_path, replace(record, metrics={**record.metrics, "files": ["path.npz"]}))
     for name in ("metrics.json", "log.npz", "path.npz", run_record.REMOVAL, "config.toml"):
         whole = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(whole[: len(whole) // 2] if name != "config.toml" else b"")
@@ -100,6 +100,15 @@ def test_a_folder_that_is_no_run_or_holds_a_truncated_file_is_refused_by_name(re
             run_record.read_record(tmp_path)
         (tmp_path / name).write_bytes(whole)
     assert "config.toml' is not the config of a run" in str(refused.value)
+    lines = whole.splitlines(keepends=True)
+    (tmp_path / name).write_bytes(b"".join(lines[:-30]))
+    with pytest.raises(ConfigError, match="was cut"):
+        run_record.read_record(tmp_path)
+    (tmp_path / name).write_bytes(b"".join(lines[1:-1]))  # as a user's own
+    assert run_record.read_record(tmp_path).scenario == record.scenario
+    (tmp_path / "path.npz").unlink()
+    with pytest.raises(InputError, match=r"lacks path\.npz\. .*'files'"):
+        run_record.read_record(tmp_path)
 
 
 def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> run_record.RunRecord:

@@ -40,6 +40,7 @@ def app_that(raises: BaseException | None, returns: int | None = None) -> typer.
         (KeyboardInterrupt(), 130),
         (OSError(errno.ENOSPC, "No space left on device"), 2),
         (OSError(errno.EROFS, "Read-only file system", "x"), 2),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "x"), 2),
     ],
 )
 def test_an_error_is_one_line_on_stderr_with_its_code(error, code, capsys):

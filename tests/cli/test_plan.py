@@ -114,8 +114,15 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         assert polish_sim("run", "surface", *words, *quick)[0] == 0
         assert "radius_m = 0.01 " in Path("run/config.toml").read_text()
         shutil.rmtree("run")
-    for words in (("run", "surface", "--path", "plan"), ("smooth", "plan/path.json"), ("inspect", "plan")):
-        refused(polish_sim(*words, "--out", "plan", "--overwrite"), "'plan'", "--out")
+    Path("run").mkdir()
+    Path("link").symlink_to("plan")
+    planned = ("run", "surface", "--set", "plan.file=link")
+    for words, out in zip(
+        (("run", "surface", "--path", "plan"), ("smooth", "plan/path.json"), ("inspect", "link"), planned),
+        ("run/../plan", "link", Path("plan").resolve(), "plan"),
+        strict=True,
+    ):
+        refused(polish_sim(*words, "--out", out, "--overwrite"), f"'{out}'", "--out")
     assert metrics_of("plan") == metrics
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
     seen = metrics_of("seen")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.errors import place_in_mm
 from polish_sim.experiments import proof_record
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
@@ -30,6 +31,8 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     # Smoothed, it lies where it was proven.
     assert polish_sim("smooth", "plan", "--rate", 20, "--out", "smooth").code == 0
     assert np.allclose(metrics_of("smooth")["T_base_work"], metrics_of("plan")["T_base_work"], atol=1e-9)
+    placed = "stands at " + place_in_mm([row[3] for row in metrics_of("plan")["T_base_work"][:3]])
+    assert placed in polish_sim("run", "smooth", "--path", "plan", "--dry-run").out
     document = json.loads(Path("plan/path.json").read_text())
     document["proof"].update(arm="ur10e", pose=[0.0, -1.0, 0.2, 0.0, 0.0, 0.0])  # out of a ur5e's reach
     del document["sum"]

@@ -15,6 +15,7 @@ from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
+from polish_sim.toml_text import END, WHOLE
 from tests.cli.conftest import done, metrics_of, refused
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
@@ -45,7 +46,7 @@ def test_the_default_config_is_that_of_a_run_with_it(polish_sim):
     _, toml, _ = polish_sim("config", "arc")
     Path("mine.toml").write_text(toml)
     assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "again")[0] == 0
-    assert Path("again/config.toml").read_text() == toml
+    assert Path("again/config.toml").read_text() == WHOLE + toml + END
 
 
 def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
@@ -128,8 +129,9 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
         for file in damaged:
             file.write_text(file.read_text().rpartition(" #")[0] + " # cut" if file == config else "")
         call = done(polish_sim(*FORCE, *words))
-        assert "seed 5 is done again" in call.err
-        assert "seed 6" not in call.err
+        assert "done again: " in call.err
+        assert "seed-0005" in call.err
+        assert "seed-0006" not in call.err
         assert {file: file.read_bytes() for file in whole} == whole
         assert config.read_text().endswith("\n")
     Path("two/asked.json").write_text("")

@@ -1,8 +1,10 @@
 """Options in mm, deg, N and mm/s reach the scenario in SI, and say what is wrong in the user's words."""
 
 import math
+from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import pytest
 
 from polish_sim.cli.options import (
@@ -16,8 +18,13 @@ from polish_sim.cli.options import (
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
-from polish_sim.experiments.registry import experiment, refuse_idle_options
-from polish_sim.scenario_file import leaves
+from polish_sim.experiments.registry import (
+    default_scenario,
+    experiment,
+    refuse_idle_options,
+    run_experiment,
+)
+from polish_sim.scenario_file import leaves, merge, override
 
 KEYS = config_keys(Scenario())
 
@@ -80,7 +87,8 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path):
         ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
         ("--raster-direction", "0,0,0", "not all zero"),
         ("--part-pose", "1,2,3", "six numbers in mm and deg"),
-        ("--overlap", 100.0, "--overlap 100 is not a percentage"),
+        ("--overlap", 100.0, r"step-over of 0 mm"),
+        ("--overlap", "nan", r"nan is outside 0 to 100\.$"),
         ("--overlap", 99.9, r"step-over of 0\.05 mm"),
         ("--log-rate", "fast", "--log-rate 'fast' is not a number .*full"),
         ("--stepover", "8mm", r"'8mm' is not a number \(mm\)\. Write 8\."),
@@ -108,7 +116,7 @@ def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit():
 
 
 def refuse(row, *options):
-    refuse_idle_options(row, {option: option for option in options}, options)
+    refuse_idle_options(row, {option: option for option in options})
 
 
 def test_of_the_options_of_a_path_those_pass_that_change_something():
@@ -125,6 +133,33 @@ def test_of_the_options_of_a_path_those_pass_that_change_something():
     with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
         refuse_idle_on_path(PlanConfig(), {"--axis-deviation": 3.0})
     refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), {"--axis-deviation": 3.0})
+
+
+def test_keys_set_by_name_that_change_nothing_are_refused_as_they_were_said():
+    for name, word in (
+        ("arc", "plan.stepover_m"), ("arc", "part.motion_m"), ("force", "plan.stepover_m"),
+        ("surface", "drag.follow"), ("smooth", "controller.force_p_m_sn"), ("dual", "hand.distance_m"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=f"--set {word} would change nothing in 'run {name}'"):
+            refuse_idle_options(experiment(name), named_options({"--set": ["seed=1", f"{word}=1"]}))
+
+
+@pytest.mark.parametrize(
+    ("name", "short"),
+    [("arc", "process.max_feed_s=0.5"), ("force", "process.hold_s=1.0"), ("teach", "guide.duration_s=1.0")],
+)
+def test_of_a_section_that_is_called_idle_no_number_changes_a_run(name, short):
+    usual = override(default_scenario(name), [short])
+    changed = usual
+    for section in experiment(name).idle:
+        table = getattr(usual, section)
+        numbers = {f.name: f for f in fields(table) if type(getattr(table, f.name)) is float}
+        values = {key: 0.5 * (getattr(table, key) + f.metadata["high"]) for key, f in numbers.items()}
+        changed = merge(changed, {section: values}, "")
+    assert changed != usual
+    first, second = (run_experiment(scenario).log.columns for scenario in (usual, changed))
+    for column in first:
+        np.testing.assert_array_equal(first[column], second[column], column)
 
 
 def test_a_user_s_files_are_named_from_the_root(tmp_path, monkeypatch):

@@ -71,7 +71,7 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     assert rows_of(Path("s")) == after
     assert "hello" not in done.out
     study.write_text(study.read_text().rpartition("\n")[0])
-    refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "--out")
+    refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "# end")
     assert rows_of(Path("s")) == after
 
 

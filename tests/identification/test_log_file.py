@@ -26,7 +26,7 @@ def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
 
 def _read(file: Path, kinds: Sequence[int] = (HINGE,) * 6, period: float | None = None) -> log_file.RobotLog:
     """The log as `polish-sim identify` takes it."""
-    gaps = {} if period is None else {"of_gap": ""}
+    gaps = {} if period is None else {"of_gap": None}
     return log_file.log_of(file, read_robot_recording(file, ("q_rad",), columns_of(kinds), **gaps), period)
 
 

@@ -129,6 +129,8 @@ def test_a_wobble_is_averaged_out_over_its_own_length():
     # Without a length or a bound the axes are left alone.
     assert smooth_axes(axes, axes, s, 0.0, 0.1) is axes
     assert smooth_axes(axes, axes, s, 0.01, 0.0) is axes
+    # Over a length far below the points' distance there is nothing to average, and no memory is taken for it.
+    np.testing.assert_allclose(smooth_axes(axes, axes, s, 1e-300, 0.1), axes, atol=1e-4)
 
 
 @pytest.mark.parametrize("bound", [1e-6, np.radians(1.0), 0.7])

@@ -18,6 +18,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
 from polish_sim.log import (
+    FORGET,
     RemovalMap,
     RunLog,
     read_arrays,
@@ -47,6 +48,7 @@ FORMS: Mapping[str, Any] = {
     "T_base_work": _is_pose,
     "versions": {},
     "bad_figures": [str],
+    "files": [str],
 }
 """What figures of every run that are not one number look like, as of `check_forms`."""
 WITHOUT = "Delete the entry to see the run without it."
@@ -106,23 +108,21 @@ def write_record(folder: Path, record: RunRecord) -> None:
 
 def read_record(folder: Path) -> RunRecord:
     """Read a run back; InputError if the folder is not a run's, or a file in it is damaged."""
-    missing = [name for name in (CONFIG, METRICS, LOG) if not (folder / name).is_file()]
-    if missing:
+    metrics = read_json(folder / METRICS) if (folder / METRICS).is_file() else {}
+    check_forms(metrics, FORMS, folder / METRICS, WITHOUT)
+    files = (CONFIG, METRICS, LOG, *(metrics.get("files") or ()))
+    if missing := [name for name in files if not (folder / name).is_file()]:
         raise InputError(
-            f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'."
+            f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a whole folder made by "
+            f"'run', or {FORGET}"
         )
     scenario = load_scenario(folder / CONFIG, replace(Scenario(), experiment=""))
-    if not (scenario.experiment and (folder / CONFIG).read_bytes().endswith(b"\n")):
-        raise InputError(
-            f"'{folder / CONFIG}' is not the config of a run, or was cut: it names no experiment or has no "
-            "end. Run it again."
-        )
+    if not scenario.experiment:
+        raise InputError(f"'{folder / CONFIG}' is not the config of a run: it names no experiment.")
     path = None
     if (folder / PATH).is_file():
-        path = read_arrays(folder / PATH, "path", "Delete it to see the run without.", _path_of)
+        path = read_arrays(folder / PATH, "path", f"Delete it, and {FORGET}", _path_of)
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
-    metrics = read_json(folder / METRICS)
-    check_forms(metrics, FORMS, folder / METRICS, WITHOUT)
     return RunRecord(folder.resolve().name, scenario, metrics, read_log(folder / LOG), path, removal)
 
 

@@ -134,7 +134,7 @@ def export_plan(
 ) -> tuple[Path, ...]:
     """Write a plan in formats, names of `FORMATS` or `all`, each file whole or not at all; returns the files.
 
-    Raises InputError for an unknown format or a folder that cannot be written, PlanError if the path cannot
+    Raises InputError for an unknown format, PlanError if the path cannot
     be written in a format, e.g. nothing to press on.
     """
     setup = setup or ExportSetup()

@@ -27,9 +27,9 @@ from polish_sim.row_file import (
     check_sum,
     fits,
     package_versions,
-    plain,
     put_file,
     read_json,
+    write_json,
 )
 from polish_sim.tables import Columns, csv_text, refuse_first
 
@@ -165,27 +165,15 @@ def _pass_numbers(table: Points) -> Indices:
 
 def write_plan(folder: str | Path, result: PlanResult) -> None:
     """Write path.csv, path.json and metrics.json into a folder, each under a temporary name until whole."""
-    write_files(
-        Path(folder),
-        {
-            PATH_CSV: path_csv(result.path),
-            PATH_JSON: json_text(result),
-            METRICS: metrics_text(result),
-        },
-    )
+    write_files(Path(folder), {PATH_CSV: path_csv(result.path), PATH_JSON: json_text(result)})
+    write_json(Path(folder, METRICS), result.figures | {"notes": result.notes})
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
-    """Write files into a folder, each under a temporary name until whole; InputError if it cannot be
-    written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            put_file(folder, name, content)
-    except OSError as error:
-        raise InputError(
-            f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder."
-        ) from error
+    """Write files into a folder, each under a temporary name until whole."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        put_file(folder, name, content)
 
 
 def path_csv(path: ToolPath) -> str:
@@ -198,11 +186,6 @@ def json_text(result: PlanResult) -> str:
     """The path with all that is known about it as path.json."""
     document = _metadata(result) | {"path": path_columns(result.path)}
     return json.dumps(document | {"sum": check_sum(document)}) + "\n"
-
-
-def metrics_text(result: PlanResult) -> str:
-    """The figures as metrics.json; those that are not finite become null, as strict JSON wants."""
-    return json.dumps(plain(result.figures | {"notes": result.notes}), indent=2) + "\n"
 
 
 def plan_facts(source: Path, again: str = "Plan again.") -> dict[str, Any]:

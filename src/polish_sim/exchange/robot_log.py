@@ -171,13 +171,13 @@ def read_robot_recording(
     columns: ColumnMap = BY_NAME,
     run: str = "",
     window: tuple[float, float] = WHOLE,
-    of_gap: str = CUT,
+    of_gap: str | None = CUT,
 ) -> RobotRecording:
     """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first
     row.
 
     ``need``: quantities it must have; ``run``: which of several in an npz; ``of_gap``: what to do about a
-    gap; empty: samples may lie anyhow.
+    gap, which is refused; None where samples may lie anyhow.
 
     Raises:
         InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that
@@ -243,7 +243,7 @@ def _gather(
     plan: Mapping[str, Sequence[str]],
     factors: Array,
     window: tuple[float, float],
-    of_gap: str,
+    of_gap: str | None,
 ) -> tuple[Array, float, bool]:
     """Rows of the window, each with its place in the file behind it, its begin from the log's first row [s],
     and whether the log ends with it."""
@@ -284,7 +284,7 @@ def _check_steps(
     steps: Array,
     usual: float,
     joined: Bools,
-    of_gap: str,
+    of_gap: str | None,
 ) -> None:
     """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
 
@@ -295,7 +295,7 @@ def _check_steps(
         ~(steps > 0.0), file, place,
         lambda at: f"{TIME} does not increase (it is {time[at]:.9g}). Sort the rows.",
     )  # fmt: skip
-    if not of_gap:
+    if of_gap is None:
         return
     if usual > _SLOWEST_S:
         raise InputError(

@@ -7,7 +7,7 @@ needed, so that help answers at once and one experiment never loads another.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
@@ -116,9 +116,11 @@ class Experiment:
     carried: bool = False  #: Whether a second robot carries the part
     remade: bool = True  #: Whether the cell of a run can be set up again from what it left
     band_n: float = 0.0  #: In which the force is to stay about what is set [N]; 0: none
-    fixtures: bool = False  #: Whether a fixture may hold the part
     faults: str = "polish_sim.cell.faults:FAULTS"  #: What can go wrong in its cell, Faults by name
+    fixtures: bool = False  #: Whether a fixture may hold the part
     holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path
+    #: Sections of the scenario that change nothing
+    idle: tuple[str, ...] = ("guide", "hand", "drag", "dual")
 
     @property
     def fed(self) -> bool:
@@ -307,13 +309,15 @@ def setting_rows(records: Records) -> list[list[str]]:
     return [*rows, ["ended", "", *map(ending, records)]]
 
 
-def refuse_idle_options(row: Experiment, named: Mapping[str, str], of: Collection[str]) -> None:
-    """Refuse options ``of`` some that change nothing in an experiment; ``named``: as the user said each.
+def refuse_idle_options(row: Experiment, named: Mapping[str, str]) -> None:
+    """Refuse options of other experiments, and keys of idle sections, that change nothing in one; ``named``:
+    as the user said each.
 
     Raises:
         InputError: Naming them and why.
     """
-    some = {option: said for option, said in named.items() if option in of}
+    known = {*row.idle, *(option for other in experiments().values() for option in other.options)}
+    some = {name: said for name, said in named.items() if {name, name.partition(".")[0]} & known}
     for option, others in row.not_with.items():
         if option in named:
             refuse_idle(some, others, f"with {named[option]}")

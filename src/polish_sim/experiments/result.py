@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.run_record import PATH, REMOVAL, RunRecord
 from polish_sim.arrays import Array, Figures
 from polish_sim.errors import number_text, place_in_mm
 from polish_sim.row_file import package_versions
@@ -39,8 +39,9 @@ class RunResult:
 
     @property
     def record(self) -> RunRecord:
-        """What it leaves on disk, the versions with its figures."""
-        figures = {**self.figures, "versions": package_versions()}
+        """What it leaves on disk, versions and files not every run has with its figures."""
+        files = [name for name, made in ((PATH, self.path), (REMOVAL, self.removal)) if made is not None]
+        figures = {**self.figures, "versions": package_versions(), "files": files}
         return RunRecord(self.scenario.experiment, self.scenario, figures, self.log, self.path, self.removal)
 
 

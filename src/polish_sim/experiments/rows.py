@@ -90,6 +90,7 @@ ARC = Experiment(
     comparisons={"arc.png": "polish_sim.analysis.run_plots:plot_arc_runs"},
     options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     on_part=False,
+    idle=("part", "plan", *Experiment.idle),
     paper={"process.feed_m_s": 0.01},
 )
 FORCE = Experiment(

@@ -121,4 +121,5 @@ TEACH = Experiment(
     controlled=False,
     on_part=False,
     remade=False,
+    idle=("controller", "sensor", "payload", "spindle", "safety", "faults", "dual"),
 )

@@ -71,7 +71,7 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
         return _from_npz(source)
     if source.is_file() and source.suffix == ".csv" and _names_joints(source):
         columns = ColumnMap({}, {}, {"q_rad": columns_of((0,) * JOINTS).wanted["q_rad"]})
-        log = read_robot_recording(source, ("q_rad",), columns, of_gap="")
+        log = read_robot_recording(source, ("q_rad",), columns, of_gap=None)
         return log.time, log.values["q_rad"], np.zeros(len(log.time))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))

@@ -73,4 +73,5 @@ SMOOTH = Experiment(
     title=always("smooth, every rule on the servos"),
     controlled=False,
     on_part=False,
+    idle=("process", "controller", "sensor", "payload", "spindle", "safety", "faults", *Experiment.idle),
 )

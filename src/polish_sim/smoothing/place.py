@@ -47,13 +47,15 @@ def path_without_robot(points: WayPoints) -> PlacedPath:
 def place_path(points: WayPoints, pose: Sequence[float]) -> PlacedPath:
     """Lay a path before the robot as `run surface` does, and check that the arm follows it, else ReachError.
 
-    ``pose``: of the work frame in the robot's base [m, rad]; empty: chosen, the side turned up that a plan
-    says, or that most tool axes point to.
+    ``pose``: of the work frame in the robot's base [m, rad]; empty: where a plan was proven, else chosen, the
+    side turned up that it says, or that most tool axes point to.
     """
     rows = distinct_rows(points)
     positions = points.path.positions_work[rows]
     axes = points.path.axes_work[rows]
-    side = np.array(plan_facts(points.file).get("up") or _main_side(axes), dtype=float)
+    facts = plan_facts(points.file)
+    side = np.array(facts.get("up") or _main_side(axes), dtype=float)
+    pose = pose or (facts.get("proof") or {}).get("pose", ())
     placements = [from_pose(pose)] if pose else default_placements(positions, side, (positions @ side).min())
     reach, _way, q = follow_path(
         points,

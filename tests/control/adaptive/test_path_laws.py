@@ -11,12 +11,12 @@ from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import Course
 from polish_sim.control.adaptive import drawing, surface
-from polish_sim.control.adaptive.gains import PathMemory, adaptive_gains
-from polish_sim.control.adaptive.landing import round_a_bend
+from polish_sim.control.adaptive.gains import PathMemory, PressMemory, adaptive_gains
+from polish_sim.control.adaptive.landing import own_force, round_a_bend
 from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
 from polish_sim.control.signals import Target
 from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
-from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
+from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_press
 
 CAN = AdaptiveConfig()
 ON = drawing.FeedForwardGains(0.01, True)
@@ -100,7 +100,12 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
     # Over a convex part, z into it: moving along x the axis turns about -y.
     m.twist[:3], m.twist[3:] = turned.apply([v, 0.0, 0.0]), turned.apply([0.0, -v / radius, 0.0])
     gains = adaptive_gains(AdaptiveConfig(tool_center_m=height))
-    assert abs(round_a_bend(gains, m)) == pytest.approx(v**2 / radius + height * (v / radius) ** 2)
+    towards = v**2 / radius + height * (v / radius) ** 2
+    assert round_a_bend(gains, m) == pytest.approx(towards)
+    # The sensor reads the force that takes.
+    memory = PressMemory()
+    forces = [own_force(gains, memory, m, 0.0, 0.0, DT) for _ in range(2)]
+    np.testing.assert_allclose(forces, gains.tool_mass_kg * towards)
 
 
 def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not_elsewhere():

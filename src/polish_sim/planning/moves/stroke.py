@@ -79,7 +79,8 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
     """
     if length <= 0.0 or bound <= 0.0:
         return axes
-    count = max(int(np.ceil((s[-1] - s[0]) * PER_WINDOW / length)), 8)
+    # Over less than the distance of the path's points there is nothing to average.
+    count = max(int(np.ceil((s[-1] - s[0]) * PER_WINDOW / max(length, (s[-1] - s[0]) / len(s)))), 8)
     even = np.linspace(s[0], s[-1], count + 1)
     wanted = unit(_averaged(axes, s, even, max(round(length / (even[1] - even[0])), 1) | 1))
     allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
