@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.page import PAGE, Table
 
@@ -32,7 +32,7 @@ def say(text: str = "") -> None:
 
 def say_names(label: str, names: Sequence[str]) -> None:
     """Print names beside their label on stdout; on a terminal they wrap there, else they are one line."""
-    width = shutil.get_terminal_size().columns if sys.stdout and sys.stdout.isatty() else sys.maxsize
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     head = f"{label:<{LABEL_WIDTH}}"
     margin = " " * LABEL_WIDTH
     say(
@@ -84,12 +84,16 @@ class _Terminal(io.FileIO):
 
 
 def outlive_terminal() -> None:
-    """Lose what is written to a terminal that was closed, instead of failing."""
+    """Lose what is written to a terminal or stream that was closed, or cannot be in its encoding, instead of
+    failing."""
     sys.stdout, sys.stderr = map(_outliving, (sys.stdout, sys.stderr))
 
 
-def _outliving(stream: TextIO) -> TextIO:
-    if sys.platform == "win32" or not (stream and stream.isatty()):
+def _outliving(stream: Any) -> Any:
+    if stream is None:  # the next file that is opened must not take its place
+        return open(os.devnull, "w", encoding="utf-8")
+    stream.reconfigure(errors="backslashreplace")
+    if sys.platform == "win32" or not stream.isatty():
         return stream
     raw = _Terminal(stream.fileno(), "w", closefd=False)
     return io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=True)

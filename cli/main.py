@@ -115,7 +115,7 @@ def app() -> None:
     code = execute(commands, sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written and said
     atexit._run_exitfuncs()
-    for stream in filter(None, (sys.stdout, sys.stderr)):  # closed ones are None
+    for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # its reader has gone
             stream.flush()
     os._exit(code)  # taking the simulator and the compiler down in order would last half a second

@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 import typer
 
-from polish_sim.cli import progress, start
+from polish_sim.cli import console, progress, start
 from polish_sim.cli.boundary import execute
 from polish_sim.log import read_log
-from tests.cli.conftest import Started, metrics_of
+from tests.cli.conftest import PROGRAM, Started, metrics_of
 from tests.kept import plate_file
 
 
@@ -159,6 +159,17 @@ def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path, monkey
         run.send_signal(signal.SIGHUP)
     assert run.returncode == 130
     assert metrics_of(tmp_path / "cut")["path_done"] < 1.0
+
+
+def test_streams_that_are_closed_or_lack_a_sign_fail_no_command(monkeypatch, tmp_path):
+    closed = ["sh", "-c", 'exec "$0" "$@" >&- 2>&-', *PROGRAM]
+    assert subprocess.run([*closed, "list"], check=False).returncode == 0
+    assert subprocess.run([*closed, "nothing"], check=False).returncode == 2
+    with (tmp_path / "said").open("w", encoding="ascii") as narrow:
+        monkeypatch.setattr(sys, "stdout", narrow)
+        console.outlive_terminal()
+        console.say("force in ±4 N")
+    assert (tmp_path / "said").read_text() == "force in \\xb14 N\n"
 
 
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polish_sim):

@@ -113,8 +113,7 @@ def read_record(folder: Path) -> RunRecord:
     files = (CONFIG, METRICS, LOG, *(metrics.get("files") or ()))
     if missing := [name for name in files if not (folder / name).is_file()]:
         raise InputError(
-            f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a whole folder made by "
-            f"'run', or {FORGET}"
+            f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a whole one made by 'run'."
         )
     scenario = load_scenario(folder / CONFIG, replace(Scenario(), experiment=""))
     if not scenario.experiment:
