@@ -208,13 +208,16 @@ def writing(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def room_for(entry: Path) -> Iterator[None]:
-    """Make the folders above a file or folder; if the block raises, those that are left empty go again."""
+    """Make the folders above a file or folder; if the block raises, those that are left empty go again, and
+    an error of the system names it where that names nothing."""
     missing = [parent for parent in entry.absolute().parents if not parent.exists()]
     try:
         with writing(entry):
             entry.parent.mkdir(parents=True, exist_ok=True)
         yield
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError):
+            error.filename = error.filename or str(entry)
         for parent in missing:
             with suppress(OSError):
                 parent.rmdir()

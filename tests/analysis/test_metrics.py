@@ -115,10 +115,19 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
 
 
 def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished_says_how_much():
-    (note,) = metrics.map_notes({"polished_area_m2": 65e-4, "removal_area_m2": 52.9e-4})
+    whole = {"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4, "unpolished_share": 0.01}
+    (note,) = metrics.map_notes(whole | {"removal_area_m2": 52.9e-4})
     assert "52.9 cm^2" in note
     assert "12.1 cm^2" in note
-    assert not metrics.map_notes({"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4})
+    assert not metrics.map_notes(whole)
+    (note,) = metrics.map_notes(whole | {"unpolished_share": 0.1})
+    assert "did not touch 6.49 cm^2" in note
+    # Of a lone vertex inside the border there is no spread.
+    places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.4, 0.4, 0.0]])
+    border = np.array([[0, 1], [1, 2], [2, 0]])
+    found = metrics.spreads(np.array([0.5, 1.0, 1.0, 1.5]), np.ones(4), places, border, 0.5)
+    assert found[0] > 0.3
+    assert np.isnan(found[1])
 
 
 def test_settling_counts_from_the_last_excursion_and_is_undefined_when_it_ends_outside():

@@ -192,14 +192,17 @@ def much_left_out(figures: Mapping[str, Any]) -> list[str]:
 
 
 def map_notes(figures: Mapping[str, Any]) -> list[str]:
-    """What of the polished region the removal map leaves out, if it is more than a hundredth of it."""
+    """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if it
+    is more than a hundredth."""
     polished, mapped = figures["polished_area_m2"], figures["removal_area_m2"]
-    if polished - mapped <= LEFT_OUT * polished:
-        return []
-    return [
-        f"note: removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's middle may be; "
-        f"the other {1e4 * (polished - mapped):.3g} cm^2 that are polished only the pad's rim reaches"
-    ]
+    rim, bare = polished - mapped, mapped * figures["unpolished_share"]
+    notes = (
+        (rim, polished, f"note: removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's "
+         f"middle may be; the other {1e4 * rim:.3g} cm^2 that are polished only the pad's rim reaches"),
+        (bare, mapped, f"note: of the {1e4 * mapped:.3g} cm^2 whose removal is mapped the pad did not touch "
+         f"{1e4 * bare:.3g} cm^2 of the part as it is"),
+    )  # fmt: skip
+    return [note for area, whole, note in notes if area > LEFT_OUT * whole]
 
 
 class Circle(NamedTuple):
@@ -393,12 +396,12 @@ def spreads(
     [m].
 
     ``relative`` and ``areas`` are those of vertices at ``places`` (v, 3) [m], ``border`` (b, 2) edges between
-    them; nan where nothing lies so far inside.
+    them; nan where no two lie so far inside.
     """
     away, _ = cKDTree(places[border[:, 0]]).query(places)
     found = []
     for some in (areas, np.where(away >= inside, areas, 0.0)):
-        mean = (some @ relative) / some.sum() if some.any() else 0.0
+        mean = (some @ relative) / some.sum() if np.count_nonzero(some) > 1 else 0.0
         square = some / some.sum() @ (relative / mean - 1.0) ** 2 if mean > 0.0 else math.nan
         found.append(math.sqrt(square))
     return found[0], found[1]
