@@ -209,6 +209,8 @@ def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played, surface):
     assert 0.0 < moment < end
     columns = (column_of(surface.record.log, name) for name in ("time_s", "normal_force_n"))
     assert np.interp(moment, *columns) > 10.0  # there the pad was on the part
+    for ends in ([-25.0, 45.0], [0.0, 25.0], [-1e-3, 1.9], [-3.9, 3.9], [12.1, 12.3]):
+        assert 2 <= len(tab("ends => ticks(...ends, 3)", ends)) <= 7
 
 
 @in_browser

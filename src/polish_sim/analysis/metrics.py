@@ -192,8 +192,8 @@ def much_left_out(figures: Mapping[str, Any]) -> list[str]:
 
 
 def map_notes(figures: Mapping[str, Any]) -> list[str]:
-    """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if it
-    is more than a hundredth."""
+    """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if
+    it is more than a hundredth."""
     polished, mapped = figures["polished_area_m2"], figures["removal_area_m2"]
     rim, bare = polished - mapped, mapped * figures["unpolished_share"]
     notes = (

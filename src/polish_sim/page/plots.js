@@ -5,7 +5,7 @@ function ticks(low, high, most) {
   const raw = (high - low) / most, ten = 10 ** Math.floor(Math.log10(raw)), step = ten * ROUND.find((m) => m * ten >= raw * 0.999);
   const found = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
-  return found;
+  return found.length < 2 && most < 99 ? ticks(low, high, 2 * most) : found;  // one alone gives no scale
 }
 const tidy = (value) => Number.isFinite(value) ? String(Number(value.toPrecision(value >= 1000 ? 5 : 4))).replace("-", "−") : "–";
 
