@@ -38,7 +38,7 @@ def refuse_taken(given: Mapping[str, Any], *read: Path) -> None:
     if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
     read = (*read, *(Path(given[name]) for name in READ if given.get(name)))
-    if out and out.resolve() in [(file if file.is_dir() else file.parent).resolve() for file in read]:
+    if out and out.resolve() in [(file.parent if file.is_file() else file).resolve() for file in read]:
         raise InputError(f"--out '{out}' is read itself, and would be changed. Choose another.")
 
 
