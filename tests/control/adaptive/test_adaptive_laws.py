@@ -108,6 +108,20 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
     assert rise < 1.0 + 5.0 * noise
 
 
+def test_an_arm_that_swings_by_more_than_it_presses_does_not_lose_contact_and_one_that_leaves_does():
+    """2 N and a swing of 3 N at 25 Hz; then nothing."""
+    memory = PressMemory()
+    for _ in range(500):
+        landing.watch_air(memory, 0.0, True, DT)
+    lost, memory.force.age = [], 0.1
+    for t in DT * np.arange(1000):
+        reading = 2.0 + 3.0 * math.sin(2.0 * math.pi * 25.0 * t) if t < 0.5 else 0.0
+        landing.smooth_reading(memory, reading, DT)
+        lost.append(landing.fell_back(memory))
+    assert not any(lost[100:500])
+    assert all(lost[700:])
+
+
 @pytest.mark.parametrize("travel", [0.0003, 0.004, 0.02])
 def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_robot(travel):
     left, speeds = travel, []
@@ -240,6 +254,22 @@ def test_touch_down_makes_the_landing_faster_stiffness_holds_stiffer_springs_and
     assert land(adaptive("stiffness"), stiff).force.max() > 25.0
     with pytest.raises(ConfigError, match=r"'touchdown'.*touch-down, stiffness"):
         adaptive(laws="touchdown")
+
+
+def test_a_force_that_is_there_before_the_tool_has_moved_does_not_end_the_learning_of_the_springs():
+    """3 N are read where 2.4 N are set, with nothing travelled; then 2 mm/s on a spring of 3000 N/m."""
+    controller = adaptive(without="touch-down")
+    controller.reset(DT)
+    m, t = measurement_at_rest(), target_to_press(2.4, contact=1.0)
+    believed = []
+    for k in range(600):
+        m.twist[2] = min(0.002, 0.02 * DT * max(k - 50, 0))
+        m.position[2] += m.twist[2] * DT
+        m.wrench[2] = 3.0 + 3000.0 * m.position[2]
+        controller.step(m, t)
+        believed.append(controller.context.memory.press.force.stiffness)
+    assert believed[49] == 25000.0
+    assert 3000.0 < believed[-1] < 12500.0
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():

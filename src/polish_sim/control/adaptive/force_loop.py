@@ -73,9 +73,11 @@ def begin_contact(memory: PressMemory, stiffness: float, path: float, force: flo
 def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None:
     """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path``
     [m]."""
-    memory.force.slow -= (stiffness - memory.force.stiffness) * path
-    memory.force.at_no_travel -= (stiffness - memory.force.stiffness) * path
-    memory.force.stiffness = stiffness
+    state = memory.force
+    more = (stiffness - state.stiffness) * path
+    state.slow -= more
+    state.at_no_travel -= more
+    state.stiffness = stiffness
 
 
 @kernel

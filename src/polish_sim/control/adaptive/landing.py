@@ -32,6 +32,7 @@ _AIR_MEMORY, _NOISE_MEMORY = 0.4, 1.0  # [s]
 _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
 _SURE = 1.5  # further rise at which contact is beyond doubt [N]
 _SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
+_SWING = 0.06  # the slowest swing of an arm takes so long [s]
 _FOUND = 0.2  # contact that lasted this long was the part [s]
 _LANDED = 0.01  # speed below which the landing ends [m/s]
 _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
@@ -90,8 +91,11 @@ def is_armed(memory: PressMemory) -> bool:
 
 @kernel
 def fell_back(memory: PressMemory) -> bool:
-    """Whether the reading is again what it was in the air."""
-    return bool(memory.air.fast - memory.air.mean < 0.25 * fast_rise(memory))
+    """Whether the reading is again what it was in the air; after the first touch not for half a swing of the
+    arm."""
+    air = memory.air
+    reading = max(air.fast, air.slow if memory.force.age > _SWING else air.fast)
+    return bool(reading - air.mean < 0.25 * fast_rise(memory))
 
 
 @kernel
@@ -122,8 +126,7 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
         bend = a / (crossover * crossover)
         if far > bend:
             speed = math.sqrt(2.0 * a * (far - 0.5 * bend))
-    speed = min(speed, limit)
-    return speed if travel >= 0.0 else -speed
+    return math.copysign(min(speed, limit), travel)
 
 
 @kernel

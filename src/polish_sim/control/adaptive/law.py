@@ -40,7 +40,7 @@ from polish_sim.control.signals import (
     records_at,
 )
 from polish_sim.kernel_cache import cfunc
-from polish_sim.kernels import Record, kernel
+from polish_sim.kernels import Record, dot, kernel, minus
 
 _LANDING = 0.3  # until the landing is over by this much, stiffness is learned with the feed on too
 
@@ -146,9 +146,7 @@ def look_back(
     if not memory.air.touches or state.stiffness == 0.0:
         return 1.0
     error = t.force - (state.at_no_travel + state.stiffness * state.travel)
-    height = 0.0
-    for i in range(3):
-        height += t.rotation[i, 2] * (m.position[i] - t.position[i])
+    height = dot(t.rotation[:, 2], minus(m.position, t.position))
     offset = height + error / state.stiffness - drawing.planned_surplus(ahead, t, ratio, p.forward)
     learn(ahead, t, offset, p.learning, dt, path.learning)
     path.feed_error = drawing.averaged_error(path.feed_error, error, t, dt)
@@ -195,7 +193,8 @@ def press_adaptive(
     force = state.stiffness * state.travel + force_loop.correction(
         memory, arm_mode, pace.crossover, state.landed, dt
     )
-    memory.fit.reached = memory.fit.reached or force >= t.force
+    # A reading that swings is beyond it before the travel has said anything of the springs.
+    memory.fit.reached |= force >= t.force and state.stiffness < 0.5 * g.stiff_first * g.stiffness_n_m
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
     coming = force_loop.under_way(memory, dt) - asked
@@ -218,20 +217,18 @@ def _touches(
     if air.target_contact and not controlled:
         air.watched, air.touches = 0.0, False
     air.target_contact = controlled
+    before = air.touches
     if not g.touch_down:
-        first = controlled and not air.touches
         air.touches = controlled
-    elif air.touches:
+    elif before:
         landing.smooth_reading(memory, reading, dt)
         air.touches = not landing.fell_back(memory)
-        first = False
     else:
         if not controlled:
             air.approach_speed = max(air.approach_speed, planned)
-        noticed = landing.watch_air(memory, reading, planned > 1e-5 or controlled, dt)
-        first = noticed or (controlled and not landing.is_armed(memory))
-        air.touches = first
-    if first:
+        air.touches = landing.watch_air(memory, reading, planned > 1e-5 or controlled, dt)
+        air.touches |= controlled and not landing.is_armed(memory)
+    if air.touches and not before:
         force = max(air.fast, 0.0) if g.touch_down else reading
         force_loop.begin_contact(
             memory, g.stiffness_n_m * (g.stiff_first if g.estimates else 1.0), path, force

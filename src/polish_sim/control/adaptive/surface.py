@@ -91,7 +91,7 @@ def learned_rate(
     found = found and ahead.rows[max(before, 0)].known and ahead.rows[max(after, 0)].known
     if found:
         state.slope = (ahead.rows[after].learned - ahead.rows[before].learned) / (2.0 * h)
-    state.fading += min(dt / FADE_S, 1.0) * ((1.0 if found else 0.0) - state.fading)
+    state.fading += min(dt / FADE_S, 1.0) * (found - state.fading)
     return gains.gain * state.fading * state.slope * speed
 
 
