@@ -360,15 +360,13 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
     """Measure a map over the region's area.
 
     exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per
-    area; removal_area_m2: of the map;
-    removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv:
-    standard deviation over mean; removal_cv_inside: the same a pad's radius [m] inside the border;
-    removal_p5, removal_p95,
-    removal_max: over the mean, by area; under_polished_share, over_polished_share, unpolished_share: of the
-    area, with less than 0.5 means, with more than 1.5, with nothing at all; removal_elsewhere: exposure that
-    went to surfaces beside the region, over the region's; removal_unplaced: share of the force for which the
-    pad touched no node;
-    pressure_field_ratio: force of the pressure field as it was computed over the exact one.
+    area; removal_area_m2: of the map; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a
+    wear coefficient; removal_cv: standard deviation over mean; removal_cv_inside: the same a pad's radius [m]
+    inside the border; removal_p5, removal_p95, removal_max: over the mean, by area; under_polished_share,
+    over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more than 1.5, with
+    nothing at all; removal_elsewhere: exposure that went to surfaces beside the region, over the region's;
+    removal_unplaced: share of the force for which the pad touched no node; pressure_field_ratio: force of the
+    pressure field as it was computed over the exact one.
     """
     shares = removal.areas / removal.areas.sum()
     total = removal.areas @ removal.exposure

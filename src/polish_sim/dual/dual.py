@@ -190,16 +190,15 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> Figure
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
 
     Returns:
-        tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the
-            tool axis
-        only while a force is controlled), tracking_error_worst_m: the largest of them; relative_error_rms_m,
-        relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and
-            as
-        wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
-        master_way_m: how far the part's origin was moved, from first to last; master_turn_rad: how far the
-            part was
-        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part,
-        averaged over 50 ms.
+        tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; while a
+            force is controlled only across the tool axis that is wanted);
+        tracking_error_worst_m: the largest of them;
+        relative_error_rms_m, relative_error_p95_m, relative_error_max_m: of the distance between the tool on
+            the part as it is and as wanted, calibration errors included, the part's own errors not (in
+            contact across the tool axis);
+        master_way_m: how far the part's origin was moved, from first to last;
+        master_turn_rad: how far the part was turned, there and back counted;
+        speed_mean_m_s, speed_std_m_s: of the tool point relative to the part, averaged over 50 ms.
     """
     if not len(errors.tracking):
         nothing = float("nan")
