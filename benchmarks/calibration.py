@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.table import Row, print_rows
+from benchmarks.table import Row, print_rows, words
 from polish_sim.config import DualConfig
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, compare_shares, draw_errors, predict
 from polish_sim.dual.calibrate import (
@@ -136,4 +136,5 @@ def _budget_rows() -> list[Row]:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

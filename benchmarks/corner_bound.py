@@ -9,12 +9,11 @@ only: no symmetric motion within the tolerance of the two lines loses less. Besi
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 
 from benchmarks.corner_program import Corner, least_time_lost
 from benchmarks.exact_stop import plan_exact_stop
+from benchmarks.table import words
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline.motion import smooth_by_spline
@@ -29,7 +28,7 @@ def main() -> None:
     cosines = np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
     turns, times = np.unique(np.round(np.arccos(np.clip(cosines, -1.0, 1.0)), 6), return_counts=True)
     ends = float(chain.lengths.sum()) / speed + speed / most + most / jerk
-    for pieces in map(int, sys.argv[1:] or ("20", "40", "80", "160")):
+    for pieces in map(int, words(__doc__) or ("20", "40", "80", "160")):
         corners = [
             Corner(float(turn), TOLERANCE * jerk**2 / most**3, speed * jerk / most**2) for turn in turns
         ]

@@ -4,7 +4,6 @@ cell."""
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.loop_margins import analytic_margins
+from benchmarks.table import words
 from polish_sim.arrays import Array
 from polish_sim.cell import Cell
 from polish_sim.config import Scenario
@@ -81,7 +81,7 @@ def main() -> None:
 def margins_on(scenario: Scenario) -> None:
     bench = build_bench(scenario)
     print(f"  {'':20s}{'':30s}{'gain':>8s}{'at':>11s}{'phase':>8s}{'delay':>9s}{'at':>11s}")
-    for name in sys.argv[1:] or CONTROLLERS:
+    for name in words(__doc__) or CONTROLLERS:
         named = replace(scenario, controller=replace(scenario.controller, name=name))
         model = analytic_margins(named)
         phase = f"{math.degrees(model.phase):.0f} deg"

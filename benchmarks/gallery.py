@@ -18,6 +18,8 @@ import imageio_ffmpeg
 import trimesh
 from PIL import Image, ImageDraw
 
+from benchmarks.table import words
+
 GALLERY: Final = Path(__file__).resolve().parent.parent / "results" / "gallery"
 RUNS: Final = {
     "surface": "run surface",
@@ -94,18 +96,18 @@ GIF: Final = (
 def make(folder: Path) -> None:
     """Run the commands whose folders are not there."""
     trimesh.creation.box((120.0, 120.0, 120.0)).export(folder / "box.stl")
-    for name, words in DRAWN.items():
+    for name, command in DRAWN.items():
         if not (folder / name).exists():
-            print(f"python -m {words} {name}", flush=True)
+            print(f"python -m {command} {name}", flush=True)
             subprocess.run(
-                [sys.executable, "-m", *words.split(), str(folder / name)], capture_output=True, check=True
+                [sys.executable, "-m", *command.split(), str(folder / name)], capture_output=True, check=True
             )
-    for name, words in RUNS.items():
+    for name, command in RUNS.items():
         if not (folder / name).exists():
-            print(f"polish-sim {words}", flush=True)
+            print(f"polish-sim {command}", flush=True)
             program = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
             done = subprocess.run(
-                [*program, *words.split(), "--out", name], cwd=folder, capture_output=True, text=True
+                [*program, *command.split(), "--out", name], cwd=folder, capture_output=True, text=True
             )
             if done.returncode not in (0, 3):
                 raise SystemExit(done.stderr)
@@ -161,9 +163,11 @@ def sheet(folder: Path) -> Image.Image:
 
 def main() -> None:
     """Run, copy, and lay the sheet out."""
-    if len(sys.argv) != 2:
-        raise SystemExit(__doc__)
-    folder = Path(sys.argv[1]).resolve()
+    match words(__doc__):
+        case [name]:
+            folder = Path(name).resolve()
+        case _:
+            raise SystemExit(__doc__)
     folder.mkdir(parents=True, exist_ok=True)
     make(folder)
     for name, source in {**SHOWN, **{name: name for name in DRAWN}}.items():

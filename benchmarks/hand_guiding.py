@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.table import words
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 
@@ -76,4 +77,5 @@ def _cells(study: Study) -> Iterator[str]:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

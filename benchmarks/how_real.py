@@ -11,7 +11,6 @@ Compliance and first resonance are those of the linear model, which the simulate
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from benchmarks.table import Row, print_rows
+from benchmarks.table import Row, print_rows, words
 from polish_sim.analysis.metrics import PAPER_ARC, steady_feed
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, head, new_figure, styled
 from polish_sim.experiments import default_scenario, run_experiment
@@ -300,7 +299,7 @@ def _plot_spectra(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> No
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        plot_arcs({name: run_circle(*settings) for name, settings in ARMS.items()}).savefig(Path(sys.argv[1]))
+    if files := words(__doc__):
+        plot_arcs({name: run_circle(*settings) for name, settings in ARMS.items()}).savefig(Path(files[0]))
     else:
         print_rows("The elastic arm", measure(), ("measured", "published"))

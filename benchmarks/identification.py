@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,7 +13,7 @@ from benchmarks.identification_peers import SAMPLES as SAMPLES_PEERS
 from benchmarks.identification_peers import peer_rows
 from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
 from benchmarks.identification_unmatched import Known, covers, unmatched_lines
-from benchmarks.table import Row, print_rows
+from benchmarks.table import Row, print_rows, words
 from polish_sim.config import RobotConfig
 from polish_sim.identification.arm import believe, build_simulated_arm, motion_limits, play_motion
 from polish_sim.identification.estimate import (
@@ -309,6 +308,6 @@ PARTS = {
 
 
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or list(PARTS)
+    wanted = words(__doc__) or list(PARTS)
     for name in wanted:
         PARTS[name]()

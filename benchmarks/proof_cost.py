@@ -11,11 +11,10 @@ processors' are printed, of the rest they are the same.
 from __future__ import annotations
 
 import resource
-import sys
 import time
 from collections.abc import Iterator, Sequence
 
-from benchmarks.table import Row, print_rows
+from benchmarks.table import Row, print_rows, words
 from polish_sim.cell import Silent
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.assembly import build_cell, build_part
@@ -70,4 +69,4 @@ def _once(scenario):  # type: ignore[no-untyped-def]
 
 
 if __name__ == "__main__":
-    print_rows("The proof of a plan", measure(sys.argv[1:] or PARTS))
+    print_rows("The proof of a plan", measure(words(__doc__) or PARTS))

@@ -8,10 +8,11 @@ from __future__ import annotations
 import os
 import shutil
 import statistics
-import sys
 from pathlib import Path
 
 from playwright.sync_api import sync_playwright
+
+from benchmarks.table import words
 
 ROUNDS = 3
 BROWSER = next(
@@ -49,4 +50,4 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(words(__doc__))

@@ -8,13 +8,12 @@ python -m benchmarks.sensors surface      # `run surface` on `freeform`, FED_S s
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.table import Row, print_rows
+from benchmarks.table import Row, print_rows, words
 from polish_sim.cell.wrist_sensor import (
     WristSensor,
     build_sample_line,
@@ -154,7 +153,7 @@ FIGURES = {
 
 
 if __name__ == "__main__":
-    match sys.argv[1:]:
+    match words(__doc__):
         case ["force"]:
             print_rows("Force by sensor", forces("force", SEEDS))
         case ["told"]:

@@ -3,10 +3,10 @@ cell."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.table import words
 from polish_sim.row_file import Rows
 from polish_sim.scoring.border import measure_border, plot_border
 from polish_sim.scoring.score import user_entry
@@ -16,10 +16,11 @@ CONTROLLERS = ("hybrid-pi", "force-mode", "hybrid-adaptive")
 
 
 def main() -> None:
-    entries = [user_entry(name) for name in sys.argv[2:] or CONTROLLERS]
+    file, *names = words(__doc__)
+    entries = [user_entry(name) for name in names or CONTROLLERS]
     with TemporaryDirectory() as folder, open_workers() as workers:
         border = measure_border(entries, Runner(Rows(Path(folder)), workers))
-    plot_border(border).savefig(Path(sys.argv[1]))
+    plot_border(border).savefig(Path(file))
     for name, rows in border.rests.items():
         rests = [rest for row in rows for rest in row]
         print(f"  {name:20s}{sum(r.stable for r in rests):4d} of {len(rests)} runs stable, of them", end="")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -12,6 +13,14 @@ class Row(NamedTuple):
     name: str
     measured: str
     limit: str
+
+
+def words(doc: str | None) -> list[str]:
+    """The words behind a benchmark's name; with --help among them it ends with its docstring instead."""
+    if {"-h", "--help"} & set(sys.argv):
+        print(doc)
+        raise SystemExit
+    return sys.argv[1:]
 
 
 def print_rows(title: str, rows: Iterable[Row], columns: tuple[str, str] = ("measured", "limit")) -> None:
