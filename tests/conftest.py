@@ -15,13 +15,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 
-from tests.kept import share_commands, share_fields, share_parts, share_scenes  # noqa: E402  (imports numpy)
-
-share_fields()
-share_parts()
-share_commands()
-share_scenes()
-
 # What compiles longest comes first. Files are handed out in turn: the loops, which have most of their parts
 # in common, go to one process, so that each part is inferred once; the other compiles the planner meanwhile.
 FIRST = (
@@ -33,6 +26,17 @@ FIRST = (
     "planning/test_inspection.py",
     "ur/test_wire.py",
 )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Share what is made once where tests run; the process that hands them out needs none of it, nor numpy."""
+    if not config.getoption("numprocesses", None):
+        from tests.kept import share_commands, share_fields, share_parts, share_scenes
+
+        share_fields()
+        share_parts()
+        share_commands()
+        share_scenes()
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
