@@ -15,21 +15,34 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 
-# What compiles longest comes first. Files are handed out in turn: the loops, which have most of their parts
-# in common, go to one process, so that each part is inferred once; the other compiles the planner meanwhile.
-FIRST = (
+# What compiles longest comes first. The loops and the laws have most of their parts in common: they go to one
+# process, so that each part is inferred once; another compiles the planner meanwhile.
+LOOPS = (
     "cell/test_statics.py",
-    "planning/test_plans.py",
+    "cell/test_scene.py",
+    "cell/test_sequence.py",
+    "cell/test_real_arm.py",
+    "cell/test_course.py",
+    "cell/test_wrist_sensor.py",
+    "control/adaptive/test_adaptive_laws.py",
+    "control/adaptive/test_path_laws.py",
     "dual/test_pair.py",
-    "planning/test_tool_room.py",
     "envs/test_envs.py",
-    "planning/test_inspection.py",
+    "hand_guiding/test_law.py",
+    "cli/test_teach.py",
+)
+FIRST = (
+    *LOOPS,
+    "planning/test_plans.py",
     "ur/test_wire.py",
+    "planning/test_tool_room.py",
+    "planning/test_inspection.py",
+    "ur/test_robot.py",
 )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share what is made once where tests run; the process that hands them out needs none of it, nor numpy."""
+    """Share what is made once where tests run; the process that hands them out needs none of it."""
     if not config.getoption("numprocesses", None):
         from tests.kept import share_commands, share_fields, share_parts, share_scenes
 
@@ -43,6 +56,18 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Folders are shared out to all processors; a file somebody names runs here, for a debugger."""
     whole = all(Path(argument).is_dir() for argument in config.args)
     return None if whole else 0
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """A file goes to one process, and so do the loops together."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return "loops" if file.endswith(LOOPS) else file
+
+    return Scheduling(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -72,10 +72,7 @@ def test_a_calibration_of_another_thing_is_refused(made, polish_sim):
     with pytest.raises(InputError, match="not the calibration of a tool frame"):
         read_tool_calibration(made / "base" / "calibration.toml")
     tool = made / "tcp" / "calibration.toml"
-    refused(
-        polish_sim("run", "force", "--calibration", tool, "--out", "run"),
-        "calibrate payload",
-    )
+    refused(polish_sim("run", "force", "--calibration", tool, "--out", "run"), "calibrate payload")
 
 
 def changed(rows: Rows, line: int, columns: str, scale: float, shift: float = 0.0) -> Rows:

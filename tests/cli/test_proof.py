@@ -39,7 +39,9 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     del document["sum"]
     Path("far.json").write_text(json.dumps(document))
     assert polish_sim("smooth", "far.json", "--rate", 20, "--out", "far").code == 0
-    assert np.allclose(metrics_of("far")["T_base_work"], from_pose([0.0, -1.0, 0.2, 0.0, 0.0, 0.0]), atol=1e-9)
+    assert np.allclose(
+        metrics_of("far")["T_base_work"], from_pose([0.0, -1.0, 0.2, 0.0, 0.0, 0.0]), atol=1e-9
+    )
     run = ("run", "surface", "--path", "plan")
     monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")

@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.cli.options import (
-    OWN,
-    build_scenario,
-    config_keys,
-    named_options,
-    refuse_idle_on_path,
-    takes,
-)
+from polish_sim.cli.options import OWN, build_scenario, config_keys, named_options, refuse_idle_on_path, takes
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError

@@ -16,10 +16,7 @@ from polish_sim.calibration.matched_points import (
 from polish_sim.dual import calibrate
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibration.arm import held_out_rms
-from polish_sim.dual.calibration.circle import (
-    base_from_circles,
-    fit_circle,
-)
+from polish_sim.dual.calibration.circle import base_from_circles, fit_circle
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.kinematics import NOMINAL, table_slopes

@@ -39,8 +39,7 @@ def test_a_part_of_the_circle_is_so_much_of_the_path_and_touches_nothing(short_a
 
 
 @pytest.mark.parametrize(
-    ("change", "feed"),
-    [("controller.name=position", 0.01), ("process.feed_m_s=0.1", 0.1)],
+    ("change", "feed"), [("controller.name=position", 0.01), ("process.feed_m_s=0.1", 0.1)]
 )
 def test_other_laws_and_ten_times_the_feed_keep_to_it_too(change, feed):
     figures = run_experiment(override(default_scenario("arc"), ["process.max_feed_s=3.5", change])).figures

@@ -17,14 +17,7 @@ from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.assembly import check, place_key
-from polish_sim.experiments.even_removal import (
-    SMOOTH,
-    _least_near,
-    _Problem,
-    even_out,
-    plan_removal,
-    planned,
-)
+from polish_sim.experiments.even_removal import SMOOTH, _least_near, _Problem, even_out, plan_removal, planned
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.scenario_file import override

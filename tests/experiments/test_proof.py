@@ -14,13 +14,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, ReachError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, proof, run_experiment
-from polish_sim.experiments.proof import (
-    Proven,
-    Work,
-    _Prover,
-    prove,
-    prove_with_a_pad_that_fits,
-)
+from polish_sim.experiments.proof import Proven, Work, _Prover, prove, prove_with_a_pad_that_fits
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_not_proven
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part

@@ -82,11 +82,7 @@ RNG = np.random.default_rng
 
 @pytest.mark.parametrize(
     ("terms", "papers"),
-    [
-        ((), 36),
-        (("viscous", "coulomb", "armature"), 52),
-        (("viscous", "coulomb", "armature", "offset"), 58),
-    ],
+    [((), 36), (("viscous", "coulomb", "armature"), 52), (("viscous", "coulomb", "armature", "offset"), 58)],
 )
 def test_the_rank_is_the_papers(terms, papers):
     assert base_of(regressor.TorqueModel(arm_chain(), terms)).rank == papers

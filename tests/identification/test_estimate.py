@@ -45,11 +45,7 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
 
 
 @pytest.mark.parametrize(
-    ("still", "said"),
-    [
-        (slice(3, 4), "wrist_1_joint .*fc4.*fv4"),
-        (slice(1, 6), r"of 58 base parameters"),
-    ],
+    ("still", "said"), [(slice(3, 4), "wrist_1_joint .*fc4.*fv4"), (slice(1, 6), r"of 58 base parameters")]
 )
 def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said):
     states = KNOWN.with_still(still)(np.arange(1000) / 100.0)

@@ -8,12 +8,7 @@ from polish_sim.errors import IdentificationError
 from polish_sim.identification import payload
 from polish_sim.identification.estimate import INTERVAL_95, estimate, sum_samples, torque_error
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
-from polish_sim.identification.physical import (
-    Drawing,
-    fit_consistent,
-    is_consistent,
-    pseudo_inertia,
-)
+from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters

@@ -106,13 +106,7 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         names = runpy.run_path(str(copy / "source_stamp.py"), run_name="polish_sim.source_stamp")
         return names["package_hash"]()
 
-    made_by = (
-        "scoring/score.py",
-        "studies/table.py",
-        "models/ur5e_spindle.xml",
-        "cli/run.py",
-        "cli/many.py",
-    )
+    made_by = ("scoring/score.py", "studies/table.py", "models/ur5e_spindle.xml", "cli/run.py", "cli/many.py")
     for file, counts in [*((name, True) for name in made_by), ("page/page.py", False), ("workers.py", False)]:
         before = source()
         with (copy / file).open("a") as edited:
