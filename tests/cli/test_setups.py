@@ -14,7 +14,7 @@ PLAN = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
 
 @pytest.fixture(autouse=True)
 def _few_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parts with square sides are turned by 90 deg at a time, half a metre away: a hundredth of the places."""
+    """Parts with square sides are turned by 90 deg at a time, half a metre away: few of the places."""
     monkeypatch.setattr("polish_sim.experiments.reach_map.TURNS", np.radians(np.arange(0.0, 360.0, 90.0)))
     monkeypatch.setattr("polish_sim.experiments.reach_map.DISTANCES", np.array([0.55]))
 

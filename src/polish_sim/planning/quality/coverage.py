@@ -47,14 +47,13 @@ def strict_share(mesh: Triangulation, areas: Array, runs: Sequence[Curve], stepo
     ends = np.cumsum(areas)
     # One point at random in each equal share of the area: regular steps would fall into step with the rows
     # of a regular mesh. Always the same points.
-    jitter, first, second = np.random.default_rng(0).random((3, SAMPLES))
-    marks = (np.arange(SAMPLES) + jitter) / SAMPLES * ends[-1]
+    drawn = np.random.default_rng(0).random((3, SAMPLES))
+    marks = (np.arange(SAMPLES) + drawn[0]) / SAMPLES * ends[-1]
     triangle = np.minimum(np.searchsorted(ends, marks), np.flatnonzero(areas)[-1])
-    folded = first + second > 1.0
-    first, second = np.where(folded, 1.0 - first, first), np.where(folded, 1.0 - second, second)
-    weights = np.stack([first, second, 1.0 - first - second], axis=1)[:, :, None]
-    corners = mesh.triangles[triangle]
-    points, normals = ((weights * values[corners]).sum(axis=1) for values in (mesh.vertices, mesh.normals))
+    first, second = np.where(drawn[1] + drawn[2] > 1.0, 1.0 - drawn[1:], drawn[1:])
+    weights = np.stack([first, second, 1.0 - first - second])[:, :, None]
+    corners = mesh.triangles[triangle].T
+    points, normals = (sum(weights * values[corners]) for values in (mesh.vertices, mesh.normals))
     return strictly_covered(points, normals, runs, stepover).mean()
 
 
