@@ -82,7 +82,7 @@ def rotations_towards(axes_base: Array, direction: Array) -> Array:
     """Tool frames with z against axes (n, 3) and x as near a direction (3,) as that allows, shape (n, 3,
     3)."""
     z_axes = -axes_base
-    if np.min(norms(np.cross(z_axes, direction))) < 0.05:
+    if norms(np.cross(z_axes, direction)).min() < 0.05:
         raise ReachError(
             "the tool axes of this path turn through more than a right angle: no fixed tool spin fits."
         )

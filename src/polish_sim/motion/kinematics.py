@@ -133,7 +133,7 @@ def smallest_singular_values(q: Array, point_flange: Array) -> Array:
     At angles ``q`` (n, 6) [rad] and the tool point ``point_flange`` (3,) [m]. A tool twist of size v can need
     joint speeds of v divided by it.
     """
-    return np.linalg.svd(jacobian(q, point_flange), compute_uv=False)[:, 5]
+    return np.asarray(np.linalg.svd(jacobian(q, point_flange), compute_uv=False)[:, 5])
 
 
 def is_nominal(table: Array) -> bool:

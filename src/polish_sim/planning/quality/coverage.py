@@ -49,10 +49,9 @@ def strict_share(mesh: Triangulation, areas: Array, runs: Sequence[Curve], stepo
     # of a regular mesh. Always the same points.
     drawn = np.random.default_rng(0).random((3, SAMPLES))
     marks = (np.arange(SAMPLES) + drawn[0]) / SAMPLES * ends[-1]
-    triangle = np.minimum(np.searchsorted(ends, marks), np.flatnonzero(areas)[-1])
+    corners = mesh.triangles[np.minimum(np.searchsorted(ends, marks), np.flatnonzero(areas)[-1])].T
     first, second = np.where(drawn[1] + drawn[2] > 1.0, 1.0 - drawn[1:], drawn[1:])
     weights = np.stack([first, second, 1.0 - first - second])[:, :, None]
-    corners = mesh.triangles[triangle].T
     points, normals = (sum(weights * values[corners]) for values in (mesh.vertices, mesh.normals))
     return strictly_covered(points, normals, runs, stepover).mean()
 
