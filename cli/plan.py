@@ -166,9 +166,9 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     if unreached:
         console.note(f"error: {unreached} The plan is written, unproven.")
     if dual:
-        from polish_sim.dual.scene import seat_notes
+        from polish_sim.dual.scene import seat_note
 
-        console.note(seat_notes(result.figures)[0])
+        console.note(seat_note(result.figures))
     for text in much_left_out(result.figures):
         console.note(f"bad: {text}.")
     console.table(path_table(f"plan of {result.mesh.name}", result.figures))

@@ -148,5 +148,5 @@ DUAL = Experiment(
     idle=("guide", "hand", "drag"),
     only_with={REMOVAL_OPTIONS: COVER_OPTIONS},
     not_with={"--master-path": ("--master-speed", "--master-turn", "--part-pose")},
-    notes="polish_sim.dual.scene:seat_notes",
+    notes="polish_sim.dual.dual:pair_notes",
 )

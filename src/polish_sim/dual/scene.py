@@ -70,9 +70,9 @@ def seat_text(T_gripper_work: Array) -> str:
     )
 
 
-def seat_notes(figures: Mapping[str, Any]) -> tuple[str, ...]:
-    """How the part was held in a run, by its figures."""
-    return (f"part: {seat_text(np.array(figures['T_gripper_work']))}",)
+def seat_note(figures: Mapping[str, Any]) -> str:
+    """How the part is held, by the figures of a plan or run."""
+    return f"part: {seat_text(np.array(figures['T_gripper_work']))}"
 
 
 def _on_lowest_point(corners: Array, up: Array) -> Array:
