@@ -1,5 +1,6 @@
 """Types of the arrays and figures that flow between modules; docstrings say shapes and units."""
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -58,6 +59,12 @@ def rms_length(vectors: Array) -> float:
 def midpoints(values: Array) -> Array:
     """Means of neighbours (n, ...), shape (n - 1, ...)."""
     return 0.5 * (values[1:] + values[:-1])
+
+
+def evenly_to(end: float, spacing: float, least: int = 1, start: float = 0.0) -> Array:
+    """Even values from ``start`` to ``end``, both included, no further apart than a spacing; ``least`` steps
+    or more."""
+    return np.linspace(start, end, max(math.ceil((end - start) / spacing), least) + 1)
 
 
 def longest_side(points: Array) -> float:

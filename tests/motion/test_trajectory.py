@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.motion import trajectory
-from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.chain import build_chain, repeated_points
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed, turning
 from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
@@ -197,7 +197,7 @@ def test_between_its_rows_it_is_where_the_schedule_is():
 
 def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative():
     s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
-    np.testing.assert_array_equal(trajectory.marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
+    np.testing.assert_array_equal(s[~repeated_points(TIPS, ROTATIONS)], MARKS)
     motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     assert motion.places[0] == 0.0
     assert motion.places[-1] == pytest.approx(0.07, abs=1e-12)

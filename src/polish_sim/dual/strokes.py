@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, evenly_to, joined, midpoints, norms, running_sums
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
@@ -252,7 +252,7 @@ def _resting(points: Array, axes: Array, s: float, times: Array) -> Visits:
 
 
 def _times(duration: float, step: float) -> Array:
-    return np.linspace(0.0, duration, max(FEWEST, math.ceil(duration / step) + 1))
+    return evenly_to(duration, step, FEWEST - 1)
 
 
 def _axes(quaternions: Array) -> Array:

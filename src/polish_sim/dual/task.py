@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from polish_sim.arrays import Array, joined, norms, running_sums
+from polish_sim.arrays import Array, evenly_to, joined, norms, running_sums
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked, DualConfig
@@ -195,7 +194,7 @@ def _master_rows(
     believed = frames.believed
     true = frames.true
     duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
-    time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
+    time = evenly_to(duration, ROW_S)
     T_base_flange = believed.master_flange(work.way(reach.T_master_work, time))
     q = arms.joints("master", T_base_flange, follow_joints(T_base_flange, reach.q_master, "master"))
     T_master_work = arms.resting_flange("master", q[0]) @ true.T_flange_gripper @ true.T_gripper_work

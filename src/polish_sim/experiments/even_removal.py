@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.arrays import Array, diagonal_of, joined, midpoints
+from polish_sim.arrays import Array, diagonal_of, evenly_to, joined, midpoints
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
@@ -264,13 +264,8 @@ def drawn_nodes(plan: PlanResult) -> Nodes:
 
 def _places(path: ToolPath, apart: float) -> tuple[Array, Array]:
     """Middles of steps along the path in contact [m], and their lengths [m], both (k,)."""
-    ends = [_divided(path, pair, apart) for pair in stretches(path.process)]
+    ends = _divided(path, apart)
     return np.concatenate([midpoints(e) for e in ends]), np.concatenate([np.diff(e) for e in ends])
-
-
-def _divided(path: ToolPath, rows: tuple[int, int], apart: float) -> Array:
-    first, last = path.s[rows[0]], path.s[rows[1]]
-    return np.linspace(first, last, max(math.ceil((last - first) / apart), 1) + 1)
 
 
 def _least_near(knots: Array, apart: float, s: Array, values: Array) -> Array:
@@ -280,9 +275,14 @@ def _least_near(knots: Array, apart: float, s: Array, values: Array) -> Array:
     return np.minimum.reduceat(np.append(values, math.inf), ends)[::2]
 
 
+def _divided(path: ToolPath, apart: float) -> list[Array]:
+    """Places along each stroke [m]."""
+    return [evenly_to(path.s[last], apart, 1, path.s[first]) for first, last in stretches(path.process)]
+
+
 def _hats(path: ToolPath, s: Array, apart: float) -> tuple[Array, csr_array]:
     """Knots along each stroke [m], (m,), and the hat function of each at places s (k,), shape (k, m)."""
-    knots = np.concatenate([_divided(path, pair, apart) for pair in stretches(path.process)])
+    knots = np.concatenate(_divided(path, apart))
     return knots, BSpline.design_matrix(s, np.pad(knots, 1, "edge"), 1)
 
 

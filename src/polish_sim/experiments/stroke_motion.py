@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import SmoothingConfig
 from polish_sim.kernels import memory_of
-from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.chain import Chain, build_chain, repeated_points
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.rule import RULES, check_rule
 from polish_sim.motion.rules.schedule import SmoothMotion
@@ -24,7 +24,6 @@ from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.trajectory import (
     TimedPath,
     build_path_table,
-    marks_on,
     row_times,
     time_path,
     time_schedule,
@@ -65,6 +64,11 @@ class StrokePath(NamedTuple):
     s: Array  #: Arc length on the part from the stroke's start [m], never falling, shape (n,)
     feed: Array  #: Wanted rate of it [m/s], shape (n,)
     limits: SmoothingLimits = CELL_LIMITS  #: Where the scenario's file sets no others
+
+    @property
+    def marks(self) -> Array:
+        """Arc lengths at the way points of its chain [m]."""
+        return self.s[~repeated_points(self.tips, self.rotations)]
 
 
 def stroke_path(
@@ -130,7 +134,7 @@ def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm:
     allow it."""
     from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
-    marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
+    marks = stroke.marks
     limits = cell_limits(asked, stroke.limits, math.inf)
     tolerances = asked.tolerance_m, asked.axis_tolerance_rad
     return time_schedule(
@@ -147,7 +151,7 @@ def by_rule(
     turned more gently, and if that does not help, joints are planned for as well.
     The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
     """
-    marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
+    marks = stroke.marks
     top = stroke.feed.max()
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
     stretch = np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)

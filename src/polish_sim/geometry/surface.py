@@ -222,7 +222,9 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def join_surfaces(surfaces: Sequence[Surface]) -> Surface:
-    """Put surfaces into one, unconnected, facets and vertices in their order."""
+    """Put surfaces into one, unconnected, facets and vertices in their order; one alone stays as it is."""
+    if len(surfaces) == 1:
+        return surfaces[0]
     joined = {
         name: np.concatenate([getattr(surface, name) for surface in surfaces])
         for name in ("vertices", "control", "normal_control", "shape", "smooth")

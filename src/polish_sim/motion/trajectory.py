@@ -10,10 +10,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, Ints, dots, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, evenly_to, midpoints, norms, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
-from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import interpolate
@@ -59,7 +58,7 @@ def build_path_table(
     if len(points) == 1:
         place, points = np.array([0.0, spacing]), np.repeat(points, 2, axis=0)
         frames, bend, turns = np.repeat(frames, 2, axis=0), np.repeat(bend, 2), np.repeat(turns, 2)
-    nodes = np.linspace(0.0, float(place[-1]), max(2, math.ceil(place[-1] / spacing) + 1))
+    nodes = evenly_to(place[-1], spacing)
     curve = CubicSpline(place, points, axis=0, bc_type="natural")
     step = nodes[1] - nodes[0]
     quaternions = _interpolate_quaternions(place, continuous_quaternions(frames), nodes)
@@ -364,15 +363,3 @@ def time_schedule(motion: SmoothMotion, marks: Array) -> TimedPath:
         speeds,
         np.ones(len(clock)),
     )
-
-
-def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
-    """Arc lengths of a chain's way points [m], shape (segments + 1,).
-
-    Each is one of the points the chain was made of, in order: ``tips`` (m, 3) [m], ``rotations`` (m, 3, 3),
-    at arc lengths ``s`` (m,) [m].
-    """
-    own, raw = (
-        np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations))
-    )
-    return s[rows_among(own, raw)]

@@ -88,21 +88,17 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
     Raises:
         PlanError: All of the region is narrower than half the pad; names the units in which it would not be.
     """
-    components = region.components()
-    widths = [footprint(component).widths.min() for component in components]
-    diameter = 2.0 * pad.radius_m
-    if max(widths) < NARROWEST * diameter:
-        width = max(widths)
+    width, diameter, components = widest_piece(region), 2.0 * pad.radius_m, region.components()
+    least = NARROWEST * diameter
+    if width < least:
         raise PlanError(
             f"the region is narrower than half the pad: {width * 1e3:.3g} mm across, the pad "
             f"{diameter * 1e3:.3g} mm. "
             f"Set a smaller pad (--pad-diameter {width * 1e3:.2g}) or choose another --region."
-            f"{in_another_unit(mesh, width, NARROWEST * diameter)}"
+            f"{in_another_unit(mesh, width, least)}"
         )
-    wide = [part for part, width in zip(components, widths, strict=True) if width >= NARROWEST * diameter]
-    if len(wide) == len(components):
-        return region
-    return merge_regions(wide, region.up, region.notes)
+    wide = [part for part in components if footprint(part).widths.min() >= least]
+    return region if len(wide) == len(components) else merge_regions(wide, region.up, region.notes)
 
 
 def edge_distance(pad: PadConfig, force: float) -> float:

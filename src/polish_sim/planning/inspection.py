@@ -14,7 +14,7 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
-from polish_sim.geometry.surface import SurfacePoints
+from polish_sim.geometry.surface import join_surfaces
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground import SHARPEST, Ground, bridge_holes, with_skirt
 from polish_sim.planning.moves.leads import with_way_down
@@ -64,25 +64,16 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface]) ->
     """
     path = with_points_between(path)
     points, axes = path.in_contact
-    surfaces = (surface, *bridges)
-    feet, normals = _closest(surfaces, points)
+    whole = join_surfaces([surface, *bridges])
+    feet, normals, *_ = whole.closest(points)
     gap = points - feet
     heights = dots(gap, axes)
     turned = np.flatnonzero(dots(axes, normals) <= 0.0)
     # On an edge the closest face may be the other one: the axis is turned if no face around looks its way.
     for way in product((-BESIDE_M, 0.0, BESIDE_M), repeat=3):
-        around = _closest(surfaces, feet[turned] + way).normals
+        around = whole.closest(feet[turned] + way).normals
         turned = turned[dots(axes[turned], around) < SQUARE]
     return Offset(feet, heights, norms(into_plane(gap, axes)), points[turned])
-
-
-def _closest(surfaces: Sequence[Surface], points: Array) -> SurfacePoints:
-    """The closest of several surfaces' points to each of some (n, 3) [m]."""
-    found = [each.closest(points) for each in surfaces]
-    apart = [norms(points - each.positions) for each in found]
-    nearest = np.argmin(apart, axis=0), np.arange(len(points))
-    positions, normals = (np.stack(columns)[nearest] for columns in list(zip(*found, strict=True))[:2])
-    return SurfacePoints(positions, normals)
 
 
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: float) -> None:
@@ -320,7 +311,7 @@ def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
     Points beyond the part's edge do not count, unless all are.
     """
     feet = offset.feet[offset.sideways <= max(OFF_PART_M, offset.sideways.min())]
-    there = _closest((region.surface, *_bridges(region, plan)), feet).positions
+    there = join_surfaces([region.surface, *_bridges(region, plan)]).closest(feet).positions
     return (norms(there - feet) < OFF_PART_M + plan.overrun_m / SHARPEST).mean()
 
 

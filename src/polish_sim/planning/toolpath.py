@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, evenly_to, norms, running_sums
 from polish_sim.errors import PlanError
 
 SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
@@ -99,7 +99,7 @@ def arc_length(positions: Array) -> Array:
 def rows_apart(s: Array, spacing: float) -> Indices:
     """Rows of growing arc lengths (n,) [m] no further apart than the points or a spacing, both ends among
     them."""
-    marks = np.linspace(s[0], s[-1], max(int(np.ceil((s[-1] - s[0]) / spacing)), 1) + 1)
+    marks = evenly_to(s[-1], spacing, 1, s[0])
     return np.unique([0, *np.searchsorted(s, marks[1:-1]), len(s) - 1])
 
 

@@ -17,7 +17,7 @@ from polish_sim.dual.calibration.circle import (
     BaseFrame,
     SweptCircle,
     base_from_circles,
-    fit_circle_without_outliers,
+    fit_circle,
 )
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.tables import csv_text
@@ -76,7 +76,7 @@ class AxisArcs:
         frames: dict[str, BaseFrame] = {}
         for robot in ROBOTS:
             circles[robot] = tuple(
-                _named(f"the {robot}'s axis {axis}", fit_circle_without_outliers, points, noise)
+                _named(f"the {robot}'s axis {axis}", fit_circle, points, noise)
                 for axis, points in enumerate(self.arcs[robot], 1)
             )
             frames[robot] = _named(f"the {robot}", base_from_circles, *circles[robot])

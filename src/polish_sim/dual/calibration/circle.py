@@ -73,21 +73,23 @@ class _Shape(NamedTuple):
         return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
 
 
-def fit_circle(points: Array, noise: float | None = None, used: Bools | None = None) -> SweptCircle:
+def fit_circle(points: Array, noise: float | None = None) -> SweptCircle:
     """Circle through points in the order they were run, least squares of their distances along radius and
-    axis.
+    axis; those too far off to be noise are left out.
 
     Args:
         points: In the order of a rising joint angle, which gives the axis its sense [m], shape (n, 3).
         noise: Standard deviation of one coordinate [m]; None takes it from the residuals.
-        used: Points to use, shape (n,); None uses all.
 
     Raises:
-        CalibrationError: Too few points, on a line or in one place, or too short an arc.
+        CalibrationError: Too few points, on a line or in one place, too short an arc, or more than a quarter
+            too far off.
     """
-    used = np.ones(len(points), dtype=bool) if used is None else used
+    check_arc_points(points)
+    problem = _problem(points)
+    used = agreeing(problem, solve(problem, _start(points)), "points of the arc")
     check_arc_points(points[used])
-    found = fit(_problem(points), _start(points[used]), noise, used)
+    found = fit(problem, _start(points[used]), noise, used)
     center, frame, radius = found.x
     x, y, _ = ((points[used] - center) @ frame).T
     angle = np.unwrap(np.arctan2(y, x))
@@ -101,14 +103,6 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     turn[:3, :3] = frame
     covariance = (turn @ found.covariance @ turn.T)[:5, :5]
     return SweptCircle(center, frame, radius, covariance, float(found.noise[0]), found.residuals, used, arc)
-
-
-def fit_circle_without_outliers(points: Array, noise: float | None = None) -> SweptCircle:
-    """The same, leaving out points too far off to be noise; CalibrationError also if those are more than a
-    quarter."""
-    check_arc_points(points)
-    problem = _problem(points)
-    return fit_circle(points, noise, agreeing(problem, solve(problem, _start(points)), "points of the arc"))
 
 
 def check_arc_points(points: Array) -> None:

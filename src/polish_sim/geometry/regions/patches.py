@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Ints, dots, norms
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
-from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets, join_surfaces
+from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets
 from polish_sim.geometry.topology import corner_fans
 from polish_sim.spatial import crosses
 
@@ -74,14 +73,6 @@ def coverable(kept: Clipped, up: Array) -> list[Clipped]:
         for smooth in connected(piece, piece.surface.smooth):
             patches += [smooth] if lies_open(smooth.surface) else _charts(smooth, up)
     return patches
-
-
-def join_patches(patches: Sequence[Clipped]) -> Clipped:
-    """Put patches into one surface, unconnected."""
-    if len(patches) == 1:
-        return patches[0]
-    surface = join_surfaces([patch.surface for patch in patches])
-    return Clipped(surface, np.concatenate([patch.parents for patch in patches]))
 
 
 def unpinch(surface: Surface) -> Surface:

@@ -17,8 +17,8 @@ from polish_sim.geometry.mesh import PartMesh, check_unit
 from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.regions.choice import CHOICES, PLAIN, WITH_ARGUMENT, Whole, pick_all
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
-from polish_sim.geometry.regions.patches import connected, facing, join_patches, unpinch
-from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
+from polish_sim.geometry.regions.patches import connected, facing, unpinch
+from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets, join_surfaces
 from polish_sim.models import part_path
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Region:
         pieces = connected(Clipped(self.surface, self.facets))
         if len(pieces) == 1:
             return (self,)
-        return tuple(_build_region(piece.surface, piece.parents, self.up) for piece in pieces)
+        return tuple(_build_region([piece], self.up) for piece in pieces)
 
 
 def select_region(
@@ -92,15 +92,14 @@ def select_region(
     if max(edge_margin, hole_margin) > 0.0:
         patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
         notes += further
-    kept = join_patches(patches)
-    return _build_region(kept.surface, kept.parents, mesh.up, notes)
+    return _build_region(patches, mesh.up, notes)
 
 
 def patches_of(surface: Surface, mesh: PartMesh) -> list[Region]:
     """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side
     up."""
     patches = pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
-    return [_build_region(patch.surface, patch.parents, mesh.up) for patch in patches]
+    return [_build_region([patch], mesh.up) for patch in patches]
 
 
 def cut_region(region: Region, room: Room, margin: float) -> Region | None:
@@ -112,8 +111,7 @@ def cut_region(region: Region, room: Room, margin: float) -> Region | None:
     left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)[0]]
     if not left:
         return None
-    kept = join_patches(_without_slivers(left)[0])
-    return _build_region(kept.surface, kept.parents, region.up, region.notes)
+    return _build_region(_without_slivers(left)[0], region.up, region.notes)
 
 
 def check_choice(choice: str) -> None:
@@ -142,13 +140,12 @@ def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
     check_choice(plan.region)
 
 
-def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
-    """Make a region of a surface and the facets of the whole part (k,) it was cut from; pinched vertices are
-    parted."""
-    surface = unpinch(surface)
+def _build_region(patches: Sequence[Clipped], up: Array, notes: tuple[str, ...] = ()) -> Region:
+    """Make a region of patches of a part, unconnected; pinched vertices are parted."""
+    surface = unpinch(join_surfaces([patch.surface for patch in patches]))
     return Region(
         surface=surface,
-        facets=facets,
+        facets=np.concatenate([patch.parents for patch in patches]),
         boundary_loops=boundary_loops(surface),
         area_m2=surface.facet_areas.sum(),
         up=_seen_from(surface, up),
@@ -156,10 +153,9 @@ def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, .
     )
 
 
-def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...] = ()) -> Region:
+def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...]) -> Region:
     """Make one region of several unconnected ones of a part; they are its components."""
-    kept = join_patches([Clipped(component.surface, component.facets) for component in components])
-    return _build_region(kept.surface, kept.parents, up, notes)
+    return _build_region([Clipped(part.surface, part.facets) for part in components], up, notes)
 
 
 def _seen_from(surface: Surface, up: Array) -> Array:

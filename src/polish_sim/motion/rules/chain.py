@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to, turn_about
@@ -106,42 +106,6 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
     turned = norms(np.diff(axes, axis=0)) > SAME_AXIS
     repeated: Bools = np.concatenate([[False], ~(moved | turned)])
     return repeated
-
-
-def rows_among(points: Array, raw: Array) -> Indices:
-    """Row of each of some points (n, d) among the raw ones (m, d) they were chosen from, in the same order,
-    shape (n,).
-
-    Raises:
-        SmoothingError: A point is not among the raw ones behind the row of the one before.
-    """
-    rows = np.zeros(len(points), dtype=np.int64)
-    missing = _match(points, raw, rows)
-    if missing >= 0:
-        raise SmoothingError(f"way point {missing} of the smoothed chain is not among those given, in order.")
-    return rows
-
-
-@njit
-def _match(points: Array, raw: Array, rows: Indices) -> int:
-    """Fill ``rows``; the first point without one, or -1."""
-    r = 0
-    for k in range(points.shape[0]):
-        while r < raw.shape[0] and _apart(points[k], raw[r]):
-            r += 1
-        if r == raw.shape[0]:
-            return k
-        rows[k] = r
-        r += 1
-    return -1
-
-
-@njit
-def _apart(one: Array, other: Array) -> bool:
-    apart = False
-    for i in range(one.shape[0]):
-        apart = apart or one[i] != other[i]
-    return apart
 
 
 def _check(tips: Array, rotations: Array) -> None:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, evenly_to, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot as dot3
@@ -303,7 +303,7 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Spline
     """
     length, (before, after) = float(line.u[-1]), line.slopes()
     units, changes = corner_units(before, after, tolerance, axis_tolerance), after - before
-    knots = np.linspace(0.0, length, max(2, int(np.ceil(length / LONGEST_SPAN)) + 1))
+    knots = evenly_to(length, LONGEST_SPAN)
 
     def rounded(which: Indices, least: float) -> dict[int, Corner]:
         found = {int(k): _isolated(line, int(k) + 1, units[k], changes[k], least) for k in which}

@@ -58,11 +58,6 @@ def squares_on(knots: Array) -> Squares:
     return Squares(knots, values, slopes, (end_slopes - slopes[:-1]) / spans[:, None], end_values, end_slopes)
 
 
-def control_values(squares: Squares, b: Array) -> Array:
-    """Control values of a spline near values b at the knots (n,), shape (n + 1,)."""
-    return np.concatenate([b[:1], midpoints(b), b[-1:]])
-
-
 def around(stencils: Array, controls: Array) -> Array:
     """What the stencils (m, 3) give of control values, shape (m,)."""
     padded = np.concatenate([controls, [0.0]])
@@ -160,7 +155,8 @@ def plan_law(
     """
     squares, n = squares_on(knots), len(knots)
     expected = envelope(knots, caps, bounded, launch) ** 2 if near is None else squares_at(near, knots)
-    size = control_values(squares, expected)
+    # Control values near the squares at the knots.
+    size = np.concatenate([expected[:1], midpoints(expected), expected[-1:]])
     caps = np.minimum(caps, caps_of(bounded)[0])
     fixed = np.zeros(n + 2, dtype=bool)
     for two, span in (([0, 1], knots[1] - knots[0]), ([-1, -2], knots[-1] - knots[-2])):
@@ -442,7 +438,7 @@ TIGHTER = 3.3  #: Power of the time that is missing by which limits are planned 
 def factors_of_spans(law: Law, bounded: Bounded) -> Array:
     """How much more time each span must take to keep the limits, both its ends looked at, shape (n - 1,).
 
-    ``bounded`` is at the knots ``divided`` by ``LOOKS``.
+    ``bounded`` is at the knots ``divided``.
     """
     squares, controls = law.squares, law.controls
     spans = np.diff(squares.knots)[:, None]
@@ -465,7 +461,7 @@ def fastest_law(
     and the largest u' wanted there. A law is not improved where ``slower`` finds way points to stop at.
     """
     shares, law, best = np.ones(len(knots)), None, None
-    bounded, caps = look(divided(knots, LOOKS))
+    bounded, caps = look(divided(knots))
     for attempt in range(MOST_TRIES):
         at_knots = bounded._replace(rates=bounded.rates[:, ::LOOKS])
         law = plan_law(knots, caps[::LOOKS], at_knots, launch, shares, law)
@@ -497,7 +493,7 @@ def _with_halved(
     before = np.repeat(np.arange(len(halved)), 1 + halved)
     rates = bounded.rates[:, :-1].reshape(3, -1, LOOKS, PARTS)[:, before]
     wanted, new = caps[:-1].reshape(-1, LOOKS)[before], halved[before]
-    there, wanted_there = look(divided(knots, LOOKS)[:-1].reshape(-1, LOOKS)[new].ravel())
+    there, wanted_there = look(divided(knots)[:-1].reshape(-1, LOOKS)[new].ravel())
     rates[:, new], wanted[new] = there.rates.reshape(3, -1, LOOKS, PARTS), wanted_there.reshape(-1, LOOKS)
     rates = np.concatenate([rates.reshape(3, -1, PARTS), bounded.rates[:, -1:]], axis=1)
     return bounded._replace(rates=rates), np.append(wanted, caps[-1])
@@ -529,10 +525,10 @@ BENT, BEND_SPAN = 0.1, 3e-4
 SAME_KNOT = 2e-5  #: Knots nearer than this count as one [m]
 
 
-def divided(knots: Array, parts: int) -> Array:
-    """The knots and ``parts`` - 1 places in each of the spans between them [m], shape (spans * parts +
+def divided(knots: Array) -> Array:
+    """The knots and ``LOOKS`` - 1 places in each of the spans between them [m], shape (spans * LOOKS +
     1,)."""
-    shares = chebyshev_nodes(parts + 1)[:-1]
+    shares = chebyshev_nodes(LOOKS + 1)[:-1]
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 

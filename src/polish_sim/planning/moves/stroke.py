@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, Bools, Indices, joined, midpoints, norms
+from polish_sim.arrays import Array, Bools, Indices, evenly_to, joined, midpoints, norms
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
@@ -80,8 +80,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
     if length <= 0.0 or bound <= 0.0:
         return axes
     # Over less than the distance of the path's points there is nothing to average.
-    count = max(int(np.ceil((s[-1] - s[0]) * PER_WINDOW / max(length, (s[-1] - s[0]) / len(s)))), 8)
-    even = np.linspace(s[0], s[-1], count + 1)
+    even = evenly_to(s[-1], max(length, (s[-1] - s[0]) / len(s)) / PER_WINDOW, 8, s[0])
     wanted = unit(_averaged(axes, s, even, max(round(length / (even[1] - even[0])), 1) | 1))
     allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
     angle = angles_between(axes, wanted)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, evenly_to
 from polish_sim.planning.curve import Curve, Nearest
 
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
@@ -154,7 +154,7 @@ def _amounts(even: Sequence[bool], to_border: bool) -> Array:
 
 
 def _grid(length: float, stepover: float) -> Array:
-    return np.linspace(0.0, length, max(int(np.ceil(SAMPLES * length / stepover)), 32) + 1)
+    return evenly_to(length, stepover / SAMPLES, 32)
 
 
 def _first_step(grid: Array, band: float) -> Shares:
