@@ -215,15 +215,31 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     assert lift_over(path, nearly_all, plan.plan, plan.ready.air) is None
 
 
-def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan):
+def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(plan):
+    """Pressed along the path [N m] it is from its middle on what the whole plan is there."""
+    whole, places = plan.path, plan.path.s[plan.path.process]
     rest = plan.behind(0.5)
     process = rest.path.process
-    assert rest.path.positions_work[process][0] == pytest.approx(
-        plan.path.positions_work[plan.path.process & (plan.path.s >= 0.5)][0]
+
+    def pressed(path, since):
+        held = path.process & (path.s >= since)
+        return np.trapezoid(path.force_at(path.s[held], plan.tool.force), path.s[held])
+
+    lands = 0.5 - 0.5 * plan.tool.pad.radius_m
+    np.testing.assert_array_equal(
+        rest.path.positions_work[process][0], whole.positions_work[whole.process & (whole.s >= lands)][0]
     )
-    assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force)
+    assert pressed(rest.path, 0.0) == pytest.approx(pressed(whole, 0.5), rel=0.005)
+    assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force, rel=0.02)
     assert rest.path.force[process][-1] == plan.tool.force
     assert len(rest.mends[-1].places) > 0
-    assert plan.behind(0.5 * plan.path.s[plan.path.process][0]).mends == ()  # before it lands
+    # Little behind the first landing the stroke is pressed from its start again, by little less.
+    near = plan.behind(places[0] + 0.004)
+    assert near.mends == ()
+    assert pressed(near.path, 0.0) == pytest.approx(pressed(whole, places[0] + 0.004), rel=0.005)
+    # A stroke that was not begun is pressed as planned.
+    begun = plan.behind(0.5 * places[0])
+    assert begun.mends == ()
+    assert set(begun.path.force) == {plan.tool.force}
     with pytest.raises(PlanError, match="nothing of the path is left behind"):
         plan.behind(1e3)

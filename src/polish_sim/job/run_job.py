@@ -273,19 +273,25 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
         if before is None or (one.head.tool, one.head.grit) != before[2:]:
             operator += one.head.change_s
         before = (row.part, one.setup, one.head.tool, one.head.grit)
-    sums = []
-    for name, those in regions.items():
-        found = summed_maps([read_removal(folder / row.folder / "run" / REMOVAL) for row in those])
-        sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
+    sums = [
+        {
+            "region": name,
+            **measure_removal(
+                summed_maps([read_removal(folder / row.folder / "run" / REMOVAL) for row in those]),
+                those[0].work.tool.radius_m,
+            ),
+        }
+        for name, those in regions.items()
+    ]
     total = {name: sum(row.figures[name] for row in rows) for name in SUMMED}
-    area = sum(row.figures["area_m2"] for row in rows)
+    whole = total["cycle_time_s"] + operator
     return {
         "job_sha256": job.sha256,
         "parts": job.head.parts,
         **total,
         "operator_s": operator,
-        "whole_s": total["cycle_time_s"] + operator,
-        "area_per_hour_m2": 3600.0 * area / (total["cycle_time_s"] + operator),
+        "whole_s": whole,
+        "area_per_hour_m2": 3600.0 * sum(row.figures["area_m2"] for row in rows) / whole,
         "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows],
         "regions": sums,
     }
@@ -324,8 +330,7 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
             if one.tool.flange.bandwidth_hz:
                 calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
                 continue
-            where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
-            text = _programme(where)
+            text = _programme(folder / ("part_1" if job.head.parts > 1 else "") / one.folder)
             name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
             lines += [text.replace(name, f"{name}_{k}")]
             calls.append(f"  {name}_{k}()")

@@ -40,7 +40,8 @@ from polish_sim.planning.quality.figures import Quality, account_area, measure_q
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import BEFORE, ToolPath
 
-FIRST_FORCE = 0.5  #: Share of the force with which a plan resumes behind a place
+#: Of the pad's radius: a plan that resumes lands so far before the place, and with so much less force
+LACKING = 0.5
 IN_PART = "the tool would stand in the part"  #: Why a place is left out
 ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
 
@@ -121,24 +122,24 @@ class PlanResult:
         )
 
     def behind(self, s: float) -> PlanResult:
-        """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises
-        gradually.
+        """The plan from an arc length ``s`` [m] of its path on: within a stroke the tool lands a little
+        before, and its force rises over a pad's diameter, from so much less as is pressed twice.
 
         Raises:
             PlanError: Nothing of the path in contact is left behind it.
         """
-        path = self.path
-        remaining = lift_over(path, path.process & (path.s < s), self.plan, self.ready.air)
+        path, pad = self.path, self.tool.pad.radius_m
+        remaining = lift_over(path, path.process & (path.s < s - LACKING * pad), self.plan, self.ready.air)
         if remaining is None:
-            end = path.s[path.process][-1]
             raise PlanError(
-                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm "
-                "(--from)."
+                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at "
+                f"{1e3 * path.s[path.process][-1]:.4g} mm (--from)."
             )
         left = remaining.path
         force = left.force_at(left.s, self.tool.force)
-        rising = np.clip((left.s - left.s[left.process][0]) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
-        force *= FIRST_FORCE + (1.0 - FIRST_FORCE) * rising
+        first = left.process.argmax()
+        twice = max(s - path.s[remaining.source[first]], 0.0)
+        force *= 1.0 - np.interp(left.s - left.s[first], [0.0, 2.0 * pad], [twice / pad, 0.0])
         # Before the tool has landed there is nothing done.
         done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)] if remaining.lost.any() else []
         return self.along(replace(left, force=force), done)
