@@ -67,7 +67,7 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     before = "it was polished before (--from)"
     assert before in metrics_of("rest")["left_out"]
     assert before not in "".join(metrics_of("rest")["bad_figures"])
-    # It lands with half the force and has all of it a pad's diameter on, half the pad's radius before the place.
+    # It lands half the pad's radius before with half the force, and has all of it a pad's diameter on.
     log, path = (np.load(Path("rest") / name) for name in ("log.npz", "path.npz"))
     fed, pressed = log["phase"] == PROCESS_PHASE, np.load(Path("whole/path.npz"))
     force, first = log["normal_force_n"][fed], path["positions_work"][path["segment"] == PROCESS][0]
