@@ -102,9 +102,10 @@ def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do
         assert row.figures["pieces"] == 2
         return read_removal(folder / FILE).exposure
 
-    stopped(tmp_path / "short", 8.0)[-1].unlink()
-    wanted = removal(tmp_path / "short")
     last = stopped(tmp_path / "again", 8.0)[-1]
+    shutil.copytree(tmp_path / "again", tmp_path / "short")
+    (tmp_path / "short" / last.relative_to(tmp_path / "again")).unlink()
+    wanted = removal(tmp_path / "short")
     stopped(tmp_path / "again", 1.0)
     assert len(list((tmp_path / "again" / pieces).iterdir())) == 2
     for number, damage in enumerate((Path.unlink, lambda file: file.write_bytes(file.read_bytes()[:-9]))):

@@ -95,7 +95,7 @@ CONTACT_N = 0.5  #: The tool is in contact when the exact normal force is above 
 def first_contact(force: Array) -> int | None:
     """Index of the first sample in contact, or None when there is none; ``force`` [N], shape (n,)."""
     touching = force > CONTACT_N
-    return int(np.argmax(touching)) if touching.any() else None
+    return int(touching.argmax()) if touching.any() else None
 
 
 def settling_time(time: Array, error: Array, band: float) -> float:
@@ -116,7 +116,7 @@ def rise_time(time: Array, value: Array, target: float) -> float:
     reached = value >= 0.9 * target
     if not reached.any():
         return math.nan
-    return time[np.argmax(reached)] - time[np.argmax(value >= 0.1 * target)]
+    return time[reached.argmax()] - time[np.argmax(value >= 0.1 * target)]
 
 
 def moving_average(time: Array, value: Array, window: float) -> Array:
@@ -323,7 +323,7 @@ def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
     """
     if not fed.any():
         return fed
-    steady = fed & (time >= time[np.argmax(fed)] + RAMP_UP_S)
+    steady = fed & (time >= time[fed.argmax()] + RAMP_UP_S)
     rows = np.flatnonzero(steady)
     rates = np.diff(path_s[rows]) / np.diff(time[rows])
     fast: Bools = rates >= BRAKING * (np.median(rates) if len(rates) else 0.0)

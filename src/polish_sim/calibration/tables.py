@@ -35,7 +35,7 @@ class Measured(Columns):
     def refuse(self, wrong: Bools, said: Callable[[int], str]) -> None:
         """Refuse the first wrong row, (n,), naming its line; ``said``: what is wrong with it."""
         if wrong.any():
-            row = int(np.argmax(wrong))
+            row = int(wrong.argmax())
             raise InputError(f"'{self.file}', {self.place(row)}: {said(row)}")
 
     def points(self, prefix: str, what: str) -> Array:

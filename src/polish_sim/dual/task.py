@@ -236,7 +236,7 @@ def fit_closed_spline(points: Array) -> BSpline:
     round_trip = np.concatenate([points, points[:1]])
     chords = norms(np.diff(round_trip, axis=0))
     if chords.min() <= 1e-9:
-        k = int(np.argmin(chords))
+        k = int(chords.argmin())
         raise SmoothingError(
             f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out."
         )

@@ -285,7 +285,7 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
     away = norms(shape.surface.closest(positions).positions - positions)
     if np.median(away) <= FAR_M:
         return
-    nearest = np.argmin(away)
+    nearest = away.argmin()
     raise MeshError(
         f"the real part '{config.real_file}' does not lie where '{config.file}' does: half of the path is "
         f"more than {1e3 * np.median(away):.4g} mm away from it (allowed: {1e3 * FAR_M:g} mm), the nearest "

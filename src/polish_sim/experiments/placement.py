@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, box_middle, norms
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.motion import JointPath, inverse_all, link_frames, track
+from polish_sim.motion import JointPath, inverse_all, link_frames, smallest_singular_values, track
 from polish_sim.planning.toolpath import rows_apart
 from polish_sim.spatial import apply, rotation_to_axis, transform
 
@@ -124,6 +124,7 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
+    bar = -math.inf
     furthest = ReachFailure(-1, "")
     unturnable = None
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
@@ -138,17 +139,16 @@ def find_reach(
             for q in starts_at(poses[0] @ np.linalg.inv(T_flange_tool)):
                 joints = track(poses, T_flange_tool, q)
                 failure = failure_of(joints, above_table)
-                value = joints.smallest_singular_value if failure is None else 0.0
-                if (
-                    failure is None
-                    and best is not None
-                    and value <= best.smallest_singular_value + _CLEARLY_BETTER
-                ):
-                    continue
-                if failure is None and hindrance is not None:
-                    failure = hindrance(T_base_work, joints)
                 if failure is None:
-                    best = Reach(T_base_work, spin, np.array(joints.q[0]), value)
+                    # Most ways are no better than the best at a few points already.
+                    some = smallest_singular_values(joints.q[::8], joints.point_flange)
+                    if some.min() <= bar or joints.smallest_singular_value <= bar:
+                        continue
+                    if hindrance is not None:
+                        failure = hindrance(T_base_work, joints)
+                if failure is None:
+                    best = Reach(T_base_work, spin, np.array(joints.q[0]), joints.smallest_singular_value)
+                    bar = best.smallest_singular_value + _CLEARLY_BETTER
                 elif failure.point > furthest.point:
                     furthest = failure
         if best is not None and best.smallest_singular_value > GOOD_SINGULAR_VALUE:

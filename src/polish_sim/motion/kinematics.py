@@ -393,7 +393,7 @@ class JointPath:
     @property
     def smallest_singular_index(self) -> int:
         """Index of the pose closest to a singularity."""
-        return int(np.argmin(self.singular_values)) if len(self.singular_values) else 0
+        return int(self.singular_values.argmin()) if len(self.singular_values) else 0
 
 
 @njit
@@ -411,7 +411,7 @@ def _follow(lengths: Array, T_base_flange: Array, q_start: Array, q: Array) -> N
 
 def _first(mask: Bools) -> int | None:
     """Index of the first true value, or None."""
-    return int(np.argmax(mask)) if mask.any() else None
+    return int(mask.argmax()) if mask.any() else None
 
 
 def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath:
@@ -432,8 +432,8 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
         q=q,
         first_unreachable=_first(~reached),
         first_beyond_limit=first_beyond,
-        limit_joint=None if first_beyond is None else int(np.argmax(beyond[first_beyond])),
+        limit_joint=None if first_beyond is None else int(beyond[first_beyond].argmax()),
         largest_step=float(steps.max(initial=0.0)),
-        largest_step_index=int(np.argmax(steps)) if steps.size else 0,
+        largest_step_index=int(steps.argmax()) if steps.size else 0,
         point_flange=np.ascontiguousarray(T_flange_tool[:3, 3], dtype=float),
     )

@@ -135,7 +135,7 @@ def _done(task: Task, place: Workplace, run: CellRun) -> bool:
         return hold_done(process.hold_s, run) > 0.999
     fed = run.trace.fed
     limit = process.max_feed_s
-    timed_out = limit > 0.0 and float(np.sum(fed)) * run.dt >= 0.999 * limit
+    timed_out = limit > 0.0 and float(fed.sum()) * run.dt >= 0.999 * limit
     return timed_out or path_done(place.path, run.trace.path_s_m[fed]) > 0.999
 
 

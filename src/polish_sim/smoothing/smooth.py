@@ -63,7 +63,7 @@ def trial_path() -> TrialPath:
     """The path, closed, on the dome, scaled to its length."""
     headings = np.radians(running_sums(np.tile(_TURNS, 4)))[:-1]
     legs = np.tile(_LEGS, 4)[:, None] * directions_at(headings)
-    flat = np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)])
+    flat = np.concatenate([np.zeros((1, 2)), legs.cumsum(axis=0)])
     flat -= flat[:-1].mean(axis=0)
     scale = 1e-3
     for _ in range(30):

@@ -32,7 +32,7 @@ def fir_schedule(starts: Array, triples: Array) -> Schedule:
     begins, durations, coefficients = np.empty(n * PIECES), np.empty(n * PIECES), np.empty((n * PIECES, 4))
     _write_all(np.asarray(starts, float), np.asarray(triples, float), counts, begins, durations, coefficients)
     used = np.tile(np.arange(PIECES), n) < np.repeat(counts, PIECES)
-    end = np.max(starts + np.sum(triples, axis=1), initial=0.0)
+    end = np.max(starts + triples.sum(axis=1), initial=0.0)
     return Schedule(segments[used], begins[used], durations[used], coefficients[used], end)
 
 

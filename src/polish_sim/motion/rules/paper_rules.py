@@ -116,7 +116,7 @@ def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
                 for part in parts
             ]
         )
-        best = np.argmin(times, axis=0)
+        best = times.argmin(axis=0)
         columns = np.arange(len(rows))
         high, low = grid[np.maximum(best - 1, 0), columns], grid[np.minimum(best + 1, count - 1), columns]
     triples[rows] = triples_at(grid[best, columns], rows)

@@ -603,7 +603,7 @@ def _growing(ways: Array, coarse: Array) -> Array:
     """The ways (m,) up to where they are as far apart as the knots (n,) from the same end, two at least."""
     spans = np.diff(coarse)[np.clip(np.searchsorted(coarse, ways[1:], side="right") - 1, 0, len(coarse) - 2)]
     far = (np.diff(ways) > spans) | (ways[1:] > 0.3 * coarse[-1])
-    return ways[: max(2, 1 + int(np.argmax(far)) if far.any() else len(ways))]
+    return ways[: max(2, 1 + int(far.argmax()) if far.any() else len(ways))]
 
 
 def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:

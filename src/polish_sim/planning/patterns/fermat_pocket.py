@@ -211,7 +211,7 @@ def _clear_width(layout: Layout, turn: int, other: int, s: float) -> float:
     away = np.arange(1, 4 * SAMPLES * int(BAND)) * 0.25 * layout.stepover / SAMPLES
     gap = layout.curves[other].nearest(curve.points(s + np.concatenate([-away, away]))).distances
     bad = (np.abs(gap / layout.stepover - 1.0) > SLACK).reshape(2, -1).any(axis=0)
-    reach = away[np.argmax(bad)] if bad.any() else away[-1]
+    reach = away[bad.argmax()] if bad.any() else away[-1]
     return max(2.0 * float(reach), NARROW * layout.stepover)
 
 
