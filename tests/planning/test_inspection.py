@@ -93,6 +93,17 @@ def test_our_own_plan_inspected_gives_the_figures_it_was_planned_with():
     assert found["unreachable_area_m2"] == 0.0
 
 
+def test_what_a_leaning_pad_leaves_out_at_the_border_an_overrun_polishes_as_its_note_says():
+    lean = PlanConfig(stepover_m=0.03, tilt_angle_rad=np.radians(9.0))
+    left = plan_part(PartConfig("plate"), lean)
+    assert any("at the border; --overrun" in note for note in left.notes)
+    over = plan_part(PartConfig("plate"), replace(lean, overrun_m=0.015))
+    areas = [plan.figures["left_out"].get("at the border", 0.0) for plan in (left, over)]
+    assert areas[0] > 0.006
+    assert areas[1] < 0.0005
+    assert not any("--overrun" in note for note in over.notes)
+
+
 def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_inspected():
     """Past the rim it runs along the tangent: off the part itself by more than a millimetre."""
     part, plan = PartConfig("freeform"), PlanConfig(overrun_m=0.015, stepover_m=0.01)

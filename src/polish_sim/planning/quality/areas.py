@@ -19,6 +19,7 @@ NARROW = "component narrower than half the pad"
 MARGIN = "edge margin"
 UNCOVERED = "not covered by the pattern"
 BORDER = "at the border"
+OVER = "; --overrun leads the pad beyond it"
 WORTH_A_NOTE = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
 
 
@@ -93,7 +94,7 @@ class AreaAccount:
         """What is left out, why, and where."""
         return [
             f"left out {1e4 * row.area_m2:.3g} cm^2 of the region, at {place_in_mm(row.place)} and about: "
-            f"{reason}"
+            f"{reason}{OVER * (reason == BORDER)}"
             for reason, row in self.left_out.items()
             if row.area_m2 > WORTH_A_NOTE * self.region_m2
         ]
