@@ -30,6 +30,7 @@ from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import ROWS, Metrics, Row
+from polish_sim.scenario_file import override
 
 if TYPE_CHECKING:
     from polish_sim.studies.study import Study
@@ -102,6 +103,7 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
         refuse_idle(named_options(given), OF_STUDY, f"beside a study: what is varied is written in '{file}'")
         if out is None and file.name == STUDY and (file.parent / ROWS).is_file():
             out = file.parent
+        given = {"--vary": [axis.key for axis in study.axes], "--path": study.base.plan.file or None}
     elif what in EXPERIMENTS:
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
@@ -109,11 +111,11 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     else:
         raise unknown_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
     study.check()
-    _, base = checked_run(study.base, given if what in EXPERIMENTS else {})
+    _, base = checked_run(study.base, given)
     plan = Path(base.plan.file)
-    if base.plan.file and plan.is_dir():
-        base = replace(base, plan=replace(base.plan, file=str(plan / "path.json")))
-    return replace(study, base=base), out
+    file = str(plan / "path.json") if base.plan.file and plan.is_dir() else base.plan.file
+    base = override(base, study.said)  # what a file says counts over its plan
+    return replace(study, base=replace(base, plan=replace(base.plan, file=file))), out
 
 
 def check_values(study: Study) -> None:

@@ -274,7 +274,7 @@ def checked_value(where: str, value: Any, current: Any, spec: Field[Any]) -> Any
             )
         return tuple(float(_within(where, v, spec)) for v in value)
     if isinstance(current, str):
-        if not isinstance(value, str):
+        if not isinstance(value, str) or "\0" in value:
             raise ConfigError(f"'{where}' must be text, got {_shown(value)}.")
         return value
     if isinstance(current, bool):

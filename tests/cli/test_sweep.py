@@ -11,7 +11,7 @@ from polish_sim.cli.sweep import check_values
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
-from tests.cli.conftest import Started, metrics_of, refused
+from tests.cli.conftest import UNPROVEN, Started, metrics_of, refused
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
@@ -73,6 +73,35 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     study.write_text(study.read_text().rpartition("\n")[0])
     refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "# end")
     assert rows_of(Path("s")) == after
+
+
+def test_a_sweep_along_a_plan_goes_on_by_its_file_and_does_damaged_runs_again(polish_sim):
+    assert (
+        polish_sim("plan", "plate", "--stepover", 40, "--pad-diameter", 80, *UNPROVEN, "--out", "plan").code
+        == 0
+    )
+    # A force and a pad that are the usual ones count over the plan's.
+    sets = ("process.max_feed_s=0.05", "process.contact_force_n=20", "pad.radius_m=0.025")
+    words = ("--path", "plan", *(word for each in sets for word in ("--set", each)))
+    begun = polish_sim("sweep", "surface", *words, "--logs", *HERE, "--out", "s")
+    assert begun.code == 0, begun.err
+    (run,) = Path("s/runs").iterdir()
+    before, log = rows_of(Path("s")), (run / "log.npz").read_bytes()
+    (run / "path.npz").unlink()
+    again = polish_sim("sweep", "s", *HERE)
+    assert again.code == 0, again.err
+    assert "done again: " in again.err
+    assert (run / "log.npz").read_bytes() == log
+    rows = [json.loads(line) for line in Path("s/rows.jsonl").read_text().splitlines()]
+    assert {row["key"] for row in rows} == set(before)
+    # A file that names its plan alone has the plan's settings.
+    Path("mine.toml").write_text(
+        'experiment = "surface"\n[settings]\nplan.file = "plan"\nprocess.max_feed_s = 0.05'
+    )
+    assert polish_sim("sweep", "mine.toml", *HERE, "--out", "mine").code == 0
+    assert '"plan.stepover_m" = 0.04' in Path("mine/study.toml").read_text()
+    Path("idle.toml").write_text('experiment = "arc"\n[vary]\n"plan.stepover_m" = [0.01, 0.02]')
+    refused(polish_sim("sweep", "idle.toml", "--dry-run"), "--vary plan.stepover_m", "run arc")
 
 
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):

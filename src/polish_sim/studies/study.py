@@ -61,6 +61,7 @@ class Study:
     seeds: int = 1
     sample: str = "grid"
     count: int = 0  #: Points of a sample; of a grid 0
+    said: tuple[str, ...] = ()  #: ``KEY=VALUE`` of the settings of its file
 
     def points(self) -> list[tuple[Any, ...]]:
         """The values of each point, in the order of the axes."""
@@ -180,7 +181,7 @@ def _range_of(key: str, text: str, low: float, high: float, log: bool, count: in
     if log and low <= 0.0:
         raise InputError(f"--vary {key}={text}: a range by log begins above 0.")
     if count == 1 or count > 1e6:
-        raise InputError(f"--vary {key}={text}: {count} steps; write 2 or more.")
+        raise InputError(f"--vary {key}={text}: {count} steps; write 2 to 1000000.")
     axis = Axis(key, text, (), low, high, log)
     # A last share of 1 gives the end itself, whatever the roundings.
     steps = (
@@ -199,6 +200,9 @@ def _frozen(value: Any) -> Any:
 def study_text(study: Study) -> str:
     """The study as study.toml."""
     usual = default_scenario(study.base.experiment)
+    if study.base.plan.file:  # what its plan may say otherwise is always written
+        process = replace(usual.process, contact_force_n=math.nan, feed_m_s=math.nan)
+        usual = replace(usual, process=process, pad=replace(usual.pad, radius_m=math.nan))
     words = changed_words(replace(study.base, seed=0), replace(usual, seed=0))
     settings = {key: parse_value(value) for key, _, value in (word.partition("=") for word in words)}
     return toml_text(
@@ -243,7 +247,7 @@ def read_study(file: Path) -> Study:
     for name in ("settings", "vary"):
         if not isinstance(table.get(name, {}), dict):
             raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
-    settings = [f"{key}={toml_value(value)}" for key, value in _flat(table.get("settings", {}))]
+    settings = tuple(f"{key}={toml_value(value)}" for key, value in _flat(table.get("settings", {})))
     base = override(default_scenario(what), settings)
     axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
     return Study(
@@ -252,6 +256,7 @@ def read_study(file: Path) -> Study:
         counts["seeds"],
         table.get("sample", "grid"),
         counts["count"],
+        settings,
     )
 
 
