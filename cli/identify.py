@@ -37,7 +37,8 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
 
 
 @takes(
-    Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5.", int),
+    Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5. 360 take half an hour and 6 GB.",
+        int, 1, 360),
     Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
     Own("--data", PANEL, "FILE", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
@@ -48,9 +49,9 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
     Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
     Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions "
                                  "over time (csv, npz).", Path),
-    Own("--payload", PANEL, "KG", "Then carry a block of this mass and find its mass, centre and inertia "
-                                  "(kg).",
-        float),
+    Own("--payload", PANEL, "KG", "Then carry a block of this mass, up to 3 kg beside the tool, and find its "
+                                  "mass, centre and inertia (kg).",
+        float, 0.0, 3.0),
     Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify."),

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from polish_sim.arms import FIRST
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
-from polish_sim.errors import InputError, PolishSimError, count_text
+from polish_sim.errors import InputError, PolishSimError, count_text, number_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion import use_arm
 from polish_sim.motion.rules.chain import Chain
@@ -112,11 +112,12 @@ def _prepare(
     notes: list[str],
 ) -> SmoothingTask:
     """Place the path and collect what it is to be smoothed by."""
+    facts = plan_facts(path)
     if given["--no-joints"]:
         placed = path_without_robot(points)
     else:
         observer.stage("place it before the robot")
-        use_arm((plan_facts(path).get("proof") or {}).get("arm", FIRST))
+        use_arm((facts.get("proof") or {}).get("arm", FIRST))
         placed = place_path(points, given["--part-pose"] or ())
     if repeated := len(points.path.s) - len(placed.rows):
         notes.append(f"{count_text(repeated, 'repeated point')} left out")
@@ -125,6 +126,8 @@ def _prepare(
         feeds = None
     else:
         feeds = feeds_on_way(points.path, placed.rows)
+        if planned := facts.get("feed_m_s"):
+            notes.append(f"the plan's feed is no limit here: --feed {number_text(1e3 * planned)} keeps it")
     speed = limits.tip_speed if feeds is None else np.minimum(feeds, limits.tip_speed)
     hours = (placed.chain.lengths / speed).sum() / 3600.0
     if hours > LONGEST_H:

@@ -11,7 +11,7 @@ from polish_sim.experiments import proof_record
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Call, Tool, metrics_of
+from tests.cli.conftest import Call, Tool, done, metrics_of
 from tests.kept import plate_file
 
 WORDS = ("--stepover", "50", "--feed", "40", "--edge-margin", "40")
@@ -38,7 +38,7 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     document["proof"].update(arm="ur10e", pose=[0.0, -1.0, 0.2, 0.0, 0.0, 0.0])  # out of a ur5e's reach
     del document["sum"]
     Path("far.json").write_text(json.dumps(document))
-    assert polish_sim("smooth", "far.json", "--rate", 20, "--out", "far").code == 0
+    assert "--feed 40 keeps it" in done(polish_sim("smooth", "far.json", "--rate", 20, "--out", "far")).err
     assert np.allclose(
         metrics_of("far")["T_base_work"], from_pose([0.0, -1.0, 0.2, 0.0, 0.0, 0.0]), atol=1e-9
     )

@@ -293,7 +293,7 @@ def _facts(record: RunRecord, touched: bool) -> list[str]:
         ("settling to ±3 N {:.3f} s", "settling_time_3n_s", 1.0),
         ("to ±1 N {:.3f} s", "settling_time_1n_s", 1.0),
         ("overshoot {:.1f} N", "overshoot_n", 1.0),
-        ("in ±3 N after 0.5 s: {:.1f}%", "steady_within_3n", 100.0),
+        ("in ±3 N after 0.5 s: {:.4g}%", "steady_within_3n", 100.0),
     )
 
 

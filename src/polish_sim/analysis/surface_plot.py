@@ -64,7 +64,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
         mark_stop((force, bend), stop.s)
     facts = facts_of(
         m,
-        (f"in ±{FOLLOW_BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0),
+        (f"in ±{FOLLOW_BAND_N:g} N: {{:.4g}}%", "force_within_4n", 100.0),
         ("error rms {:.2f} N", "force_rms_error_n", 1.0),
         ("median {:.2f} N", "force_error_median_n", 1.0),
         ("largest {:.2f} N", "force_max_deviation_n", 1.0),
@@ -102,7 +102,7 @@ def plot_surface_runs(records: Records) -> Figure:
             force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True
         )
         shade_band(share, target, FOLLOW_BAND_N, "")
-        within = facts_of(record.metrics, (f"in ±{FOLLOW_BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0))
+        within = facts_of(record.metrics, (f"in ±{FOLLOW_BAND_N:g} N: {{:.4g}}%", "force_within_4n", 100.0))
         share.set_title("".join(within), fontsize=9.0)
         share.grid(visible=False)
         share.set_xticks([])

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from polish_sim.analysis.claim import Claim
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
-from polish_sim.errors import InputError
 
 STEP_S = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 SCENARIO = Scenario(
@@ -17,8 +16,6 @@ SCENARIO = Scenario(
     simulation=SimulationConfig(timestep_s=STEP_S),
 )  # fmt: skip
 """The arm whose torques are those of the fit: what a log is read by and methods are measured on."""
-MOST_PERIODS = 360  #: A period more takes 14 MB and 5 s
-LARGEST_PAYLOAD = 3.0  #: Five kilograms less the tool's two [kg]
 
 
 @dataclass(frozen=True)
@@ -43,16 +40,6 @@ class IdentifySettings:
 
     def __post_init__(self) -> None:
         take_arm(self.robot)
-        if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
-            raise InputError(
-                f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries "
-                "beside its tool."
-            )
-        if not 1 <= self.periods <= MOST_PERIODS:
-            raise InputError(
-                f"--periods {self.periods}: wanted 1 to {MOST_PERIODS}; an hour of motion takes half an hour "
-                "and 6 GB of memory."
-            )
 
 
 def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
