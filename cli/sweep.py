@@ -113,9 +113,9 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     study.check()
     _, base = checked_run(study.base, given)
     plan = Path(base.plan.file)
-    file = str(plan / "path.json") if base.plan.file and plan.is_dir() else base.plan.file
+    kept = str(plan / "path.json") if base.plan.file and plan.is_dir() else base.plan.file
     base = override(base, study.said)  # what a file says counts over its plan
-    return replace(study, base=replace(base, plan=replace(base.plan, file=file))), out
+    return replace(study, base=replace(base, plan=replace(base.plan, file=kept))), out
 
 
 def check_values(study: Study) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from polish_sim.analysis import metrics
 from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
+from polish_sim.analysis.run_record import RunRecord
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
@@ -116,11 +117,15 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
 
 def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished_says_how_much():
     whole = {"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4, "unpolished_share": 0.01}
-    (note,) = metrics.map_notes(whole | {"removal_area_m2": 52.9e-4})
+
+    def notes(**changed):
+        return metrics.map_notes(RunRecord("run", default_scenario("surface"), whole | changed, None, None))
+
+    (note,) = notes(removal_area_m2=52.9e-4)
     assert "52.9 cm^2" in note
     assert "12.1 cm^2" in note
-    assert not metrics.map_notes(whole)
-    (note,) = metrics.map_notes(whole | {"unpolished_share": 0.1})
+    assert not notes()
+    (note,) = notes(unpolished_share=0.1)
     assert "did not touch 6.49 cm^2" in note
     # Of a lone vertex inside the border there is no spread.
     places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.4, 0.4, 0.0]])
