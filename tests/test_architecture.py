@@ -29,7 +29,7 @@ BANNED = (
     *("hears", "tells", "told (?:to|from|those)", "be told", "untold", "comes? of"),
     *("came of", "goes on", "go on", "gone on", "went on", "(?-i:Of (?:what|which))"),
 )
-MOST_TOKENS = 515_960
+MOST_TOKENS = 513_200
 """Names, operators and literals of src and cli, without comments, docstrings and layout: a ceiling to be
 lowered.
 
