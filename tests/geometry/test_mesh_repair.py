@@ -75,7 +75,7 @@ def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
     middle = 0.5 * (a + b)
     undivided, divided = [a, left, b], [[a, middle, right], [middle, b, right], [a, b, middle]]
     part = from_soup([undivided, *divided, [b, left, right], [left, a, right]])
-    assert said(part, "flipped the long edge of 1 facets")
+    assert said(part, "flipped the long edge of 1 needle,")
     assert is_solid(part, 60 * 50 * 40 / 6)
     assert as_trimesh(part).area_faces.min() > 1e-6
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, Ints, dots, next_corners, norms
-from polish_sim.errors import MeshError
+from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
@@ -91,7 +91,7 @@ def flip_needles(skin: Skin) -> Skin:
     if not flipped:
         return skin
     where = middle_in_mm(skin.vertices[faces[flipped[0]]])
-    note = f"flipped the long edge of {len(flipped)} needles, the first at {where}"
+    note = f"flipped the long edge of {count_text(len(flipped), 'needle')}, the first at {where}"
     return skin.noted(note, faces=faces)
 
 
