@@ -262,7 +262,7 @@ def run_once(
         (figures["protective_stop"],) if figures["protective_stop"] else (),
         bool(figures["interrupted"]),
         undrawn,
-        (*(load(row.notes)(record) if row.notes else ()), *missed),
+        (*(load(row.notes)(figures, record.scenario) if row.notes else ()), *missed),
         tuple(figures.get("bad_figures", ())),
         other_conditions(scenario, row.defaults),
     )

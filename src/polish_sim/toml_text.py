@@ -11,14 +11,14 @@ from typing import Any
 from polish_sim.errors import PolishSimError, read_bytes
 
 #: First and last line of the files we write; users' own need neither
-WHOLE, END = "# Whole if its last line is: end\n", "# end\n"
+WHOLE, END = "# Whole if its last line is: # end\n", "# end\n"
 
 
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read, is no TOML,
     or one of ours that was cut."""
     text = read_bytes(file, what, error).decode(errors="backslashreplace")
-    if WHOLE in text and END not in text:
+    if WHOLE in text and END.strip() not in text.splitlines():
         raise error(
             f"the {what} '{file}' was cut: it has no line '# end'. Restore it, or delete its line "
             f"'{WHOLE.strip()}' if it is meant so."

@@ -8,7 +8,6 @@ import pytest
 
 from polish_sim.analysis import metrics
 from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
-from polish_sim.analysis.run_record import RunRecord
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
@@ -119,7 +118,7 @@ def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished
     whole = {"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4, "unpolished_share": 0.01}
 
     def notes(**changed):
-        return metrics.map_notes(RunRecord("run", default_scenario("surface"), whole | changed, None, None))
+        return metrics.map_notes(whole | changed, default_scenario("surface"))
 
     (note,) = notes(removal_area_m2=52.9e-4)
     assert "52.9 cm^2" in note

@@ -70,7 +70,9 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     assert polish_sim("sweep", "s", *HERE).code == 0
     assert rows_of(Path("s")) == after
     assert "hello" not in done.out
-    study.write_text(study.read_text().rpartition("\n")[0])
+    study.write_text(study.read_text().rstrip())  # as an editor may leave it
+    assert polish_sim("sweep", "s", "--dry-run").code == 0
+    study.write_text(study.read_text().rpartition("\n")[0] + "\n")
     refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "# end")
     assert rows_of(Path("s")) == after
 

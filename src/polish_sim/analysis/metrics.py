@@ -20,7 +20,6 @@ from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import BEFORE, stretches
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord
     from polish_sim.log import RemovalMap, RunLog, Trace
     from polish_sim.planning.toolpath import ToolPath
 
@@ -192,10 +191,9 @@ def much_left_out(figures: Mapping[str, Any]) -> list[str]:
     return [f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 are left out ({why})"]
 
 
-def map_notes(record: RunRecord) -> list[str]:
+def map_notes(figures: Mapping[str, Any], _: object) -> list[str]:
     """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if
     it is more than a hundredth."""
-    figures = record.metrics
     polished, mapped = figures["polished_area_m2"], figures["removal_area_m2"]
     rim, bare = polished - mapped, mapped * figures["unpolished_share"]
     notes = (

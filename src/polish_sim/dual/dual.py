@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.claim import shortfalls
 from polish_sim.analysis.metrics import measure_removal, measure_surface
-from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array, Figures, norms, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
-from polish_sim.config import Checked
+from polish_sim.config import Checked, Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
 from polish_sim.dual.experiment import TOOL_ON_PART
@@ -152,11 +151,11 @@ def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     return inverse(T_base_flange) @ transform(part.rotation, part.position)
 
 
-def pair_notes(record: RunRecord) -> Iterator[str]:
+def pair_notes(figures: Figures, scenario: Scenario) -> Iterator[str]:
     """How the part was held in a run, and what would bring the tool nearer to its place on it."""
-    yield seat_note(record.metrics)
-    robot = record.scenario.robot
-    if shortfalls(TOOL_ON_PART, record.metrics) and robot.elastic and robot.compensation == NONE:
+    yield seat_note(figures)
+    robot = scenario.robot
+    if shortfalls(TOOL_ON_PART, figures) and robot.elastic and robot.compensation == NONE:
         yield (
             "note: the tool misses its place on the part by what the gears of both arms err; a laser tracker "
             "finds that before the run with --set robot.compensation=tracker --set dual.closing_touches=36."

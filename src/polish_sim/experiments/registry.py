@@ -110,7 +110,7 @@ class Experiment:
     #: More pictures of many seeds, as ``comparisons``
     seeds_plots: Mapping[str, str] = field(default_factory=dict)
     title: Callable[[Scenario], str] = lambda s: f"{s.experiment}, {s.controller.label}, seed {s.seed}"
-    notes: str = ""  #: (RunRecord) -> lines to print beside the table of a run; empty: none
+    notes: str = ""  #: (figures, scenario) -> lines to print beside the table of a run; empty: none
     controlled: bool = True  #: Whether a controller drives the cell
     on_part: bool = True  #: Whether there is a part to press on
     carried: bool = False  #: Whether a second robot carries the part
