@@ -20,26 +20,50 @@ OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Columns of text by name in small letters, in the order of a file."""
+class FileRows:
+    """FileRows of a file, named by their places in errors."""
 
     file: Path
-    texts: Mapping[str, Sequence[str]]
     lines: Sequence[int]  #: The line each row stands on
-
-    def __len__(self) -> int:
-        return len(self.lines)
 
     def place(self, row: int) -> str:
         """Where a row stands."""
         return f"line {self.lines[row]}"
 
+    def refuse(self, wrong: Bools, said: Callable[[int], str]) -> None:
+        """Refuse the file (InputError) where a row is ``wrong`` (n,), by what is ``said`` of the first."""
+        refuse_first(wrong, self.file, self.place, said)
+
+
+@dataclass(frozen=True)
+class Columns(FileRows):
+    """Columns of text by name in small letters, in the order of a file."""
+
+    file: Path
+    texts: Mapping[str, Sequence[str]]
+    lines: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def column(self, name: str) -> Array:
+        """A column of finite numbers, shape (n,); InputError if a value is none."""
+        texts = self.texts[name]
+        try:
+            values = np.array(texts, dtype=np.float64)
+        except ValueError:
+            values = np.array([number_in(text) for text in texts])
+
+        def said(row: int) -> str:
+            why = f"beyond {LARGEST:g}" if np.isfinite(values[row]) else "not a number"
+            return f"{name} is '{texts[row]}', {why}. Correct or leave out the line."
+
+        self.refuse(~(np.abs(values) <= LARGEST), said)
+        return values
+
     def numbers(self, names: Sequence[str]) -> Array:
         """Columns of finite numbers, shape (n, len(names)); InputError if a value is none."""
-        return np.stack(
-            [finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1
-        )
+        return np.stack([self.column(name) for name in names], axis=1)
 
     def need(self, names: Sequence[str], meaning: str = "") -> None:
         """Refuse a file that lacks columns: names them, their meaning and the columns there are."""
@@ -107,21 +131,6 @@ def _rows(file: Path, text: str) -> tuple[list[list[str]], list[int]]:
     except csv.Error as error:
         raise InputError(f"'{file}', line {source.line_num}: not CSV ({error}). Export it again.") from None
     return rows, lines
-
-
-def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> Array:
-    """Numbers of a column of text, shape (n,); InputError if a value is none."""
-    try:
-        values = np.array(texts, dtype=np.float64)
-    except ValueError:
-        values = np.array([number_in(text) for text in texts])
-
-    def said(row: int) -> str:
-        why = f"beyond {LARGEST:g}" if np.isfinite(values[row]) else "not a number"
-        return f"{name} is '{texts[row]}', {why}. Correct or leave out the line."
-
-    refuse_first(~(np.abs(values) <= LARGEST), file, place, said)
-    return values
 
 
 def refuse_first(wrong: Bools, file: Path, place: Place, said: Callable[[int], str]) -> None:

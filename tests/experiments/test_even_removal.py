@@ -43,7 +43,7 @@ def ramp(file: Path, top: float = 2.0) -> Path:
     target = 1.0 + (top - 1.0) * (x - x.min()) / np.ptp(x)
     colors = np.zeros((len(x), 3), dtype=np.uint8)
     on = mesh.vertices, mesh.normals, mesh.triangles
-    write_ply(file, "ramp", on, colors, {"target": ("<f4", target)})
+    write_ply(file, "ramp", on, colors, {"target": target})
     return file
 
 

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 BARE = (213, 94, 0)  #: Colour of places it never reaches
 
-#: Columns of a PLY file by name: numpy type and values, (v,)
-PlyColumns = Mapping[str, tuple[str, NDArray[Any]]]
 COMMENT = "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path"
 
 
@@ -49,7 +47,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s and strict."""
     mesh = found.ground.mesh
     times = found.quality.exposure.times
-    columns: PlyColumns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict)}
+    columns = {"exposure_s": times, "strict": found.strict}
     write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times), columns)
 
 
@@ -65,35 +63,23 @@ def write_ply(
     comment: str,
     mesh: tuple[Array, Array, Indices],
     colors: NDArray[np.uint8],
-    columns: PlyColumns,
+    columns: Mapping[str, NDArray[Any]],
 ) -> None:
     """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per
-    vertex."""
+    vertex, in single precision."""
+    import trimesh  # slow to import
+
     points, normals, corners = mesh
-    places = np.hstack([1e3 * points, normals]).T
-    every: PlyColumns = {
-        **{name: ("<f4", row) for name, row in zip(("x", "y", "z", "nx", "ny", "nz"), places, strict=True)},
-        **{name: ("u1", row) for name, row in zip(("red", "green", "blue"), colors.T, strict=True)},
-        **columns,
-    }
-    vertices = np.zeros(len(points), dtype=[(name, kind) for name, (kind, _) in every.items()])
-    for name, (_, values) in every.items():
-        vertices[name] = values
-    triangles = np.zeros(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
-    triangles["count"] = 3
-    triangles["corners"] = corners
-    kinds = {"f": "float", "u": "uchar"}
-    lines = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment {comment}",
-        f"element vertex {len(vertices)}",
-        *(f"property {kinds[vertices.dtype[name].kind]} {name}" for name in vertices.dtype.names or ()),
-        f"element face {len(triangles)}",
-        "property list uchar int vertex_indices",
-        "end_header\n",
-    ]
-    file.write_bytes("\n".join(lines).encode("ascii") + vertices.tobytes() + triangles.tobytes())
+    body: Any = trimesh.Trimesh(
+        1e3 * points,
+        corners,
+        vertex_normals=normals,
+        vertex_colors=colors,
+        vertex_attributes={name: values.astype(np.float32) for name, values in columns.items()},
+        process=False,
+    )
+    content = body.export(file_type="ply", vertex_normal=True)
+    file.write_bytes(content.replace(b"element", f"comment {comment}\nelement".encode("ascii"), 1))
 
 
 MM = 1e3

@@ -239,4 +239,4 @@ def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
     depth = removal.preston_1_pa * removal.exposure
     columns = {"exposure_n_m": removal.exposure, "relative": removal.relative, "removal_m": depth}
     mesh = (removal.vertices, removal.normals, removal.triangles)
-    write_ply(file, COMMENT, mesh, colors, {name: ("<f4", values) for name, values in columns.items()})
+    write_ply(file, COMMENT, mesh, colors, columns)

@@ -94,7 +94,7 @@ def read_readings(file: Path) -> PayloadReadings:
     columns = Measured.read(file, "reading", "poses and readings")
     columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
     R_base_sensor = columns.rotations("the sensor")
-    time = columns.numbers([TIME])[:, 0] if TIME in columns.texts else np.zeros(len(columns))
+    time = columns.column(TIME) if TIME in columns.texts else np.zeros(len(columns))
     return PayloadReadings(time, R_base_sensor, columns.numbers(WRENCH))
 
 

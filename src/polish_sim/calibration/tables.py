@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, norms
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import ROTATION_TOLERANCE, no_rotations, transform
 from polish_sim.tables import Columns
@@ -31,12 +31,6 @@ REACH = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middl
 
 class Measured(Columns):
     """Columns of measurements: lengths with their unit, orientations in three forms."""
-
-    def refuse(self, wrong: Bools, said: Callable[[int], str]) -> None:
-        """Refuse the first wrong row, (n,), naming its line; ``said``: what is wrong with it."""
-        if wrong.any():
-            row = int(wrong.argmax())
-            raise InputError(f"'{self.file}', {self.place(row)}: {said(row)}")
 
     def points(self, prefix: str, what: str) -> Array:
         """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape

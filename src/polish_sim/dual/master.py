@@ -141,7 +141,7 @@ def read_master_path(file: Path) -> MasterPath:
     what = "the flange" if of_flange else "the part"
     points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
     poses = transform(columns.rotations(what), points)
-    times = columns.numbers((TIME,))[:, 0]
+    times = columns.column(TIME)
     if len(times) < 2:
         raise InputError(f"'{file}' has one pose: a motion needs two or more.")
     columns.refuse(

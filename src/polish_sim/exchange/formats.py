@@ -33,13 +33,12 @@ from polish_sim.exchange.strokes import (
 )
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.exchange.viewers import glb_bytes, html_text, ply_bytes
-from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_repeats, refuse_unknown
+from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_unknown
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import SEGMENTS, ToolPath
+from polish_sim.tables import refuse_first
 
 # Paths for ROS: a pose list in YAML, shaped like geometry_msgs/PoseArray with lists beside it (plan -> YAML).
-
-PER_LINE = 12
 
 
 def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
@@ -80,7 +79,7 @@ def _poses(path: ToolPath, inside: Bools) -> Iterator[str]:
 
 
 def _lists(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
-    """Lists in flow style, some entries to a line."""
+    """Lists in flow style."""
     pressed = np.where(path.process, forces_of(path, setup), 0.0)
     for name, values in (
         ("segment", [SEGMENTS[code] for code in path.segment]),
@@ -88,10 +87,7 @@ def _lists(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
         ("force_n", [f"{value:.6f}" for value in pressed]),
         ("feed_m_s", [f"{value:.9f}" for value in feeds_of(path, setup)]),
     ):
-        yield f"{name}: ["
-        for first in range(0, len(values), PER_LINE):
-            yield "  " + ", ".join(values[first : first + PER_LINE]) + ","
-        yield "  ]"
+        yield f"{name}: [{', '.join(values)}]"
 
 
 def _quoted(text: str) -> str:
@@ -165,7 +161,12 @@ def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath
     saying where and what to do, for no path or a point twice.
     """
     found = read_way_points(source, unknown)
-    refuse_repeats(found.file, found.path.s, found.place)
+    refuse_first(
+        np.diff(found.path.s, prepend=-1.0) <= 0.0,
+        found.file,
+        found.place,
+        lambda row: f"points {row} and {row + 1} are the same. Leave repeated points out.",
+    )
     return found.path
 
 

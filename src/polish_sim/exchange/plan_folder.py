@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
-from polish_sim.exchange.way_points import (
-    Unknown,
-    WayPoints,
-    checked_length,
-    positive_column,
-    refuse_unsorted,
-    unit_axes,
-)
+from polish_sim.exchange.way_points import PathRows, Unknown, WayPoints
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
 from polish_sim.row_file import (
     METRICS,
@@ -31,7 +24,7 @@ from polish_sim.row_file import (
     read_json,
     write_json,
 )
-from polish_sim.tables import Columns, csv_text, refuse_first
+from polish_sim.tables import Columns, csv_text
 
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh
@@ -67,12 +60,8 @@ FACTS: Mapping[str, Any] = {
 NEAR = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
 
 
-class Points(Columns):
+class Points(PathRows, Columns):
     """Columns of a path's points."""
-
-    def place(self, row: int) -> str:
-        """Where a point stands; in a path.json there are no lines."""
-        return f"line {self.lines[row]}, point {row + 1}" if self.lines else f"point {row + 1}"
 
 
 def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
@@ -122,16 +111,23 @@ def _path_of(table: Points) -> WayPoints:
     names, unit, force, feed = (OWN[1:7], 1.0, FORCE, FEED) if own else (PLAIN, MM, PLAIN_FORCE, PLAIN_FEED)
     positions = table.numbers(names[:3]) * unit
     if own:
-        refuse_unsorted(table.file, OWN[0], table.numbers(OWN[:1])[:, 0], table.place)
-    axes = unit_axes(table.file, names[3:], table.numbers(names[3:]), table.place)
+        s = table.column(OWN[0])
+        table.refuse(
+            np.diff(s, prepend=-np.inf) < 0.0,
+            lambda row: (
+                f"{OWN[0]} falls from {s[row - 1]:.9g} to {s[row]:.9g}. The points are not in the order of "
+                "the path: sort them."
+            ),
+        )
+    axes = table.unit_axes(names[3:], table.numbers(names[3:]))
     bent = own and CURVATURE in table.texts
     path = ToolPath(
         positions,
         axes,
-        checked_length(table.file, positions, table.place),
+        table.checked_length(positions),
         _pass_numbers(table) if own else np.zeros(len(axes), dtype=np.int64),
         _segments(table) if own else np.full(len(axes), PROCESS, dtype=np.int8),
-        table.numbers([CURVATURE])[:, 0] if bent else np.zeros(len(axes)),
+        table.column(CURVATURE) if bent else np.zeros(len(axes)),
         _wish(table, force, 1.0),
         _wish(table, feed, unit),
     )
@@ -140,10 +136,10 @@ def _path_of(table: Points) -> WayPoints:
 
 def _segments(table: Points) -> NDArray[np.int8]:
     names = [name.strip() for name in table.texts["segment"]]
-    refuse_first(
-        np.array([name not in SEGMENTS for name in names]), table.file, table.place,
+    table.refuse(
+        np.array([name not in SEGMENTS for name in names]),
         lambda row: f"unknown segment '{names[row]}'. Known: {', '.join(SEGMENTS)}.",
-    )  # fmt: skip
+    )
     return np.array([SEGMENTS.index(name) for name in names], dtype=np.int8)
 
 
@@ -151,15 +147,17 @@ def _wish(table: Points, name: str, unit: float) -> Array | None:
     """Force or feed of every point where the file has that column."""
     if name not in table.texts:
         return None
-    return unit * positive_column(table.file, name, table.numbers([name])[:, 0], table.place)
+    values = table.column(name)
+    table.refuse(values <= 0.0, lambda row: f"{name} is {values[row]:g}, wanted a positive number.")
+    return unit * values
 
 
 def _pass_numbers(table: Points) -> Indices:
-    values = table.numbers(["pass_index"])[:, 0]
-    refuse_first(
-        (values != np.round(values)) | (np.abs(values) > 2**31), table.file, table.place,
+    values = table.column("pass_index")
+    table.refuse(
+        (values != np.round(values)) | (np.abs(values) > 2**31),
         lambda row: f"pass_index is '{table.texts['pass_index'][row]}', wanted a whole number.",
-    )  # fmt: skip
+    )
     return values.astype(np.int64)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.errors import InputError
 from polish_sim.planning.toolpath import PROCESS, RETRACT, ToolPath, arc_length
-from polish_sim.tables import Place, refuse_first
+from polish_sim.tables import FileRows, Place
 
 # What every path read from a file must satisfy: numbers, unit axes, sane lengths (columns -> checked arrays).
 
@@ -22,58 +22,39 @@ UNIT_TOLERANCE = 1e-3  #: A tool axis may differ from length 1 by the rounding o
 LARGEST_M = 100.0  #: A coordinate beyond this [m] is a wrong unit, not a path a robot could follow
 
 
-def positive_column(file: Path, name: str, values: Array, place: Place) -> Array:
-    """The values (n,); InputError if one is zero or negative."""
-    refuse_first(
-        values <= 0.0, file, place, lambda row: f"{name} is {values[row]:g}, wanted a positive number."
-    )
-    return values
+class PathRows(FileRows):
+    """Points of a path in a file."""
 
+    def place(self, row: int) -> str:
+        """Where a point stands; in a path.json there are no lines."""
+        return f"line {self.lines[row]}, point {row + 1}" if self.lines else f"point {row + 1}"
 
-def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
-    """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed
-    precision."""
-    length = norms(axes)
-    refuse_first(
-        np.abs(length - 1.0) > UNIT_TOLERANCE, file, place,
-        lambda row: f"the tool axis ({', '.join(names)}) has length {length[row]:.4g}, wanted 1: a unit "
-        "vector from the part to the tool.",
-    )  # fmt: skip
-    return axes / length[:, None]
-
-
-def checked_length(file: Path, positions: Array, place: Place) -> Array:
-    """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot
-    reaches."""
-    refuse_first(
-        np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M, file, place,
-        lambda _: f"a coordinate beyond {LARGEST_M:g} m. Plain CSV is in mm, path.csv in m: correct the "
-        "unit.",
-    )  # fmt: skip
-    if len(positions) < 2:
-        count = "one point" if len(positions) == 1 else "0 points"
-        raise InputError(f"'{file}' is no path: it has {count}. Two are the least.")
-    return arc_length(positions)
-
-
-def refuse_repeats(file: Path, s: Array, place: Place) -> None:
-    """Refuse points that stay where the one before is, by arc lengths (n,) [m]; names the first."""
-    still = np.flatnonzero(np.diff(s) <= 0.0)
-    if len(still):
-        row = int(still[0])
-        raise InputError(
-            f"'{file}' is no path: points {row + 1} and {row + 2} are the same ({place(row + 1)}). "
-            "Leave repeated points out."
+    def unit_axes(self, names: Sequence[str], axes: Array) -> Array:
+        """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed
+        precision."""
+        length = norms(axes)
+        self.refuse(
+            np.abs(length - 1.0) > UNIT_TOLERANCE,
+            lambda row: (
+                f"the tool axis ({', '.join(names)}) has length {length[row]:.4g}, wanted 1: a unit "
+                "vector from the part to the tool."
+            ),
         )
+        return axes / length[:, None]
 
-
-def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
-    """Refuse a column (n,) that counts the way but falls; names the first row out of order."""
-    refuse_first(
-        np.diff(values, prepend=-np.inf) < 0.0, file, place,
-        lambda row: f"{name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. The points are not in "
-        "the order of the path: sort them.",
-    )  # fmt: skip
+    def checked_length(self, positions: Array) -> Array:
+        """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot
+        reaches."""
+        self.refuse(
+            np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M,
+            lambda _: (
+                f"a coordinate beyond {LARGEST_M:g} m. Plain CSV is in mm, path.csv in m: correct the unit."
+            ),
+        )
+        if len(positions) < 2:
+            count = "one point" if len(positions) == 1 else "0 points"
+            raise InputError(f"'{self.file}' is no path: it has {count}. Two are the least.")
+        return arc_length(positions)
 
 
 #: Called with an unknown word that can be skipped: raises the error or notes it
@@ -100,7 +81,7 @@ Codes = NDArray[np.int8]
 
 
 @dataclass
-class CamPoints:
+class CamPoints(PathRows):
     """The points of a CAM path, gathered statement by statement."""
 
     file: Path
@@ -116,16 +97,12 @@ class CamPoints:
         self.segments.append(segment)
         self.lines.append(line)
 
-    def place(self, row: int) -> str:
-        """Where a point stands."""
-        return f"line {self.lines[row]}, point {row + 1}"
-
     def path(self, no_points: str, no_feed: str) -> ToolPath:
         """The whole path; ``no_points`` and ``no_feed`` say what is wrong with a file without any."""
         if not self.rows:
             raise InputError(f"'{self.file}' holds no points: {no_points}")
         table = np.array(self.rows, dtype=np.float64)
-        axes = unit_axes(self.file, ("i", "j", "k"), table[:, 3:6], self.place)
+        axes = self.unit_axes(("i", "j", "k"), table[:, 3:6])
         segment = np.array(self.segments, dtype=np.int8)
         noted = np.isfinite(table[:, 8]).all()
         if not (segment == PROCESS).any():
@@ -133,7 +110,7 @@ class CamPoints:
         return ToolPath(
             table[:, :3].copy(),
             axes,
-            checked_length(self.file, table[:, :3], self.place),
+            self.checked_length(table[:, :3]),
             table[:, 8].astype(np.int64) if noted else _numbered_strokes(segment),
             segment if noted else _with_retract(segment),
             np.zeros(len(table)),

@@ -173,7 +173,7 @@ def read_base_measurements(file: Path) -> AxisArcs:
     columns = Measured.read(file, "measurement", "measurements of the bases")
     robots = robots_of(columns)
     columns.need(["axis"], "which joint turned: 1 or 2")
-    axes = columns.numbers(["axis"])[:, 0]
+    axes = columns.column("axis")
     columns.refuse(~np.isin(axes, (1.0, 2.0)), lambda row: f"axis is {axes[row]:g}, wanted 1 or 2.")
     points = columns.points("", "the target's position")
     which = {robot: [(robots == robot) & (axes == axis) for axis in (1, 2)] for robot in ROBOTS}
