@@ -17,7 +17,7 @@ from PIL import ImageDraw
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
-from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureQuality
+from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureSize
 from polish_sim.errors import InputError, needed
 from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.run_page import clock, joint_columns, run_motion, run_plots, shown_rows
@@ -32,8 +32,8 @@ FILM = "video.mp4"
 FRAMES_PER_S = 16
 LONGEST_S = 32.0  #: Of a film; longer runs are shown faster
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
-CELL = PictureQuality(800, 720, 0, 1024)
-PAD = PictureQuality(480, 360, 0, 1024)
+CELL = PictureSize(800, 720, 1024)
+PAD = PictureSize(480, 360, 1024)
 CURVE_INCH, DPI = (4.8, 3.6), 100
 GROWS = "grows"  #: Mark of what of a plot grows with time
 
