@@ -67,7 +67,7 @@ def wxyz(rotations: Array) -> Array:
     return Rotation.from_matrix(rotations).as_quat(scalar_first=True)
 
 
-def from_pose(pose: Sequence[float]) -> Array:
+def from_pose(pose: Sequence[float] | Array) -> Array:
     """Transform of a UR-style pose: x, y, z [m] and a rotation vector [rad]."""
     values = np.asarray(pose, dtype=float)
     return transform(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])

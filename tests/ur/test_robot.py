@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.motion import forward, jacobian
 from polish_sim.spatial import from_pose
-from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
+from polish_sim.ur.kinematics import joint_speeds, pose_of, tool_at
 from polish_sim.ur.physics import TICK_S, _lifted
 from polish_sim.ur.robot import NORMAL, PROTECTIVE, SimulatedRobot
 
@@ -52,9 +52,8 @@ def test_poses_and_jacobian_are_those_of_the_reference():
     odd = ([0.0, 0.0, 0.0], [1e-10, 0.0, 0.0], [0.0, 3.14159, 0.0], [-3.0, 0.4, 0.0])
     for turn in (*rng.normal(size=(50, 3)), *odd):
         pose = np.concatenate([rng.normal(size=3), turn])
-        T = from_pose(pose.tolist())
-        assert matrix_of(pose) == pytest.approx(T, abs=1e-12)
-        assert from_pose(pose_of(T).tolist()) == pytest.approx(T, abs=1e-9)
+        T = from_pose(pose)
+        assert from_pose(pose_of(T)) == pytest.approx(T, abs=1e-9)
         assert np.linalg.norm(pose_of(T)[3:]) <= np.pi + 1e-9
         q = rng.uniform(-3.0, 3.0, 6)
         at, J = tool_at(q, T)
@@ -148,7 +147,7 @@ def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot, kind)
     felt, arm = np.mean(torques, axis=0), robot.cell.real_arm
     assert np.abs(felt).max() > 20.0
     for _ in range(2):  # about the tool, and about another tool point
-        by_lever = tool_at(robot.actual_q, matrix_of(robot.tcp_offset))[1].T @ robot.tcp_force
+        by_lever = tool_at(robot.actual_q, from_pose(robot.tcp_offset))[1].T @ robot.tcp_force
         assert np.all(np.abs(felt + by_lever) < arm.coulomb + 1.0)  # at rest friction is not known
         robot.set_tcp(robot.tcp_offset + [0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
         robot.step()

@@ -14,6 +14,7 @@ from tests.ur.fake_robot import MOVE_STEPS, FakeRobot, Notes
 pytest.importorskip("lark")
 
 from polish_sim.ur.script import Machine, ScriptError, values
+from polish_sim.ur.script.translate import translate
 from polish_sim.ur.script.values import Pose
 
 
@@ -33,7 +34,8 @@ def calls_of_a_tick(machine: Machine, robot: FakeRobot) -> int:
 
 def run(body: str, ticks: int = 20, robot: FakeRobot | None = None) -> tuple[FakeRobot, Notes, Machine]:
     robot, notes = robot or FakeRobot(), Notes()
-    machine = Machine(body if body.startswith(("def f():", "sec ")) else f"def f():\n{body}\nend\n", notes)
+    text = body if body.startswith(("def f():", "sec ")) else f"def f():\n{body}\nend\n"
+    machine = Machine(translate(text), notes)
     for _ in range(ticks):
         machine.tick(robot)
         robot.step()
@@ -171,7 +173,7 @@ def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may
     assert robot.outputs["standard_digital_out", 3] is True
     assert (notes.events, machine.running) == ([], False)
     with pytest.raises(ScriptError, match="may not wait"):
-        Machine("sec s():\n sync()\nend\n", Notes())
+        translate("sec s():\n sync()\nend\n")
 
 
 @pytest.mark.parametrize(
@@ -191,7 +193,7 @@ def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may
 )
 def test_a_programme_is_refused_with_line_and_column(body, line, column, words):
     with pytest.raises(ScriptError) as refused:
-        Machine(f"def f():\n{body}\nend\n", Notes())
+        Machine(translate(f"def f():\n{body}\nend\n"), Notes())
     assert words in refused.value.text
     assert (refused.value.line, refused.value.column) == (line, column) or "unexpected" in words
 
@@ -251,7 +253,7 @@ def test_a_failing_programme_stops_with_its_place(body, words):
 )  # fmt: skip
 def test_nothing_of_python_can_be_reached_and_no_depth_is_too_much(text):
     with pytest.raises(ScriptError):
-        Machine(f"def f():\n{text}\nend\n", Notes())
+        translate(f"def f():\n{text}\nend\n")
 
 
 def test_a_programme_compiles_to_its_own_names_and_ours_only():
@@ -262,7 +264,7 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only():
     )  # fmt: skip
     body = "".join(f"{word} = 1\ndef {word}_(a):\n local {word} = a\n return {word}\nend\n" for word in words)
     text = f"def f():\n{body}x = 'a\\\\\" + __import__(1)'\nsync()\nend\n"
-    machine = Machine(text, Notes())
+    machine = Machine(translate(text), Notes())
     codes, seen = [machine.program.code], set[str]()
     while codes:
         code = codes.pop()
@@ -289,7 +291,7 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only():
 )
 def test_no_programme_holds_the_server_up(body):
     """Neither by time nor by memory: what would be endless is stopped within a step."""
-    machine, notes, robot = Machine(f"def f():\n{body}\nend\n", Notes()), Notes(), FakeRobot()
+    machine, notes, robot = Machine(translate(f"def f():\n{body}\nend\n"), Notes()), Notes(), FakeRobot()
     machine.listener, longest = notes, 0.0
     for _ in range(50):
         longest = max(longest, calls_of_a_tick(machine, robot))
@@ -309,7 +311,7 @@ if socket_open("127.0.0.1", {server.getsockname()[1]}, "line"):
 end
 """
     robot, notes = FakeRobot(), Notes()
-    machine = Machine(f"def f():\n{body}\nend\n", notes, "127.0.0.1")
+    machine = Machine(translate(f"def f():\n{body}\nend\n"), notes, "127.0.0.1")
     for _ in range(5):
         machine.tick(robot)
     client = server.accept()[0]

@@ -23,8 +23,8 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.motion import inverse_near
 from polish_sim.motion.kinematics import inverse_on_branch
-from polish_sim.spatial import crosses, inverse, transform, unit
-from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_from, tool_at
+from polish_sim.spatial import crosses, from_pose, inverse, transform, unit
+from polish_sim.ur.kinematics import joint_speeds, pose_from, tool_at
 
 LEVER_M = 0.25  #: A line's rotation takes as long as a way of this length for each radian
 
@@ -113,7 +113,7 @@ class ToolWay(Way):
         """
         self._inverse = inverse(tcp)
         self._q = start.copy()
-        first, last = tool_at(start, tcp)[0], matrix_of(pose)
+        first, last = tool_at(start, tcp)[0], from_pose(pose)
         self._p, self._R = first[:3, 3], Rotation.from_matrix(first[:3, :3])
         self._way = last[:3, 3] - self._p
         self._turn = (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec()
@@ -320,7 +320,7 @@ class Compliance:
 
     def set(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
         """Take a task frame (a pose in the base frame) and what to press with there."""
-        self._frame = matrix_of(frame)
+        self._frame = from_pose(frame)
         self.kind = kind
         self.selection = selection != 0
         self.wrench = wrench

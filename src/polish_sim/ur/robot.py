@@ -19,8 +19,8 @@ from polish_sim.cell.scene import on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import inverse_near, jacobian
 from polish_sim.motion.kinematics import beyond_range
-from polish_sim.spatial import GRAVITY, inverse, place_of, unit
-from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
+from polish_sim.spatial import GRAVITY, from_pose, inverse, place_of, unit
+from polish_sim.ur.kinematics import joint_speeds, pose_of, tool_at
 from polish_sim.ur.motion import (
     FIXED,
     Compliance,
@@ -35,7 +35,7 @@ from polish_sim.ur.motion import (
 )
 from polish_sim.ur.physics import TICK_S, Rig
 
-SignalType = Literal["int", "double", "bool"]
+SignalType = Literal["int", "double", "bit"]
 
 CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
@@ -80,7 +80,7 @@ class SimulatedRobot:
         self.target_qdd = np.zeros(6)
         self._reference_qd = np.zeros(6)
         self.tcp_offset = pose_of(tool_on_flange())
-        self._tcp = matrix_of(self.tcp_offset)  # compiled before a programme counts its time
+        self._tcp = from_pose(self.tcp_offset)
         payload = cell.state.payload
         self._sensor_on_flange = on_flange(cell.data, "sensor")
         self.payload_mass = float(payload.mass)
@@ -95,7 +95,7 @@ class SimulatedRobot:
             baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling
         )
         self.registers: dict[str, dict[str, list[Any]]] = {
-            side: {"int": [0] * 48, "double": [0.0] * 48, "bool": [False] * 128} for side in ("in", "out")
+            side: {"int": [0] * 48, "double": [0.0] * 48, "bit": [False] * 128} for side in ("in", "out")
         }
         self.inputs_read: set[str] = set()  #: Names of registers a programme has read
         self.written = dict[str, int]()  #: Tick in which a client last wrote an input, by its name
@@ -122,7 +122,6 @@ class SimulatedRobot:
         self._past: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
         self._wrenches: deque[Array] = deque(maxlen=TARE)
         self._see()
-        joint_speeds(self._target_J, np.zeros(6))  # compiled as well
 
     # The tick.
 
@@ -415,7 +414,7 @@ class SimulatedRobot:
     def set_tcp(self, pose: Array) -> None:
         """Set the TCP, in the flange's frame."""
         self.tcp_offset = pose
-        self._tcp = matrix_of(self.tcp_offset)
+        self._tcp = from_pose(self.tcp_offset)
         self._see()
 
     def set_payload(self, mass: float, cog: Array | None, inertia: Array | None = None) -> None:
@@ -488,12 +487,12 @@ class SimulatedRobot:
     def register(self, side: Literal["in", "out"], kind: SignalType, index: int) -> float | int | bool:
         """Read a general-purpose register of RTDE: 48 integers, 48 doubles, 128 bits each way."""
         if side == "in":
-            self.inputs_read.add(f"input_{'bit' if kind == 'bool' else kind}_register_{index}")
+            self.inputs_read.add(f"input_{kind}_register_{index}")
         return self.registers[side][kind][index]  # type: ignore[index, no-any-return]
 
     def set_register(self, kind: SignalType, index: int, value: float | bool) -> None:
         """Write an output register."""
-        convert = {"int": int, "double": float, "bool": bool}[kind]
+        convert = {"int": int, "double": float, "bit": bool}[kind]
         self.registers["out"][kind][index] = convert(value)  # type: ignore[index]
 
     def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
@@ -523,12 +522,12 @@ class SimulatedRobot:
 
     def forward_kin(self, q: Array, tcp: Array) -> Array:
         """Pose of the TCP at joint angles."""
-        return pose_of(tool_at(q, matrix_of(tcp))[0])
+        return pose_of(tool_at(q, from_pose(tcp))[0])
 
     def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
         """Joint angles nearest to others, None where there is no solution."""
         try:
-            return inverse_near(matrix_of(pose) @ inverse(matrix_of(tcp)), near)
+            return inverse_near(from_pose(pose) @ inverse(from_pose(tcp)), near)
         except ReachError:
             return None
 
@@ -543,25 +542,20 @@ class SimulatedRobot:
 
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
         """Joint-space inertia [kg m^2], shape (6, 6); with the tool."""
-        model = self.cell.model
-        data = self._data
-        data.qpos[:6] = q
-        data.qvel[:] = 0.0
-        mujoco.mj_forward(model, data)
+        self._bias(q, np.zeros(6))
         own = rotors * self.cell.real_arm.inertia
-        return joint_inertia(model, data)[:6, :6] + np.diag(own)
+        return joint_inertia(self.cell.model, self._data)[:6, :6] + np.diag(own)
 
     def coriolis(self, q: Array, qd: Array) -> Array:
         """Coriolis and centrifugal torques [N m]: what the speeds add to the forces at rest."""
-        model = self.cell.model
+        return self._bias(q, qd) - self._bias(q, np.zeros(6))
+
+    def _bias(self, q: Array, qd: Array) -> Array:
+        """Torques of weight and speeds at a state (6,) [N m], which ``_data`` then has."""
         data = self._data
-        forces = []
-        for speeds in (qd, np.zeros(6)):
-            data.qpos[:6] = q
-            data.qvel[:6] = speeds
-            mujoco.mj_forward(model, data)
-            forces.append(data.qfrc_bias[:6].copy())
-        return forces[0] - forces[1]
+        data.qpos[:6], data.qvel[:6] = q, qd
+        mujoco.mj_forward(self.cell.model, data)
+        return data.qfrc_bias[:6].copy()
 
     @property
     def free_torques(self) -> Array:

@@ -28,29 +28,34 @@ MOST_HZ = 500.0
 UNSENT = 1 << 20  #: Bytes a slow reader may leave unread before it is dropped
 
 
+PACKED = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
+"""Fields of 32 bits each, and the first of them."""
+
+
 class ProtocolError(Exception):
     """A client sent what no RTDE client sends: it is dropped."""
 
 
-def _registers(side: str) -> dict[str, tuple[str, Callable[[RobotController], Any]]]:
-    found: dict[str, tuple[str, Callable[[RobotController], Any]]] = {}
+def _registers(side: str) -> dict[str, tuple[str, Any]]:
+    found: dict[str, tuple[str, Any]] = {}
 
     def value(kind: str, index: int) -> Callable[[RobotController], Any]:
         return lambda c: c.robot.registers[side][kind][index]
 
     def packed(first: int) -> Callable[[RobotController], Any]:
         return lambda c: sum(
-            bit << k for k, bit in enumerate(c.robot.registers[side]["bool"][first : first + 32])
+            bit << k for k, bit in enumerate(c.robot.registers[side]["bit"][first : first + 32])
         )
 
-    name = f"{side}put"
-    for index in range(48):
-        found[f"{name}_int_register_{index}"] = ("INT32", value("int", index))
-        found[f"{name}_double_register_{index}"] = ("DOUBLE", value("double", index))
-    for index in range(64, 128):
-        found[f"{name}_bit_register_{index}"] = ("BOOL", value("bool", index))
-    found[f"{name}_bit_registers0_to_31"] = ("UINT32", packed(0))
-    found[f"{name}_bit_registers32_to_63"] = ("UINT32", packed(32))
+    for kind, form, numbers in (
+        ("int", "INT32", range(48)),
+        ("double", "DOUBLE", range(48)),
+        ("bit", "BOOL", range(64, 128)),
+    ):
+        for index in numbers:
+            found[f"{side}put_{kind}_register_{index}"] = (form, value(kind, index))
+    for name, first in PACKED.items():
+        found[f"{side}put_{name}"] = ("UINT32", packed(first))
     return found
 
 
@@ -88,10 +93,6 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
     "INT32": {"time_scale_source": 0},
 }
 """What the cell does not have, by type, at its value of a robot at rest."""
-
-
-def _still(value: Any) -> Callable[[RobotController], Any]:
-    return lambda c: value
 
 
 OWN = {
@@ -132,7 +133,7 @@ READ: Mapping[str, Mapping[str, str]] = {
     },
 }
 """What the controller has as it is, by type."""
-FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
+FIELDS: Mapping[str, tuple[str, Any]] = {
     "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
     "speed_scaling": ("DOUBLE", lambda c: float(c.robot.runtime == 2)),
     "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
@@ -152,16 +153,18 @@ FIELDS: Mapping[str, tuple[str, Callable[[RobotController], Any]]] = {
         for name in some.split()
     },
     **{name: (kind, attrgetter(at)) for kind, some in READ.items() for name, at in some.items()},
-    **{name: (kind, _still(value)) for kind, some in RESTING.items() for name, value in some.items()},
+    **{name: (kind, value) for kind, some in RESTING.items() for name, value in some.items()},
     **_registers("in"),
     **_registers("out"),
 }
-"""Output fields: type and value."""
+"""Output fields: type, and value or what asks a controller for it."""
 
 
 def output_numbers(controller: RobotController, name: str) -> list[Any]:
     """An output's numbers, of a vector several."""
-    value = FIELDS[name][1](controller)
+    value = FIELDS[name][1]
+    if callable(value):
+        value = value(controller)
     if isinstance(value, np.ndarray):
         value = value.tolist()
     return value if isinstance(value, list) else [value]
@@ -213,12 +216,12 @@ def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None
     robot = controller.robot
     robot.written.update(dict.fromkeys(values, robot.ticks))
     for name, value in values.items():
-        if name.startswith("input_bit_registers"):
-            first = 0 if name.endswith("0_to_31") else 32
-            robot.registers["in"]["bool"][first : first + 32] = [bool(value >> k & 1) for k in range(32)]
+        first = PACKED.get(name.removeprefix("input_"))
+        if first is not None:
+            robot.registers["in"]["bit"][first : first + 32] = [bool(value >> k & 1) for k in range(32)]
         elif name.startswith("input_"):
             _, kind, _, number = name.split("_")
-            robot.registers["in"]["bool" if kind == "bit" else kind][int(number)] = value
+            robot.registers["in"][kind][int(number)] = value
     if values.get("speed_slider_mask"):
         robot.set_speed_fraction(values.get("speed_slider_fraction", robot.speed_fraction))
     for group, (first, _) in PINS.items():

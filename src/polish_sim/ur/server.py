@@ -29,6 +29,19 @@ EVERY = round(1.0 / (STATE_HZ * TICK_S))
 CONFIGURED = 20  #: States between two with the configuration
 
 
+COMMANDS: dict[str, Callable[[RobotController], object]] = {
+    "power on": lambda c: c.power(IDLE),
+    "power off": lambda c: c.power(POWER_OFF),
+    "set robotmode run": lambda c: c.power(RUNNING),
+    "set unlock protective stop": RobotController.unlock,
+    "stop program": lambda c: c.stop("asked for"),
+    "pause program": RobotController.pause,
+    "resume program": RobotController.play,
+    "close popup": RobotController.close_popup,
+}
+"""Commands to the controller on the ports of programmes, in small letters."""
+
+
 class Session:
     """One client of a port."""
 
@@ -100,26 +113,11 @@ class _Script(_Lines):
                 self._lines = []
                 self._size = 0
                 self._controller.run(source, self._client)
-        elif line.strip() and not line.lstrip().startswith("#") and not self._command(line.strip().lower()):
+        elif command := COMMANDS.get(line.strip().lower()):
+            command(self._controller)
+        elif line.strip() and not line.lstrip().startswith("#"):
             name = f"unnamed_program_{next(self._number)}"
             self._controller.run(f"def {name}():\n  {line.strip()}\nend\n", self._client)
-        return True
-
-    def _command(self, line: str) -> bool:
-        controller = self._controller
-        commands: dict[str, Callable[[], Any]] = {
-            "power on": lambda: controller.power(IDLE),
-            "power off": lambda: controller.power(POWER_OFF),
-            "set robotmode run": lambda: controller.power(RUNNING),
-            "set unlock protective stop": controller.unlock,
-            "stop program": lambda: controller.stop("asked for"),
-            "pause program": controller.pause,
-            "resume program": controller.play,
-            "close popup": controller.close_popup,
-        }
-        if line not in commands:
-            return False
-        commands[line]()
         return True
 
 
@@ -210,11 +208,9 @@ class Server:
         self.pace = TickClock()
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
-        self._listening: list[socket.socket] = []
         try:
             for port in PORTS:
-                self._listening.append(listening(address, port + offset))
-                self._selector.register(self._listening[-1], selectors.EVENT_READ, port)
+                self._selector.register(listening(address, port + offset), selectors.EVENT_READ, port)
         except InputError:
             self.close()
             raise
@@ -344,6 +340,6 @@ class Server:
         """Close every port and client."""
         for client in list(self._clients):
             self._drop(client)
-        for listening in self._listening:
-            listening.close()
+        for key in self._selector.get_map().values():
+            key.fileobj.close()  # type: ignore[union-attr]
         self._selector.close()

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from operator import call
 from random import Random
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from polish_sim.ur.script.sockets import TICK_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
+    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.robot import SignalType, SimulatedRobot
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
@@ -55,7 +56,7 @@ CALLS = {
     "powerdown": "power_down",
     "is_steady": "steady",
 }
-REGISTERS: Mapping[str, SignalType] = {"integer": "int", "float": "double", "boolean": "bool"}
+REGISTERS: Mapping[str, SignalType] = {"integer": "int", "float": "double", "boolean": "bit"}
 """Kinds of registers, by their words in URScript."""
 PLAIN: Mapping[str, Callable[..., Any]] = {
     "get_steptime": lambda: TICK_S,
@@ -70,49 +71,21 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
     "d2r": lambda d: math.radians(d),
     "r2d": lambda r: math.degrees(r),
     **{
-        function.__name__: function
-        for function in (
-            values.pose_trans,
-            values.pose_inv,
-            values.pose_add,
-            values.pose_sub,
-            values.pose_dist,
-            values.point_dist,
-            values.interpolate_pose,
-            values.wrench_trans,
-            values.norm,
-            values.rpy2rotvec,
-            values.rotvec2rpy,
+        name: getattr(values, name)
+        for name in (
+            *("pose_trans", "pose_inv", "pose_add", "pose_sub", "pose_dist", "point_dist"),
+            *("interpolate_pose", "wrench_trans", "norm", "rpy2rotvec", "rotvec2rpy"),
         )
     },
 }
 """What needs no robot, with its parameters as a programme names them."""
 
 
-class Listener(Protocol):
-    """Receives what a programme says."""
-
-    def text(self, text: str) -> None:
-        """A line."""
-
-    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
-        """A message."""
-
-    def started(self, name: str) -> None:
-        """It began."""
-
-    def stopped(self, name: str) -> None:
-        """It ended."""
-
-    def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """It failed, and where."""
-
-
 class BuiltIns(Sockets):
     """The functions by their names in URScript; without robot and listener they can be named, not called."""
 
     robot: SimulatedRobot
-    listener: Listener
+    listener: RobotController  #: Receives what a programme says
 
     def __init__(self) -> None:
         super().__init__()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
-from math import atan2, dist, fmod, hypot, sqrt
+from math import dist, fmod, sqrt
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.errors import LARGEST
-from polish_sim.spatial import inverse, transform
-from polish_sim.ur.kinematics import matrix_of, pose_from, pose_of
+from polish_sim.spatial import from_pose, inverse, transform
+from polish_sim.ur.kinematics import pose_from, pose_of
 
 LARGEST_INTEGER = 2**31
 LONGEST_TEXT = 8192
@@ -34,8 +35,7 @@ class List(tuple[Any, ...]):
     def __add__(self, other: Any) -> List:
         return self._each(other, add)
 
-    def __radd__(self, other: Any) -> List:
-        return self._each(other, add)
+    __radd__ = __add__
 
     def __sub__(self, other: Any) -> List:
         return self._each(other, sub)
@@ -172,11 +172,11 @@ def to_text(value: Any) -> str:
     return text
 
 
-# Poses and rotations, by the compiled kinematics of the controller.
+# Poses and rotations.
 
 
 def _matrix(pose: Any) -> Array:
-    return matrix_of(array(pose))
+    return from_pose(array(pose))
 
 
 def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
@@ -204,7 +204,7 @@ def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
     """The pose at a share of the way between two."""
     T = _matrix(p_from)
     way = pose_of(inverse(T) @ _matrix(p_to))
-    return as_pose(pose_of(T @ matrix_of(number(alpha) * way)))
+    return as_pose(pose_of(T @ from_pose(number(alpha) * way)))
 
 
 def wrench_trans(T_from_to: Any, w_from: Any) -> List:
@@ -236,8 +236,5 @@ def rpy2rotvec(rpy: Any) -> List:
 
 def rotvec2rpy(rotation: Any) -> List:
     """The inverse of ``rpy2rotvec``."""
-    x, y, z = _matrix((0.0, 0.0, 0.0, *array(rotation, 3)))[:3, :3].T.tolist()
-    level = hypot(y[2], z[2])
-    if level < 1e-9:  # straight up or down: roll and yaw are about one axis
-        return List((0.0, atan2(-x[2], level), atan2(-y[0], y[1])))
-    return List((atan2(y[2], z[2]), atan2(-x[2], level), atan2(x[1], x[0])))
+    with warnings.catch_warnings(action="ignore"):  # straight up or down: roll and yaw are about one axis
+        return as_list(Rotation.from_rotvec(array(rotation, 3)).as_euler("xyz"))
