@@ -69,9 +69,8 @@ CELL = PictureSize(1080, 960, 2048)  #: As drawn
 FINER = 1.5  #: Times drawn larger than kept: smooth edges in half the time of several samples per pixel
 PAD_WIDTH = 840  #: As drawn, of the picture of the pad on the part, from near
 LOOK_AT = (0.0, -0.32, 0.28)
-DISTANCE = 1.5
+DISTANCE, PAIR_DISTANCE = 1.36, 1.82  #: From the cell, of one or two robots, over its extent
 AZIMUTH, ELEVATION = 125.0, -22.0
-PAIR_DISTANCE = 2.0
 PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0  #: Of two robots, seen from the side
 NEAR = 0.4  #: Distance from the pad in the picture of pad and part
 
@@ -128,7 +127,7 @@ class Picture:
         camera = self._camera
         pair = self._pair
         camera.lookat[:] = pad if near else self._model.stat.center if pair else LOOK_AT
-        camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
+        camera.distance = NEAR if near else (PAIR_DISTANCE if pair else DISTANCE) * self._model.stat.extent
         camera.azimuth, camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)
         self._renderer.update_scene(data, camera)
         return np.array(self._renderer.render(), dtype=np.uint8)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from polish_sim.arms import ArmTable
+from polish_sim.arms import ARMS, FIRST, ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
@@ -107,6 +107,7 @@ def arm_spec(name: str) -> Any:
 def _build_arm(spec: Any, arm: ArmTable) -> None:
     """Make the model file's arm another one: its table, links, servos, and capsules to look at."""
     bend_arm(spec, NOMINAL)
+    spec.stat.extent *= sum(arm.a) / sum(ARMS[FIRST].a)
     for number, link in enumerate(arm.links, 1):
         body = spec.body(f"link_{number}")
         joint = f"{JOINT_NAMES[number - 1]}_joint"
@@ -114,16 +115,15 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
         for geom in list(body.geoms):
             spec.delete(geom)
-        look = {
-            "type": mujoco.mjtGeom.mjGEOM_CYLINDER,
-            "fromto": link.capsule,
-            "size": [link.radius, 0.0, 0.0],
-        }
-        body.add_geom(
-            name=f"link_{number}_shell", contype=0, conaffinity=0, group=2, mass=0.0, rgba=_SHELL, **look
-        )
+        tube = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "mass": 0.0, "rgba": _SHELL}
+        drawn = tube | {"contype": 0, "conaffinity": 0, "group": 2}
+        shape = {"fromto": link.capsule, "size": [link.radius, 0.0, 0.0]}
+        body.add_geom(name=f"link_{number}_shell", **drawn, **shape)
         if number < len(arm.links):
-            body.add_geom(name=f"link_{number}_collision", group=3, mass=0.0, rgba=_SHELL, **look)
+            body.add_geom(name=f"link_{number}_collision", group=3, **tube, **shape)
+            after = arm.links[number]  # the next joint's housing reaches from this link to that one
+            reach = [0.0, 0.0, link.capsule[2], 0.0, 0.0, arm.d[number] + after.capsule[2]]
+            body.add_geom(**drawn, fromto=reach, size=[after.radius, 0.0, 0.0])
         _build_joint(spec, joint, JOINT_NAMES[number - 1], arm, number - 1)
 
 

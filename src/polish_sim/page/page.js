@@ -236,7 +236,8 @@ async function start() {
     plots.move(now);
     byId("scrubber").value = now;
     byId("clock").textContent = `${(now - first).toFixed(last - first < 20 ? 2 : 1)} / ${(last - first).toFixed(1)} s`;
-    byId("readout").textContent = page.pressing ? `${motion.force[i].toFixed(2)} N · ${(1e3 * motion.speed[i]).toFixed(2)} mm/s` : `${(1e3 * motion.speed[i]).toFixed(2)} mm/s`;
+    const said = [page.pressing ? `${motion.force[i].toFixed(2)} N` : "", Number.isFinite(motion.speed[i]) ? `${(1e3 * motion.speed[i]).toFixed(2)} mm/s` : ""];
+    byId("readout").textContent = said.filter(Boolean).join(" · ");
     if (!paints++) page.firstDrawing = performance.now() - begin;
   }
   function draw() { if (!asked) { asked = true; requestAnimationFrame(paint); } }
