@@ -52,14 +52,14 @@ def _tool_rows() -> list[Row]:
         for _ in range(TOUCH_DRAWS):
             touches = simulate_touches(trial, T_flange_tool, rng).touches
             squares.append(np.sum((fit_tool_point(touches).point - T_flange_tool[:3, 3]) ** 2))
-        rms, bound = float(np.sqrt(np.mean(squares))), point_error_bound(touches.R, trial.noise)
+        rms, bound = float(np.sqrt(np.mean(squares))), point_error_bound(touches[:, :3, :3], trial.noise)
         best = trial.noise * float(np.sqrt(3.0 / trial.poses))
         what = f"10 touches, 0.05 mm, {cone:g} deg cone: "
         rows += [
             Row(what + "3D rms error", f"{1e3 * rms:.4f} mm", "<= 0.033 mm"),
             Row(what + "over Cramér-Rao bound", f"{rms / bound:.4f}", "<= 1.02"),
             Row(what + "bound over best possible", f"{bound / best:.4f}", "<= 1.05 from 62"),
-            Row(what + "least spread", f"{orientation_spread(touches.R)[0][0]:.3f}", ">= 0.05"),
+            Row(what + "least spread", f"{orientation_spread(touches[:, :3, :3])[0][0]:.3f}", ">= 0.05"),
         ]
     return [*rows, *_tool_axes_rows()]
 

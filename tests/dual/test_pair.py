@@ -17,7 +17,7 @@ from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, load_of, volume_and_center
+from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, load_of
 from polish_sim.errors import InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
@@ -83,7 +83,7 @@ def test_both_robots_stand_where_they_are_put_as_their_own_table_says(off):
 
 def test_the_master_carries_the_parts_mass():
     model = scene()
-    mass = 2700.0 * volume_and_center(hub())[0]
+    mass = load_of(hub(), 2700.0)[0]
     assert mass == pytest.approx(2.03, abs=0.01)
     assert model.body("master_part").mass[0] == pytest.approx(mass)
     assert model.body("master_gripper").mass[0] == pytest.approx(GRIPPER_MASS)

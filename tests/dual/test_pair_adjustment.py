@@ -144,7 +144,7 @@ def test_errors_alike_in_some_directions_are_a_chi_with_as_many_degrees_of_freed
     wanted = truth.ppf(0.95) if truth else 0.0
     assert length_quantile(covariances, 0.95) == pytest.approx(wanted, rel=1e-5)
     if freedoms == 3:
-        lengths = np.linspace(0.0, 1e-4, 9)
+        lengths = np.linspace(1e-5, 1e-4, 9)
         np.testing.assert_allclose(length_probability(covariances, lengths), truth.cdf(lengths), atol=1e-12)
 
 
@@ -159,10 +159,9 @@ def test_errors_of_several_places_are_what_is_drawn_of_them():
 
 
 def test_a_sum_of_equal_squares_is_a_chi_square():
-    weight = np.diag([2.0, 2.0, 2.0, 2.0])
-    for limit in (1.0, 8.0, 30.0):
-        assert quadratic_tail(0.5 * np.eye(4), weight, limit) == pytest.approx(chi2.sf(limit, 4), abs=1e-8)
-    assert quadratic_tail(np.zeros((5, 5)), np.eye(5), 1.0) == 0.0
+    limits = np.array([1.0, 8.0, 30.0])
+    assert quadratic_tail(np.ones(4), limits) == pytest.approx(chi2.sf(limits, 4), abs=1e-8)
+    assert quadratic_tail(np.zeros(5), np.array(1.0)) == 0.0
 
 
 # Noise of instruments to the tool on the part: what is drawn is what first order says, source by source.

@@ -22,6 +22,7 @@ LARGEST_SHARE = 0.25  #: With more outliers than this the measurements as a whol
 LEAST_TO_JUDGE = 7  #: With fewer measurements nothing is left out: too few would be left to decide
 SMALLEST_NOISE = 1e-12  # of exact data with several kinds of noise
 _ROUNDS = 25
+_STEP = 1e-5
 _EVALUATIONS = 100  #: Levenberg-Marquardt needs 5 to 20; on exact data rounding hides its end
 _NOISE_ROUNDS = 21
 _GAUSSIAN_MEDIAN = 0.6745
@@ -222,6 +223,12 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
     noise = np.maximum(others, float((floors / scale).max()) ** 2)
     return x, np.asarray(distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0)))
+
+
+def slopes_of(function: Callable[[Array], Array], count: int) -> Array:
+    """Derivative (..., count) of a function of ``count`` numbers at zero, by central differences."""
+    ends = [function(step) - function(-step) for step in _STEP * np.eye(count)]
+    return np.stack(ends, axis=-1) / (2.0 * _STEP)
 
 
 def column_orders(values: Array, prefix: str = "") -> Iterator[tuple[Array, str]]:

@@ -14,7 +14,6 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.payload import condition_of, payload_regressor
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
-from polish_sim.spatial import no_rotations
 
 PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi  #: Joints that stay [rad]: 0.7 m above the table
 TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW  #: Wrist 1, tool straight down [rad]; by pi less: straight up
@@ -83,21 +82,3 @@ def _short_way(places: Array) -> Indices:
         ways = np.abs(places[left] - places[order[-1]]).max(axis=1)
         order.append(left.pop(int(np.argmin(ways))))
     return np.array(order)
-
-
-def check_poses(T: Array, kind: str) -> None:
-    """Refuse what is no stack of rigid transforms (n, 4, 4); names the first by its ``kind``, e.g.
-    "touch"."""
-    if T.ndim != 3 or T.shape[1:] != (4, 4):
-        raise CalibrationError(f"poses need the shape (n, 4, 4); got {T.shape}.")
-    bad = ~np.isfinite(T).all(axis=(1, 2))
-    if bad.any():
-        raise CalibrationError(
-            f"{kind} {int(np.argmax(bad)) + 1} holds a value that is not finite: leave it out."
-        )
-    wrong = no_rotations(T[:, :3, :3])
-    if wrong.any():
-        raise CalibrationError(
-            f"the orientation of {kind} {int(np.argmax(wrong)) + 1} is not a right-handed rotation: "
-            "are columns swapped or a sign lost?"
-        )

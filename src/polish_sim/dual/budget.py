@@ -14,20 +14,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import quad
+from scipy.integrate import quad_vec
 from scipy.optimize import brentq
-from scipy.special import erf
 
 from polish_sim.arrays import Array, norms
-from polish_sim.calibration.matched_points import point_slopes
+from polish_sim.calibration.fit import slopes_of
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.calibration.pair import (
-    BASES,
     LEAST_NOISE,
-    PART,
     SOURCES,
-    TIP,
     PairAdjustment,
     PairParts,
     adjust_pair,
@@ -125,7 +121,8 @@ class Prediction(NamedTuple):
         """Share of calibrations whose rms around the rim is larger than this [m]."""
         stacked = self.slopes.reshape(-1, self.slopes.shape[2])
         mean_square = stacked.T @ stacked / len(self.slopes)
-        return quadratic_tail(np.sum(list(self.shares.values()), axis=0), mean_square, rms**2)
+        values = np.linalg.eigvals(np.sum(list(self.shares.values()), axis=0) @ mean_square)
+        return float(quadratic_tail(np.array(values.real), np.array(rms**2)))
 
 
 def predict(trial: PairBudgetTrial) -> Prediction:
@@ -264,33 +261,21 @@ def _adjusted_exactly(
 
 def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
     """How the tool's place on the part moves with bases, tip and part, work frame, shape (points, 3, 15)."""
-    T_flange_work = true.T_flange_work
-    R_work_master, R_work_flange = trial.T_master_work[:3, :3].T, T_flange_work[:3, :3].T
-    points = trial.T_work_tool[:, :3, 3]
-    J = np.zeros((trial.points, 3, 15))
-    J[..., BASES] = -R_work_master @ point_slopes(true.T_master_follower, apply(trial.T_master_work, points))
-    J[..., TIP] = -trial.T_work_tool[:, :3, :3] @ true.T_flange_tool[:3, :3].T
-    J[..., PART] = R_work_flange @ point_slopes(T_flange_work, apply(T_flange_work, points))
-    return J
+    R_flange_tool, tip = true.T_flange_tool[:3, :3], true.T_flange_tool[:3, 3]
+    exact = PairAdjustment(true.T_master_follower, tip, true.T_flange_work)
 
+    def errors(step: Array) -> Array:
+        believed = believed_chain(exact.moved(step), R_flange_tool, true)
+        return tool_errors(PairFrames(true, believed), trial.T_master_work, trial.T_work_tool)
 
-#: Gauss-Legendre nodes in each angle of an eighth of the sphere; the others are its mirror images
-NODES = 48
+    return slopes_of(errors, 15)
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:
-    """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) [m].
-
-    Such an error is z L u with C = L L^T: u a direction, all equally likely, z a chi with three degrees of
-    freedom, so that P(length <= r) = mean over u of erf(x) - 2 x exp(-x^2) / sqrt(pi) with
-    x = r / sqrt(2 u^T C u).
-    """
-    # Turned to its own axes the covariance is diagonal; directions are as likely as before.
+    """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) > 0
+    [m]."""
     variances = np.linalg.eigvalsh(covariances)
-    squares, weights = _directions()
-    s = np.maximum(variances @ squares.T, 1e-30)  # an error without spread is shorter than a femtometre
-    x = lengths[:, None, None] / np.sqrt(2.0 * s)
-    return np.mean((erf(x) - 2.0 / np.sqrt(np.pi) * x * np.exp(-x * x)) @ weights, axis=1)
+    return 1.0 - quadratic_tail(variances[None], lengths[:, None] ** 2).mean(axis=1)
 
 
 def length_quantile(covariances: Array, share: float) -> float:
@@ -304,37 +289,27 @@ def length_quantile(covariances: Array, share: float) -> float:
     def beyond(length: float) -> float:
         return length_probability(covariances, np.array([length]))[0] - share
 
-    return float(brentq(beyond, 0.0, longest, xtol=1e-6 * longest))
+    return float(brentq(beyond, 1e-3 * longest, longest, xtol=1e-6 * longest))
 
 
-def quadratic_tail(covariance: Array, weight: Array, limit: float) -> float:
-    """How often x^T W x is above a limit > 0, x Gaussian with mean zero; covariance and W, both (n, n), W
-    symmetric, >= 0.
+def quadratic_tail(variances: Array, limits: Array) -> Array:
+    """How often x^T W x is above limits (...) > 0, x Gaussian with mean zero and covariance C; ``variances``:
+    eigenvalues of C W (..., n), none below 0.
 
-    With eigenvalues l of C W / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i)
-    along a line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a
-    Gaussian.
+    With l the variances / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i) along
+    a line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a Gaussian.
     """
-    values = np.linalg.eigvals(covariance @ weight).real / limit
-    if not values.max(initial=0.0) > 0.0:
-        return 0.0
-    first = 0.5 / float(values.max())
-    bend = 0.5 / max(first, 1.0)
+    values = variances / limits[..., None]
+    largest = values.max(axis=-1)
+    first = 0.5 / np.where(largest > 0.0, largest, 1.0)
+    bend = 0.5 / np.maximum(first, 1.0)
+    end = np.sqrt(40.0 / bend)
 
-    def height(t: float) -> float:
+    def height(share: float) -> Array:
+        t = share * end
         s = 0.5 * first + bend * t * t + 1j * t
-        return float(
-            (np.exp(-s) / (s * np.prod(np.sqrt(1.0 - 2.0 * values * s))) * (1.0 - 2j * bend * t)).real
-        )
+        roots = np.prod(np.sqrt(1.0 - 2.0 * values * s[..., None]), axis=-1)
+        return (end * np.exp(-s) / (s * roots) * (1.0 - 2j * bend * t)).real
 
-    return float(quad(height, 0.0, np.sqrt(40.0 / bend), epsabs=1e-9, limit=200)[0] / np.pi)
-
-
-def _directions() -> tuple[Array, Array]:
-    """Squares of unit vectors' coordinates, shape (d, 3), and weights whose sum is one, shape (d,)."""
-    x, w = np.polynomial.legendre.leggauss(NODES)
-    x, w = 0.5 * (x + 1.0), 0.5 * w
-    height, turn = np.meshgrid(x, 0.5 * np.pi * x, indexing="ij")
-    flat = 1.0 - height**2
-    squares = np.stack([flat * np.cos(turn) ** 2, flat * np.sin(turn) ** 2, height**2], axis=-1)
-    return squares.reshape(-1, 3), np.outer(w, w).ravel()
+    tails = quad_vec(height, 0.0, 1.0, epsabs=1e-9, norm="max")[0] / np.pi
+    return np.where(largest > 0.0, tails, 0.0)

@@ -22,7 +22,7 @@ from polish_sim.cell.real_arm import RestingArm
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures
 from polish_sim.dual.calibration.bases import ROBOTS, AxisArcs, BaseCalibration, base_figures
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame, tool_figures
-from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
+from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, plan_touch_orientations
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse, place_of, transform
@@ -322,7 +322,7 @@ def simulate_touches(
     touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read, q_near)
     R_moves = np.tile(TOOL_DOWN, (3, 1, 1))
     moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read, q_near)
-    return ToolMeasurements(ToolTouches(touches), moved)
+    return ToolMeasurements(touches, moved)
 
 
 def reached(T_base_flange: Array, read: Reading | None = None, q_near: Array = Q_NEAR) -> Array:

@@ -40,7 +40,6 @@ from polish_sim.dual.calibration.pair import (
     adjust_pair,
 )
 from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, read_tool_calibration
-from polish_sim.dual.calibration.tool_checks import ToolTouches
 from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
@@ -155,7 +154,7 @@ def _noise(noise: float, arms: PairArms) -> float | None:
 
 def _touch_with_mark(
     trial: TcpTrial, mark: Array, rng: np.random.Generator, read: Reading | None, q_near: Array
-) -> ToolTouches:
+) -> Array:
     """A fixed point touched with a mark on the part, at (3,) on the master's flange [m]."""
     try:
         return simulate_touches(trial, transform(np.eye(3), mark), rng, read, q_near).touches

@@ -124,7 +124,7 @@ def plot_tool(done: TcpCalibration) -> Figure:
     """Flanges round the touched point with the tool drawn in, and how far each tip was from the fit."""
     measured = done.measured
     tip = done.found.tip
-    flanges = measured.touches.T_base_flange
+    flanges = measured.touches
     figure, space, bars = _canvas()
     for k, T in enumerate(flanges):
         end = T @ done.found.T_flange_tool[:, 3]
@@ -247,7 +247,7 @@ def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[f
     span = (0.0, 1e3 * edges[-1])
     drawn = "drawn, together"
     axes.hist(1e3 * lengths, bins=_BINS, range=span, density=True, color=ORANGE, alpha=0.4, label=drawn)
-    density = np.diff(length_probability(covariances, edges)) / np.diff(1e3 * edges)
+    density = np.diff(length_probability(covariances, edges[1:]), prepend=0.0) / np.diff(1e3 * edges)
     axes.plot(0.5e3 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")
     found = rms(lengths), float(np.percentile(lengths, 95.0))
     for value, limit, name, style in zip(found, asked, ("rms", "95%"), ("-", "--"), strict=True):

@@ -105,22 +105,16 @@ def _gap_to_part(surface: Surface, T_work_gripper: Array, depth: float) -> float
     return None
 
 
-def volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
-    """Volume [m^3] and its centre [m] by the divergence theorem; of an open mesh what its faces enclose."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-    volume = volumes.sum()
-    return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
-
-
 def load_of(mesh: PartMesh, density: float) -> tuple[float, Array]:
     """Mass [kg] of a part and its centre [m]; InputError if it encloses no volume, ReachError if it is too
     heavy for the master."""
-    volume, center = volume_and_center(mesh)
-    mass = density * volume
+    import trimesh  # slow to import
+
+    body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    mass = density * body.volume
     if not mass > 0.0:
         raise InputError(
-            f"the part's mesh encloses {1e6 * volume:.4g} cm^3, so that the master would carry no "
+            f"the part's mesh encloses {1e6 * body.volume:.4g} cm^3, so that the master would carry no "
             "mass: it is open or its faces look inwards. Close it, or turn its faces outwards."
         )
     if mass + GRIPPER_MASS > PAYLOAD_LIMIT:
@@ -129,7 +123,7 @@ def load_of(mesh: PartMesh, density: float) -> tuple[float, Array]:
             f"more than its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set "
             "dual.density_kg_m3=..."
         )
-    return mass, center
+    return mass, body.center_mass
 
 
 # The scene of both robots.

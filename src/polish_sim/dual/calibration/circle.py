@@ -9,20 +9,20 @@ first axis: its height follows from the robot's table, not from this measurement
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, solve
+from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, slopes_of, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import crosses, transform, unit
+from polish_sim.spatial import angles_between, crosses, transform, unit
 
 LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]
@@ -31,7 +31,6 @@ LEAST_AXES_ANGLE = np.radians(5.0)  #: Least angle between the two axes [rad]
 SQUARE_TOLERANCE = np.radians(2.0)  #: How far axes 1 and 2 may be from square, as they are on the arm [rad]
 LARGEST_GAP = 5e-3  #: How far axes 1 and 2 of one arm may miss each other [m]; on the arm they meet
 RADIUS_SLACK = 0.35  #: How far the target may be from the flange [m], when radii are compared with the arm's
-_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -149,13 +148,7 @@ def _problem(points: Array) -> Problem[_Shape]:
         return np.stack([np.hypot(xi, eta) - shape.radius, w], axis=1)
 
     def slopes(shape: _Shape) -> Array:
-        xi, eta, w = ((points - shape.center) @ shape.frame).T
-        rho = np.maximum(np.hypot(xi, eta), 1e-12)
-        zero = np.zeros_like(xi)
-        one = np.ones_like(xi)
-        radial = np.stack([-xi / rho, -eta / rho, zero, -w * xi / rho, -w * eta / rho, -one], axis=1)
-        axial = np.stack([zero, zero, -one, xi, eta, zero], axis=1)
-        return np.stack([radial, axial], axis=1)
+        return slopes_of(lambda step: residuals(shape.moved(step)), 6)
 
     return Problem(residuals, slopes, _Shape.moved)
 
@@ -182,7 +175,7 @@ def base_from_circles(first: SweptCircle, second: SweptCircle) -> BaseFrame:
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)
     off = _off_table(first, second, np.zeros(10))
-    G = _differences(partial(_off_table, first, second), np.zeros(10))
+    G = slopes_of(partial(_off_table, first, second), 10)
     S = G @ C @ G.T
     if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
         if abs(off[0]) > LARGEST_GAP:
@@ -199,31 +192,20 @@ def _base(first: SweptCircle, second: SweptCircle, step: Array, covariance: Arra
     """The frame after a step of both axes, with the covariance of the step, shape (10, 10)."""
     T = _frame(first, second, step)
 
-    def displaced(step: Array) -> Array:
-        moved = _frame(first, second, step)
-        turn = moved[:3, :3] @ T[:3, :3].T
-        rotation = 0.5 * (turn - turn.T)[[2, 0, 1], [1, 2, 0]]
-        return np.concatenate([moved[:3, 3], rotation])
+    def displaced(more: Array) -> Array:
+        moved = _frame(first, second, step + more)
+        turn = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T)
+        return np.concatenate([moved[:3, 3], turn.as_rotvec()])
 
-    J = _differences(displaced, step)
+    J = slopes_of(displaced, 10)
     return BaseFrame(T, J @ covariance @ J.T, abs(float(_off_table(first, second, np.zeros(10))[0])), meets)
-
-
-def _differences(function: Callable[[Array], Array], at: Array) -> Array:
-    """Derivative (m, 10) of a function of a step of both axes by central differences."""
-    columns = [function(at + _STEP * row) - function(at - _STEP * row) for row in np.eye(10)]
-    return np.stack(columns, axis=1) / (2.0 * _STEP)
 
 
 def _off_table(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
     """Signed distance between both axes [m] and their angle less 90 deg [rad], after a step, shape (2,)."""
     (c1, z1), (c2, z2) = _axes(first, second, step)
     normal = unit(crosses(z1, z2))
-    return np.array([(c2 - c1) @ normal, _angle(z1, z2) - 0.5 * np.pi])
-
-
-def _angle(a: Array, b: Array) -> float:
-    return float(np.arctan2(np.linalg.norm(crosses(a, b)), a @ b))
+    return np.array([(c2 - c1) @ normal, angles_between(z1, z2) - 0.5 * np.pi])
 
 
 def _axes(
@@ -252,7 +234,7 @@ def _check_axes(first: SweptCircle, second: SweptCircle) -> None:
     unit is far off. On which side of the axes the circles lie shows a mirror image, and points recorded
     backwards: with all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
     """
-    angle = _angle(first.axis, second.axis)
+    angle = angles_between(first.axis, second.axis)
     if min(angle, np.pi - angle) < LEAST_AXES_ANGLE:
         raise CalibrationError(
             f"axes 1 and 2 are nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. "

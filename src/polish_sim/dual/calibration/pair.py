@@ -12,6 +12,7 @@ the errors of what was found one by one, and the Cramér-Rao bound is met.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,15 @@ class PairAdjustment(NamedTuple):
     tip: Array  #: On the follower's flange [m], shape (3,)
     T_flange_work: Array  #: The part on the master's flange, shape (4, 4)
     #: Information of each of `SOURCES` on the 15 unknowns, (15, 15); they add up
-    informations: Mapping[str, Array]
+    informations: Mapping[str, Array] = MappingProxyType({})
+
+    def moved(self, step: Array) -> PairAdjustment:
+        """Bases, tool and part after a step of the 15 unknowns, in the order of BASES, TIP, PART."""
+        return PairAdjustment(
+            moved_frame(self.T_master_follower, step[BASES]),
+            self.tip + step[TIP],
+            moved_frame(self.T_flange_work, step[PART]),
+        )
 
     @property
     def covariance(self) -> Array:
@@ -89,7 +98,7 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
     whiten = [_whitening(C) for C in (parts.bases_covariance, parts.tip_covariance, parts.marks_covariance)]
     whiten.append(np.eye(3) / max(noise, LEAST_NOISE))
 
-    def whitened(chain: _Chain) -> list[tuple[Array, Array]]:
+    def whitened(chain: PairAdjustment) -> list[tuple[Array, Array]]:
         """Derivatives (r, 15) and residuals (r,) of each source, in standard deviations."""
         rows = _rows(chain, parts, marks_work, closing)
         white = [(W @ J, W @ e[..., None]) for W, (J, e) in zip(whiten, rows, strict=True)]
@@ -98,26 +107,12 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
     problem = Problem(
         lambda chain: np.concatenate([e for _, e in whitened(chain)])[:, None],
         lambda chain: np.concatenate([J for J, _ in whitened(chain)])[:, None],
-        _Chain.moved,
+        PairAdjustment.moved,
     )
-    found = solve(problem, _Chain(parts.T_master_follower, parts.tip, kabsch(parts.marks_flange, marks_work)))
+    start = kabsch(parts.marks_flange, marks_work)
+    found = solve(problem, PairAdjustment(parts.T_master_follower, parts.tip, start))
     informations = [J.T @ J for J, _ in whitened(found)]
-    return PairAdjustment(*found, dict(zip(SOURCES, informations, strict=True)))
-
-
-class _Chain(NamedTuple):
-    """The unknowns; a step has them in the order of BASES, TIP, PART."""
-
-    T_master_follower: Array
-    tip: Array
-    T_flange_work: Array
-
-    def moved(self, step: Array) -> _Chain:
-        return _Chain(
-            moved_frame(self.T_master_follower, step[BASES]),
-            self.tip + step[TIP],
-            moved_frame(self.T_flange_work, step[PART]),
-        )
+    return found._replace(informations=dict(zip(SOURCES, informations, strict=True)))
 
 
 def _whitening(covariance: Array) -> Array:
@@ -126,10 +121,10 @@ def _whitening(covariance: Array) -> Array:
 
 
 def _rows(
-    chain: _Chain, parts: PairParts, marks_work: Array, closing: ClosingTouches
+    chain: PairAdjustment, parts: PairParts, marks_work: Array, closing: ClosingTouches
 ) -> list[tuple[Array, Array]]:
     """Derivatives (..., 15) and residuals (...) of each source [m], [rad]."""
-    T_mf, tip, T_fw = chain
+    T_mf, tip, T_fw, _ = chain
     turned = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()
     bases = np.concatenate([T_mf[:3, 3] - parts.T_master_follower[:3, 3], turned])
     seen = apply(T_fw, marks_work)

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, Figures, rms_length
-from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
-from polish_sim.calibration.poses import check_poses
+from polish_sim.calibration.fit import Fit, Problem, agreeing, fit, slopes_of
 from polish_sim.calibration.tables import (
     QUATERNION,
     XYZ_MM,
@@ -28,7 +28,6 @@ from polish_sim.calibration.tables import (
     write_table,
 )
 from polish_sim.dual.calibration.tool_checks import (
-    ToolTouches,
     check_touches,
     point_error_bound,
     refuse_far_off,
@@ -36,7 +35,7 @@ from polish_sim.dual.calibration.tool_checks import (
     touch_rows,
 )
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import matrices, place_of, transform
+from polish_sim.spatial import matrices, place_of, transform, unit
 from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
@@ -72,7 +71,7 @@ class ToolPoint(Fit[Array]):
         return super().std[:3]
 
 
-def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
+def fit_tool_point(T_base_flange: Array, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
     """Tip and touched point by least squares, efficient for equal Gaussian noise: covariance sigma^2 (A^T
     A)^-1.
 
@@ -80,28 +79,30 @@ def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools
     ``used``: touches to use, (n,), None uses all. Raises CalibrationError if the orientations cannot
     determine the tip.
     """
-    check_touches(touches.R if used is None else touches.R[used])
-    return ToolPoint(**vars(fit(_problem(touches), np.zeros(6), noise, used)))
+    R = T_base_flange[:, :3, :3]
+    check_touches(R if used is None else R[used])
+    return ToolPoint(**vars(fit(_problem(T_base_flange), np.zeros(6), noise, used)))
 
 
-def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = None) -> ToolPoint:
+def fit_tool_point_without_outliers(T_base_flange: Array, noise: float | None = None) -> ToolPoint:
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
     Raises CalibrationError, too, if columns are swapped, more than a quarter of the touches do not fit, or,
     with unknown noise, no tip explains them.
     """
-    check_touches(touches.R)
-    refuse_swapped(touches)
-    found = fit_tool_point(touches, noise, agreeing(_problem(touches), np.zeros(6), "touches"))
+    check_touches(T_base_flange[:, :3, :3])
+    refuse_swapped(T_base_flange)
+    agree = agreeing(_problem(T_base_flange), np.zeros(6), "touches")
+    found = fit_tool_point(T_base_flange, noise, agree)
     if noise is None:
         refuse_far_off(found.residuals[found.used])
     return found
 
 
-def _problem(touches: ToolTouches) -> Problem[Array]:
+def _problem(T_base_flange: Array) -> Problem[Array]:
     """R_i p - c = -t_i for the unknowns p, c."""
-    A = touch_rows(touches.R)
-    return Problem(lambda x: A @ x + touches.origins, lambda _: A)
+    A = touch_rows(T_base_flange[:, :3, :3])
+    return Problem(lambda x: A @ x + T_base_flange[:, :3, 3], lambda _: A)
 
 
 class ToolOrientation(NamedTuple):
@@ -142,39 +143,28 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
             "the move along x and the move in the x-z plane are nearly parallel: the second must leave the x "
             "axis."
         )
-    z = height / np.linalg.norm(height)
-    R = np.column_stack([x, np.cross(z, x), z])
-    J = _three_point_slopes(R, float(lengths[0]), across)
+    R = _axes_of(points)
+
+    def turned(step: Array) -> Array:
+        return Rotation.from_matrix(R.T @ _axes_of(points + step.reshape(3, 3))).as_rotvec()
+
+    J = slopes_of(turned, 9)
     return ToolOrientation(R, noise**2 * J @ J.T)
 
 
-def _three_point_slopes(R: Array, length: float, across: Array) -> Array:
-    """Derivative of the rotation about the tool's axes by the three points, shape (3, 9).
-
-    With x turned by (y.dx) y + (z.dx) z over the length: phi_z = y.dx / L, phi_y = -z.dx / L; z turns towards
-    y by what the second move shows less what x took along.
-    """
-    x, y, z = R.T
-    height = float(across @ z)
-    run = float(across @ x)
-    of_x, of_xz = np.zeros((3, 3)), np.zeros((3, 3))
-    of_x[2] = y / length
-    of_x[1] = -z / length
-    of_xz[0] = -y / height
-    of_x[0] = y * run / (height * length)
-    return np.concatenate([-of_x - of_xz, of_x, of_xz], axis=1)
+def _axes_of(points: Array) -> Array:
+    """Axes (3, 3) of a tool whose tip was at three points (3, 3): start, along x, in the x-z plane."""
+    x = unit(points[1] - points[0])
+    across = points[2] - points[0]
+    z = unit(across - (across @ x) * x)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
-@dataclass(frozen=True)
-class ToolMeasurements:
+class ToolMeasurements(NamedTuple):
     """Touches of one fixed point, and moves of the tip along known directions of the tool."""
 
-    touches: ToolTouches
+    touches: Array  #: Flange at each touch, base frame [m], shape (n, 4, 4)
     T_base_flange_moves: Array  #: Flange at start, along +x, in the x-z plane, (3, 4, 4); or none, (0, 4, 4)
-
-    def __post_init__(self) -> None:
-        check_poses(self.T_base_flange_moves, "move")
-        self.T_base_flange_moves.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -218,7 +208,7 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
         "noise_m": float(tip.noise[0]),
         "position_std_m": float(np.linalg.norm(tip.std)),
         "position_crb_m": point_error_bound(
-            measured.touches.R[tip.used], float(tip.noise[0]) if noise is None else noise
+            measured.touches[tip.used, :3, :3], float(tip.noise[0]) if noise is None else noise
         ),
         "residual_rms_m": rms_length(tip.residuals[tip.used]),
         "touches": int(tip.used.sum()),
@@ -255,7 +245,7 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
     columns = Measured.read(file, "flange pose", "flange poses")
     T = transform(columns.rotations("the flange"), columns.reached_points("the position of the flange"))
     kinds = _kinds(columns)
-    touches = ToolTouches(T[kinds == TOUCH])
+    touches = T[kinds == TOUCH]
     if not (kinds != TOUCH).any():
         return ToolMeasurements(touches, np.empty((0, 4, 4)))
     return ToolMeasurements(touches, T[[_the_one(columns, kinds, kind) for kind in MOVES]])
@@ -286,7 +276,7 @@ def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
     back."""
     names = ["touch", KIND_COLUMN, *XYZ_MM, *QUATERNION, *(f"residual_{name}" for name in XYZ_MM), "used"]
     rows = []
-    for k, T in enumerate(measured.touches.T_base_flange):
+    for k, T in enumerate(measured.touches):
         residual = [f"{1e3 * value:.6g}" for value in found.tip.residuals[k]]
         rows.append([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k])])
     for k, (kind, T) in enumerate(zip(MOVES, measured.T_base_flange_moves, strict=False)):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -17,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, norms, rms_length
 from polish_sim.calibration.fit import column_orders
-from polish_sim.calibration.poses import check_poses
 from polish_sim.errors import CalibrationError
 
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
@@ -27,30 +25,6 @@ LEAST_SPREAD = 0.05
 SUSPECT = 2e-3  #: Touches with smaller residuals are not suspected [m]
 LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
 _BETTER = 0.1
-
-
-@dataclass(frozen=True)
-class ToolTouches:
-    """Touches of one fixed point with the tip of the tool, in different orientations."""
-
-    T_base_flange: Array  #: Pose of the flange at each touch [m], shape (n, 4, 4)
-
-    def __post_init__(self) -> None:
-        check_poses(self.T_base_flange, "touch")
-        self.T_base_flange.flags.writeable = False
-
-    def __len__(self) -> int:
-        return len(self.T_base_flange)
-
-    @property
-    def R(self) -> Array:
-        """R_base_flange, shape (n, 3, 3)."""
-        return self.T_base_flange[:, :3, :3]
-
-    @property
-    def origins(self) -> Array:
-        """Origins of the flange in the base frame [m], shape (n, 3)."""
-        return self.T_base_flange[:, :3, 3]
 
 
 def touch_rows(R_base_flange: Array) -> Array:
@@ -94,19 +68,21 @@ def check_touches(R_base_flange: Array) -> None:
         )
 
 
-def refuse_swapped(touches: ToolTouches) -> None:
-    """Refuse poses that fit ten times better with columns in another order or turned round; says which."""
-    left = _median_left(touches.R, touches.origins)
+def refuse_swapped(T_base_flange: Array) -> None:
+    """Refuse poses (n, 4, 4) that fit ten times better with columns in another order or turned round; says
+    which."""
+    R_touches, places = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
+    left = _median_left(R_touches, places)
     if left < SUSPECT:
         return
-    for origins, named in column_orders(touches.origins):
-        if _median_left(touches.R, origins) < _BETTER * left:
+    for origins, named in column_orders(places):
+        if _median_left(R_touches, origins) < _BETTER * left:
             raise CalibrationError(
                 f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: "
                 "columns are swapped or a sign is lost."
             )
-    for R, named in _orientations_otherwise(touches.R):
-        if _median_left(R, touches.origins) < _BETTER * left:
+    for R, named in _orientations_otherwise(R_touches):
+        if _median_left(R, places) < _BETTER * left:
             raise CalibrationError(f"the touches fit to {1e3 * left:.2g} mm only, but well if {named}.")
 
 
