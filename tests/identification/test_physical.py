@@ -6,11 +6,12 @@ import pytest
 
 from polish_sim.errors import IdentificationError
 from polish_sim.identification import payload
+from polish_sim.identification.arm import build_simulated_arm
 from polish_sim.identification.estimate import INTERVAL_95, estimate, sum_samples, torque_error
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
 from polish_sim.identification.regressor import States
-from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
+from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, own_parameters
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
 from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 
@@ -72,11 +73,9 @@ def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> payload.F
     return payload.fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
 
 
-def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain():
-    model = arm_model()
-    before = read_chain(model, ARM_JOINTS).parameters
-    carry(model, "link_6", LOAD)
-    added = read_chain(model, ARM_JOINTS).parameters - before
+def test_a_load_is_a_body_more_in_the_chain():
+    before, after = (build_simulated_arm(load=load).truth.chain.parameters for load in (None, LOAD))
+    added = after - before
     np.testing.assert_allclose(added[5], PLANTED, atol=1e-12)
     np.testing.assert_allclose(added[:5], 0.0, atol=1e-15)
 

@@ -122,7 +122,7 @@ class Prediction(NamedTuple):
         stacked = self.slopes.reshape(-1, self.slopes.shape[2])
         mean_square = stacked.T @ stacked / len(self.slopes)
         values = np.linalg.eigvals(np.sum(list(self.shares.values()), axis=0) @ mean_square)
-        return float(quadratic_tail(np.array(values.real), np.array(rms**2)))
+        return float(quadratic_tail(values.real.astype(np.float64), np.array(rms**2)))
 
 
 def predict(trial: PairBudgetTrial) -> Prediction:
@@ -274,7 +274,7 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
 def length_probability(covariances: Array, lengths: Array) -> Array:
     """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) > 0
     [m]."""
-    variances = np.linalg.eigvalsh(covariances)
+    variances = np.linalg.eigvalsh(covariances).astype(np.float64)
     return 1.0 - quadratic_tail(variances[None], lengths[:, None] ** 2).mean(axis=1)
 
 

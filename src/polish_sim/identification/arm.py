@@ -14,7 +14,7 @@ import numpy as np
 from polish_sim.arms import ARMS
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.scene import arm_spec, bend_links, build_scene, links_of
+from polish_sim.cell.scene import arm_spec, bend_links, links_of, robot_with_tool
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.elastic import KnownArm, SprungHead
@@ -25,10 +25,8 @@ from polish_sim.identification.physical import Drawing
 from polish_sim.identification.regressor import FULL, WAVES, States, TorqueModel
 from polish_sim.identification.robot_model import (
     ARM_JOINTS,
-    LAST_LINK,
     CarriedLoad,
     RobotClearance,
-    carry,
     own_parameters,
     read_chain,
 )
@@ -53,14 +51,7 @@ class SimulatedArm:
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
-    head: SprungHead | None = None  #: Of an elastic arm's tool
-    #: An elastic arm's chain with each number of its table off by its tolerance
-    bent: tuple[ChainGeometry, ...] = ()
-
-    def known(self, drawing: Drawing) -> KnownArm:
-        """What an identification of the elastic arm knows of it beforehand."""
-        assert self.head is not None
-        return KnownArm(self.truth, self.robot.real, self.head, self.bent, drawing.parameters)
+    known: KnownArm | None = None  #: What an identification of an elastic arm knows of it beforehand
 
 
 def build_simulated_arm(
@@ -88,17 +79,21 @@ def build_simulated_arm(
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
-    head, bent = (_head_of(model), _bent(model, real)) if robot.elastic else (None, ())
-    return SimulatedArm(
-        robot, seed, TorqueModel(chain, terms), carried, gains.copy(), clearance, load, head, bent
-    )
+    truth = TorqueModel(chain, terms)
+    known = KnownArm(truth, real, _head_of(model), _bent(model, real)) if robot.elastic else None
+    return SimulatedArm(robot, seed, truth, carried, gains.copy(), clearance, load, known)
 
 
 def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
-    model = build_scene(replace(SCENARIO, robot=robot))
+    scenario = replace(SCENARIO, robot=robot)
+    spec = robot_with_tool(scenario)
+    spec.option.timestep = scenario.simulation.timestep_s
     if load is not None:
-        carry(model, LAST_LINK, load)
-    return model
+        link = spec.body("link_6")
+        full = load.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        body = link.add_body(name="load", mass=load.mass, ipos=load.center, gravcomp=link.gravcomp)
+        body.explicitinertial, body.fullinertia = True, full
+    return spec.compile()
 
 
 def _head_of(model: mujoco.MjModel) -> SprungHead:

@@ -122,7 +122,6 @@ class KnownArm(NamedTuple):
     real: RealArmConfig  #: Only its gear ratio is used
     head: SprungHead
     bent: tuple[ChainGeometry, ...]  #: The chain with each number of its table off by its tolerance
-    drawn: Array  #: Parameters by drawing, shape (p,)
 
 
 class Found(NamedTuple):
@@ -137,7 +136,13 @@ class ElasticMotion:
     """One period of a motion, and the arm's torques in it as a function of parameters."""
 
     def __init__(
-        self, arm: KnownArm, gears: GearFit, log: RobotLog, band: float, sprung: bool = False
+        self,
+        arm: KnownArm,
+        drawn: Array,
+        gears: GearFit,
+        log: RobotLog,
+        band: float,
+        sprung: bool = False,
     ) -> None:
         """``sprung``: what gears pass on faster than `LOW_PASS_HZ` is read from their twist, where springs
         are known.
@@ -152,8 +157,8 @@ class ElasticMotion:
         self.motor = motor
         self.head = arm.head.torques(link, self.dt, band)
         self.Y = rigid_regressor(model.chain.geometry, *link)
-        drawn = arm.drawn[: self.Y.shape[2]]
-        bent = [(rigid_regressor(geometry, *link) - self.Y) @ drawn for geometry in arm.bent]
+        links = drawn[: self.Y.shape[2]]
+        bent = [(rigid_regressor(geometry, *link) - self.Y) @ links for geometry in arm.bent]
         self.bends: Array = np.stack(bent, axis=-1)
         self.quick = None
         if sprung:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -212,12 +213,13 @@ def _fit_elastic(
     real = arm.robot.real
     gears = fit_gears(log, real, PERIOD)
     base = elastic_base(arm.truth)
-    known = arm.known(drawing)
+    assert arm.known is not None
+    motion_of = partial(ElasticMotion, arm.known, drawing.parameters, gears)
     mean = one_period(log, PERIOD)
-    motion = ElasticMotion(known, gears, mean, BAND_HZ)
+    motion = motion_of(mean, BAND_HZ)
     fit = fit_elastic(motion, base, mean.torque, np.array(settings.sigma), settings.periods)
     full = fit_consistent(arm.truth, base, fit.estimate, drawing)
-    held = ElasticMotion(known, gears, other, PREDICTED_HZ, sprung=True)
+    held = motion_of(other, PREDICTED_HZ, sprung=True)
     nothing = Found(drawing.parameters, np.zeros_like(fit.numbers.loads), np.zeros_like(fit.numbers.bends))
     bodies = fit.numbers._replace(full=full)
     predicted = held.torques(fit.numbers), held.torques(bodies), held.torques(nothing)

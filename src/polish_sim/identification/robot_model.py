@@ -18,9 +18,7 @@ from polish_sim.motion.serial_chain import (
     ChainGeometry,
     SerialChain,
     link_parameters,
-    point_inertia,
 )
-from polish_sim.spatial import matrices, wxyz
 
 ARM_JOINTS = tuple(f"{joint}_joint" for joint in JOINT_NAMES)
 """Joints of the shipped robot, from base to flange."""
@@ -237,8 +235,6 @@ def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:
 
 # A load bolted to the robot's last link, unknown to the host.
 
-LAST_LINK = "link_6"
-
 
 class CarriedLoad(NamedTuple):
     """A rigid body in the axes of the link it is bolted to."""
@@ -246,22 +242,3 @@ class CarriedLoad(NamedTuple):
     mass: float  #: [kg]
     center: Array  #: From the body's origin [m], shape (3,)
     inertia: Array  #: About its centre [kg m^2], shape (3, 3)
-
-
-def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
-    """Make a load part of a body of a compiled model, which is changed in place."""
-    number = model.body(body).id
-    mass = float(model.body_mass[number])
-    center = model.body_ipos[number].copy()
-    R = matrices(model.body_iquat[number])
-    together = mass + load.mass
-    middle = (mass * center + load.mass * load.center) / together
-    inertia = R @ np.diag(model.body_inertia[number]) @ R.T + point_inertia(mass, center - middle)
-    inertia += load.inertia + point_inertia(load.mass, load.center - middle)
-    moments, axes = np.linalg.eigh(inertia)
-    axes[:, 0] *= np.sign(np.linalg.det(axes))
-    model.body_mass[number] = together
-    model.body_ipos[number] = middle
-    model.body_inertia[number] = moments
-    model.body_iquat[number] = wxyz(axes)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
