@@ -125,6 +125,20 @@ def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
     quaternion[1 + k] = (R[k, i] + R[i, k]) / s
 
 
+@kernel
+def tilt_frame(R: Array, a: float, b: float, R_out: Array) -> None:
+    """Write the frame ``R`` turned by ``a`` [rad] about its own x and ``b`` about its own y, together one
+    rotation, into ``R_out``, which may be ``R`` itself."""
+    angle = math.sqrt(a * a + b * b) + 1e-300
+    x, y, c, d = a / angle, b / angle, 1.0 - math.cos(angle), math.sin(angle)
+    for i in range(3):
+        r0, r1, r2 = R[i, 0], R[i, 1], R[i, 2]
+        # Rodrigues' formula for the axis (x, y, 0).
+        R_out[i, 0] = r0 * (1.0 - c * y * y) + r1 * c * x * y - r2 * d * y
+        R_out[i, 1] = r0 * c * x * y + r1 * (1.0 - c * x * x) + r2 * d * x
+        R_out[i, 2] = r0 * d * y - r1 * d * x + r2 * (1.0 - c)
+
+
 @njit
 def rotation_angle(R_a: Array, R_b: Array) -> float:
     """Angle between two frames [rad], accurate near zero too."""

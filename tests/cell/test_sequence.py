@@ -5,8 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from polish_sim.cell.stroke import (
+    DONE,
+    FEEDING,
+    RETRACT,
     TARE_START,
     TARE_TIME,
     TOUCH_DOWN,
@@ -14,7 +18,7 @@ from polish_sim.cell.stroke import (
     advance_sequence,
     build_sequence,
 )
-from polish_sim.control.signals import Target
+from polish_sim.control.signals import Measurement, Target
 from polish_sim.log import APPROACH_PHASE, RETRACT_PHASE, TOUCH_PHASE
 from tests.cell import cells
 from tests.cell.fields import plane
@@ -73,6 +77,30 @@ def test_the_feed_time_ends_the_feed_early():
     np.testing.assert_allclose(targets[-1], targets[-2], atol=1e-7)
 
 
+def test_a_tool_that_leans_and_stands_high_is_lifted_from_there_without_a_jolt():
+    """By the pad's moment a law leans the tool, here by 10 deg; stiff springs hold it 2 mm above its
+    target."""
+    stroke, sequence, target = cells.pressing_stroke(hold=0.0, lift=LIFT), build_sequence(), Target()
+    end, planned, m = stroke.process.positions[-1], cells.TOUCH[:3, :3], Measurement(cycle=0.002)
+    sequence.stage, target.rotation[:], target.position[:] = FEEDING, planned, end
+    m.rotation[:] = planned @ Rotation.from_rotvec([0.15, -0.09, 0.0]).as_matrix()
+    m.position[:] = end - 0.002 * planned[:, 2]
+    heights, leans = [], []
+    while sequence.stage != DONE:
+        assert advance_sequence(stroke, sequence, m, 1.0, target, 0.005)
+        if sequence.stage == RETRACT:
+            heights.append((end - target.position) @ planned[:, 2])
+            leans.append(Rotation.from_matrix(planned.T @ target.rotation).as_rotvec())
+    speeds, turning = np.diff(heights) / 0.002, np.linalg.norm(np.diff(leans, axis=0), axis=1) / 0.002
+    np.testing.assert_allclose(leans[0], [0.15, -0.09, 0.0], atol=1e-3)
+    assert [heights[0], heights[-1]] == pytest.approx([0.002, 0.004 + LIFT])
+    np.testing.assert_allclose(leans[-1], 0.0, atol=1e-12)
+    assert speeds.max() == pytest.approx(0.02)
+    assert np.abs(np.diff(speeds, prepend=0.0, append=0.0)).max() < 0.002  # [m/s]; at once: 0.02
+    # 0.175 rad in 12 mm at 20 mm/s; at once, as an error over the look-ahead, it was 1.7 rad/s.
+    assert turning.max() == pytest.approx(0.175 / 0.012 * 0.02, rel=0.02)
+
+
 def test_two_strokes_follow_each_other_through_free_space():
     second_touch, above = cells.tool_pose(0.03, -0.48, 0.1), cells.along_tool(cells.TOUCH, z=-LIFT)
     way = cells.way_through(above, cells.along_tool(second_touch, z=-0.005))
@@ -96,8 +124,11 @@ def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float
     """
     stroke, sequence, target = cells.pressing_stroke(height=0.008), build_sequence(), Target()
     sequence.floor = floor
-    t = -(TARE_START + TARE_TIME)
-    while advance_sequence(stroke, sequence, reading(t), 1.0, 0.001, target, 0.005, 0.0):
+    t, m = -(TARE_START + TARE_TIME), Measurement(cycle=0.001)
+    while True:
+        m.wrench[2], m.position[:] = reading(t), target.position
+        if not advance_sequence(stroke, sequence, m, 1.0, target, 0.005):
+            return math.inf
         if sequence.stage == TOUCH_DOWN:
             return t
         t += 0.001

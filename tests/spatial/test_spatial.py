@@ -78,3 +78,12 @@ def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_pr
     np.testing.assert_allclose(
         spatial.skew(VECTORS[0]) @ VECTORS[1], np.cross(VECTORS[0], VECTORS[1]), rtol=1e-14
     )
+
+
+def test_a_frame_is_tilted_about_its_own_x_and_y_also_in_place():
+    R = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    wanted = R @ Rotation.from_rotvec([0.05, -0.1, 0.0]).as_matrix()
+    spatial.tilt_frame(R, 0.05, -0.1, R)
+    np.testing.assert_allclose(R, wanted, atol=1e-12)
+    spatial.tilt_frame(R.copy(), 0.0, 0.0, R)
+    np.testing.assert_allclose(R, wanted, atol=1e-12)

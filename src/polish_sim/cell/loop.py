@@ -52,7 +52,6 @@ from polish_sim.cell.stroke import (
     TRAVEL,
     Stroke,
     advance_sequence,
-    depth_below,
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
@@ -226,9 +225,7 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    target, reach = state.target, state.guards.offset
-    deeper = depth_below(target, m.position)
-    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, target, reach, deeper):
+    if not advance_sequence(stroke, sequence, m, state.answer.feed, state.target, state.guards.offset):
         trip(state.status, guards.MISSING, t)
 
 

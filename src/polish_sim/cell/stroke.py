@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, norms, running_sums
-from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, Vector4, dot, kernel, minus
+from polish_sim.control.signals import Measurement, Target
+from polish_sim.kernels import Record, Vector2, Vector3, Vector4, dot, kernel, matvec, minus
 from polish_sim.motion.trajectory import (
     Pace,
     PathTable,
@@ -20,7 +20,7 @@ from polish_sim.motion.trajectory import (
     sample_path,
     sample_rate,
 )
-from polish_sim.spatial import rotation_from_quaternion
+from polish_sim.spatial import rotation_from_quaternion, tilt_frame
 
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, FEEDING, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
@@ -29,6 +29,7 @@ TOUCH_DOWN_TIME = 0.42  # from measured contact to the start of the feed, at lea
 LONGEST_TOUCH_DOWN = 1.5  # and at most: the feed waits for the force [s]
 LANDED_SHARE = 0.9  # of the set force, which the feed waits for
 RETRACT_SPEED = 0.02  # [m/s]
+LIFT_ACCELERATION = 0.4  # at both ends of the retract [m/s^2]
 
 
 class Stroke(NamedTuple):
@@ -60,7 +61,9 @@ class Sequence(Record):
     time: float  #: In this stage [s]
     s: float  #: Place on the active table [m]
     speed: float  #: Of that place [m/s]
-    depth: float  #: Of the target below the surface [m]
+    depth: float  #: Of the target below the surface [m], in the retract above its place on the path
+    tilt_x: float  #: In the retract: of the target from its planned frame, about its x [rad]
+    tilt_y: float
     clock: float  #: Time of the active motion [s]
     rate: float  #: At which that time passes [-]
     rate_change: float  #: [1/s]
@@ -208,9 +211,18 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         target.curvature = stroke.process.curvature[state.row]
         target.s = stroke.start_s + state.s
     else:
-        speed = RETRACT_SPEED if stage == RETRACT else 0.0
-        state.depth += speed * dt
-        _sink(stroke.process, state.s, state, -state.depth, -speed, target)
+        # From rest to rest; as it rises, the tool turns back to how it is planned.
+        step, left = 0.0, stroke.lift + stroke.depth - state.depth
+        if stage == RETRACT and left > 0.0:
+            speed = min(
+                RETRACT_SPEED, LIFT_ACCELERATION * state.time, math.sqrt(2.0 * LIFT_ACCELERATION * left)
+            )
+            step = min(speed * dt, left)
+            state.tilt_x *= 1.0 - step / left
+            state.tilt_y *= 1.0 - step / left
+        state.depth += step
+        _sink(stroke.process, state.s, state, -state.depth, -step / dt, target)
+        tilt_frame(target.rotation, state.tilt_x, state.tilt_y, target.rotation)
         target.s = stroke.start_s + state.s
     target.speed = state.speed
 
@@ -277,21 +289,20 @@ SWINGS_FOR = 0.15
 def advance_sequence(
     stroke: Stroke,
     state: Sequence,
-    measured_force: float,
+    m: Measurement,
     granted: float,
-    dt: float,
     target: Target,
     reach: float,
-    deeper: float,
 ) -> bool:
     """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
-    ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned
-    feed the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the
-    part should be, the reading of a shaken arm or of a noisy sensor must last to be contact. ``deeper`` [m]
-    is how far the tool is below its target: from there it is lifted, for springs stiffer than planned hold it
-    above.
+    ``granted`` [-] is the share of the planned feed the controller grants, limited to ``LEAST_SHARE`` to 1.
+    Further than ``reach`` [m] above where the part should be, the reading of a shaken arm or of a noisy
+    sensor must last to be contact. The tool is lifted from where it is: springs stiffer than planned hold it
+    above its target, and by the moment of the pad it may lean; turned back at once, that shakes the arm.
     """
+    measured_force, dt = m.wrench[2], m.cycle
+    deeper = depth_below(target, m.position)
     state.time += dt
     stage = state.stage
     _watch_air(state, measured_force, dt)
@@ -322,6 +333,8 @@ def advance_sequence(
         if arrived or state.time >= stroke.feed_time:
             _enter(state, RETRACT if stroke.lift > 0.0 else DONE)
             state.depth = -deeper
+            leaning = matvec(target.rotation.T, m.rotation[:, 2])
+            state.tilt_x, state.tilt_y = -leaning[1], leaning[0]
     elif stage == RETRACT and state.depth >= stroke.lift + stroke.depth:
         _enter(state, DONE)
     place_target(stroke, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)

@@ -227,11 +227,6 @@ def test_a_drawn_borders_moment_does_not_turn_the_tool_whose_axis_is_turned_abou
     for _ in range(3000):
         surface.level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
-    t, R = fed_at(0.0), np.empty((3, 3))
-    t.rotation[:] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
-    surface.tilted_target(t, surface.NormalMemory(0.05, -0.1), R)
-    expected = t.rotation @ Rotation.from_rotvec([0.05, -0.1, 0.0]).as_matrix()
-    np.testing.assert_allclose(R, expected, atol=1e-12)
 
 
 def controller(laws: str, course: Course) -> AdaptiveController:

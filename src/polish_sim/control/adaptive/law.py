@@ -19,7 +19,7 @@ from polish_sim.control.adaptive.gains import (
     adaptive_gains,
     path_gains,
 )
-from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_moment, tilted_target
+from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_moment
 from polish_sim.control.hybrid import (
     HybridGains,
     HybridMemory,
@@ -41,6 +41,7 @@ from polish_sim.control.signals import (
 )
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, dot, kernel, minus
+from polish_sim.spatial import tilt_frame
 
 _LANDING = 0.3  # until the landing is over by this much, stiffness is learned with the feed on too
 
@@ -105,7 +106,7 @@ def turn(
     """Angular part of the twist: to the planned axis, corrected by the surface's normal from the pad's
     moment."""
     level_by_moment(ahead, m, t, p.normal, dt, path.normal)
-    tilted_target(t, path.normal, path.wanted)
+    tilt_frame(t.rotation, path.normal.tilt_x, path.normal.tilt_y, path.wanted)
     if p.normal.on:
         turn_to_target(m, path.wanted, t.twist, h.orientation, False, hybrid, twist)
     else:

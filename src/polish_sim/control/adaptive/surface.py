@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 
-from polish_sim.arrays import Array
 from polish_sim.control.adaptive.drawing import Ahead, at
 from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement, Target
@@ -178,23 +177,3 @@ def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
     whole = max(stiffness / gains.pad_tilt_stiffness, 1e-3)
     rate = -gains.rate * whole * moment / gains.pad_tilt_stiffness
     return min(max(rate, -gains.turning_limit), gains.turning_limit)
-
-
-@kernel
-def tilted_target(t: Target, state: NormalMemory, R_out: Array) -> None:
-    """The planned orientation with the correction: ``R_out`` = R_target turned by the state about its own x
-    and y."""
-    a, b = state.tilt_x, state.tilt_y
-    angle = math.sqrt(a * a + b * b)
-    if angle < 1e-9:
-        for i in range(3):
-            for j in range(3):
-                R_out[i, j] = t.rotation[i, j]
-        return
-    x, y, c, d = a / angle, b / angle, 1.0 - math.cos(angle), math.sin(angle)
-    for i in range(3):
-        r0, r1, r2 = t.rotation[i, 0], t.rotation[i, 1], t.rotation[i, 2]
-        # Rodrigues' formula for the axis (x, y, 0).
-        R_out[i, 0] = r0 * (1.0 - c * y * y) + r1 * c * x * y - r2 * d * y
-        R_out[i, 1] = r0 * c * x * y + r1 * (1.0 - c * x * x) + r2 * d * x
-        R_out[i, 2] = r0 * d * y - r1 * d * x + r2 * (1.0 - c)
