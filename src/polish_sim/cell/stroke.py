@@ -53,6 +53,14 @@ class Stroke(NamedTuple):
     start_s: float = 0.0  #: Arc length of the plan at the first process point [m]
     retare: bool = False  #: Whether the sensor is zeroed again before this stroke
 
+    @property
+    def way_up(self) -> tuple[float, float]:
+        """Height [m] and time [s] of the retract."""
+        if self.lift == 0.0:
+            return 0.0, 0.0
+        height = self.lift + self.depth
+        return height, height / RETRACT_SPEED + RETRACT_SPEED / LIFT_ACCELERATION
+
 
 class Sequence(Record):
     """Where the run is in its strokes."""
@@ -95,7 +103,6 @@ def begin_next_stroke(sequence: Sequence) -> None:
 def expected_duration(stroke: Stroke) -> float:
     """How long the stroke takes if contact is where it is expected [s]."""
     approach = stroke.travel.duration
-    lifted = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
     if stroke.contact:
         speed = stroke.approach_speed
         approach += stroke.lead_in.length / speed + 0.5 * speed / feed_acceleration.py_func(speed)
@@ -106,7 +113,7 @@ def expected_duration(stroke: Stroke) -> float:
         + approach
         + (TOUCH_DOWN_TIME if stroke.contact else 0.0)
         + feed
-        + lifted / RETRACT_SPEED
+        + stroke.way_up[1]
     )
 
 

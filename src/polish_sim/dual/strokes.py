@@ -218,8 +218,8 @@ def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[V
     touch_down = TOUCH_DOWN_TIME if stroke.contact else 0.0
     fed = _fed(stroke, number, step, touch_down)
     yield fed
-    lift = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
-    times = _times(max(lift / RETRACT_SPEED, RAMP_S), step)
+    lift, takes = stroke.way_up
+    times = _times(max(takes, RAMP_S), step)
     up = fed.points[-1] + np.minimum(RETRACT_SPEED * times, lift)[:, None] * fed.axes[-1]
     held = time_held(float(fed.time[-1]) - touch_down, times)
     yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), float(fed.s[-1]), times)._replace(

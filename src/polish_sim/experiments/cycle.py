@@ -11,7 +11,6 @@ import numpy as np
 
 from polish_sim.arrays import Array, joined, midpoints, norms, running_sums
 from polish_sim.cell.stroke import (
-    RETRACT_SPEED,
     TARE_START,
     TARE_TIME,
     TOUCH_DOWN_TIME,
@@ -128,9 +127,9 @@ def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
         rows = np.arange(len(table.positions)) * table.spacing
         force, bend = (np.interp(motion.places, rows, values) for values in (stroke.force, table.curvature))
         add(*_thinned(_played(motion), motion.positions, motion.quaternions, force, bend))
-        lifted = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
+        lifted, takes = stroke.way_up
         above = motion.positions[-1] - lifted * matrices(motion.quaternions[-1])[:, 2]
-        add(np.array([lifted / RETRACT_SPEED]), above[None], motion.quaternions[-1:])
+        add(np.array([takes]), above[None], motion.quaternions[-1:])
     whole = Cycle(*joined(pieces))
     kept = np.append(np.diff(whole.time) > 1e-9, True)
     return Cycle(*(column[kept] for column in whole))
