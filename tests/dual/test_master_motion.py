@@ -55,7 +55,8 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still():
 
 
 def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits():
-    q = prepare_dual(dual(*ABOVE, *AGAINST)).master.q
+    pressed = ("process.feed_m_s=0.01", f"dual.master_turn_rad_s={-0.01 / RADIUS}", "dual.master_speed_m_s=0")
+    q = prepare_dual(dual(*pressed)).master.q
     assert np.ptp(q[:, 5]) > 2.0 * math.pi
     assert np.abs(q[:, 5]).max() < 2.0 * math.pi
 

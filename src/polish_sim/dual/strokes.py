@@ -15,7 +15,6 @@ from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
-from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
 from polish_sim.motion.rules.limits import SmoothingLimits
@@ -34,8 +33,8 @@ ON_THE_WAY = -1  # to a stroke or from it
 def pair_strokes(scenario: Checked, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
-    Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to
-    change.
+    The tool's limits alone count: joints of the follower depend on how the part moves meanwhile, and
+    `check_motion` follows them. Raises SmoothingError if the tool's motion is impossible.
     """
     strokes = (
         partial(placed_strokes, scenario)
@@ -44,15 +43,7 @@ def pair_strokes(scenario: Checked, path: ToolPath, placed: PlacedTool) -> list[
     )
     kept = _fed_at_most(scenario.process, path)
     placed = placed._replace(rotations=placed.rotations[kept])
-    try:
-        return strokes(path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
-    except SmoothingError as error:
-        if placed.arm is None:
-            raise
-        raise SmoothingError(
-            f"the follower's motion, smoothed with the part where it starts: {error} Hold the part elsewhere "
-            "with --part-pose, or stop earlier with --set process.max_feed_s=..."
-        ) from error
+    return strokes(path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
 
 
 def _fed_at_most(process: ProcessConfig, path: ToolPath) -> Bools:
@@ -128,7 +119,7 @@ def free_strokes(
         table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
         motion = time_path(table, pace)
         if asked.limits_file or not is_gentle(motion, limits):
-            motion = stroke_motion(asked, along, placed.arm) or motion
+            motion = stroke_motion(asked, along, None) or motion
         start = build_path_table(points[first][None], rotations[first][None])
         more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(

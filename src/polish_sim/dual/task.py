@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from polish_sim.arrays import Array, evenly_to, joined, norms, running_sums
-from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
+from polish_sim.cell import SILENT, Observer, Stroke
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked, DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
@@ -45,7 +45,6 @@ from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real
 from polish_sim.experiments.placement import Reach, check_shaft
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.motion import forward, use_arm
-from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.travel import Move, move_in, path_of
 from polish_sim.planning.part_plan import choose_region, load_mesh
@@ -123,7 +122,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
     place = Workplace(mesh, surface, region, path, own, shape, held=seat_text(seat.T_gripper_work))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
-    placed = PlacedTool(T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_follower))
+    placed = PlacedTool(T_base_work, rotations, None)
     master = _master_rows(dual, frames, arms, reach, work)
     closely = plan_visits(loose, min(CHECK_S, CHECK_M / feed))
     check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
