@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -14,9 +14,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from polish_sim.analysis.path_plot import SMOOTH, scale_flat, seen_triangles
 from polish_sim.analysis.style import (
     BLUE,
     GREEN,
@@ -29,7 +30,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Indices
 
 if TYPE_CHECKING:
     from polish_sim.planning import Inspection
@@ -85,20 +86,11 @@ def write_ply(
 MM = 1e3
 DEG_MM = np.degrees(1.0) * 1e-3  #: A rate of turning in rad/m, in deg/mm
 LEAST_RATE = 1e-3  #: A level face shows nothing but rounding below it [deg/mm]
-PIXELS = 420  #: Along the longer side of a map
 DARK = "#3A0010"
 """Where the pad does not fit."""
 LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}
 """Coverage from none to strict, and its colours; what the pad does not touch at its force shows, however
 near."""
-
-
-class _View(NamedTuple):
-    """The region in a flat picture, as pixels."""
-
-    views: Views
-    extent: tuple[float, float, float, float]
-    vertex: Indices  #: Vertex seen in each pixel, -1 where there is none, shape (rows, columns)
 
 
 @styled
@@ -107,22 +99,18 @@ def plot_maps(found: Inspection) -> Figure:
 
     A region that looks down is seen from below, a side of the part along its face.
     """
-    view = _look(found)
-    left, right, low, high = view.extent
-    figure = new_figure(10.5, 4.6 if right - left >= 1.2 * (high - low) else 5.4)
+    mesh = found.ground.mesh
+    views = views_of(mesh.normals, found.region.up)
+    seen = seen_triangles(mesh.vertices, mesh.normals, mesh.triangles, views)
+    figure = new_figure(10.5, 4.6 if np.ptp(seen.x) >= 1.2 * np.ptp(seen.y) else 5.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    _draw_time(figure, panels[0], found, view)
-    handles = _draw_cover(panels[1], found, view)
+    _draw_time(figure, panels[0], found, seen)
+    handles = _draw_cover(panels[1], found, seen, views)
     for axes in panels:
-        axes.set_aspect("equal")
         axes.grid(False)
-        axes.set_xlabel(view.views.labels[0])
-    # Images stick to their edges, where outlines would be cut flat.
-    room = 0.03 * max(right - left, high - low)
-    panels[0].set_xlim(left - room, right + room)
-    panels[0].set_ylim(low - room, high + room)
-    panels[0].set_ylabel(view.views.labels[1])
-    head(figure, f"Path on {found.mesh.name}, seen {view.views.name}")
+        scale_flat(axes, views)
+    panels[1].set_ylabel("")
+    head(figure, f"Path on {found.mesh.name}, seen {views.name}")
     figure.legend(handles=handles, loc="outside lower left", ncols=4)
     return figure
 
@@ -153,64 +141,31 @@ def plot_distributions(found: Inspection) -> Figure:
     return figure
 
 
-def _look(found: Inspection) -> _View:
-    """Find the vertex seen in each pixel: the nearest in the picture that faces the viewer."""
-    mesh = found.ground.mesh
-    views = views_of(mesh.normals, found.region.up)
-    seen = mesh.vertices @ views.flat.T * MM
-    shown = np.flatnonzero(mesh.normals @ views.flat[2] > 0.02)
-    shown = shown if len(shown) else np.arange(len(seen))
-    low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
-    pixel = (high - low).max() / PIXELS
-    edge = norms(np.diff(seen[mesh.edges], axis=1)).max()
-    # Half the longest edge reaches every place inside a triangle that is not flat.
-    reach = 0.6 * edge + pixel
-    xs, ys = (np.arange(low[k] - reach, high[k] + reach + pixel, pixel) for k in (0, 1))
-    grid = np.stack(np.meshgrid(xs, ys), axis=-1)
-    near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=reach)
-    vertex = np.where(np.isfinite(near), shown[np.minimum(index, len(shown) - 1)], -1)
-    half = 0.5 * pixel
-    extent = (xs[0] - half, xs[-1] + half, ys[0] - half, ys[-1] + half)
-    return _View(views, extent, vertex)
-
-
-def _image(view: _View, values: Array) -> Array:
-    return np.where(view.vertex >= 0, np.asarray(values, dtype=float)[view.vertex], np.nan)
-
-
-def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
+def _draw_time(figure: Figure, axes: Axes, found: Inspection, seen: Triangulation) -> None:
     m = found.figures
     times = found.quality.exposure.times
     top = max(np.percentile(times, 99.5), 1e-9)
-    drawn = axes.imshow(
-        _image(view, times),
-        extent=view.extent,
-        origin="lower",
-        cmap="viridis",
-        vmin=0.0,
-        vmax=top,
-        aspect="equal",
-    )
+    drawn = axes.tripcolor(seen, times, vmin=0.0, vmax=top, cmap="viridis", **SMOOTH)
     figure.colorbar(drawn, ax=axes, label="time under the pad [s]", shrink=0.85, pad=0.02, extend="max")
     over = 1e4 * m["over_polished_area_m2"]
     axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over 2 medians", fontsize=9.0)
 
 
-def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
+def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views) -> list[Artist]:
     m = found.figures
     quality = found.quality
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
-    axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
+    axes.tripcolor(seen, level, vmin=-0.5, vmax=2.5, cmap=colors, **SMOOTH)
     for run in quality.runs:
-        line = (run.positions @ view.views.flat.T * MM)[:, :2]
+        line = (run.positions @ views.flat.T * MM)[:, :2]
         axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
     if len(quality.crossings):
-        at = quality.crossings @ view.views.flat.T * MM
+        at = quality.crossings @ views.flat.T * MM
         axes.plot(at[:, 0], at[:, 1], "x", color=PINK, ms=6, mew=1.6, label="crossing")
     inside = quality.pad_in_part
     if len(inside.depths):
-        at = inside.positions @ view.views.flat.T * MM
+        at = inside.positions @ views.flat.T * MM
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
         axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
         x, y = at[inside.depths.argmax(), :2]

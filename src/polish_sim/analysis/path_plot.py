@@ -15,6 +15,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -36,7 +37,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Bools, Ints, longest_side, next_corners, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
@@ -146,17 +147,11 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
 def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their
     distance."""
-    corners = vertices[faces]
-    longest = LONGEST_EDGE * longest_side(vertices)
-    while True:
-        edges = norms(corners - next_corners(corners))
-        long = edges.max(axis=1) > longest
-        if not long.any():
-            return corners
-        whole = corners[long]
-        middles = 0.5 * (whole + next_corners(whole))  # of the edges 0-1, 1-2, 2-0
-        cut = [np.stack([whole[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
-        corners = np.concatenate([corners[~long], *cut, middles])
+    import trimesh  # slow to import
+
+    remesh: Any = trimesh.remesh
+    places, corners = remesh.subdivide_to_size(vertices, faces, LONGEST_EDGE * longest_side(vertices))
+    return places[corners]
 
 
 def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, views: Views) -> _Seen:
@@ -321,6 +316,16 @@ def fill_view(solid: Any, points: Array) -> None:
     # The view is a square; its limits across are those of the picture plane, not of the part.
     for axis, place in zip(("intervalx", "intervaly"), middle, strict=True):
         setattr(solid.viewLim, axis, (place - half, place + half))
+
+
+SMOOTH: dict[str, Any] = {"shading": "gouraud", "rasterized": True}  #: Colours between vertices
+
+
+def seen_triangles(vertices: Array, normals: Array, triangles: Indices, views: Views) -> Triangulation:
+    """The triangles (m, 3) of a mesh that face the viewer of its flat picture [mm]; all if none does."""
+    places = vertices @ views.flat.T * MM
+    facing = (normals[triangles] @ views.flat[2]).min(axis=1) > 0.0
+    return Triangulation(places[:, 0], places[:, 1], triangles[facing if facing.any() else slice(None)])
 
 
 def scale_flat(flat: Axes, views: Views) -> None:

@@ -14,13 +14,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
 
 from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER, measure_removal
-from polish_sim.analysis.path_plot import cross_out, scale_flat
+from polish_sim.analysis.path_plot import SMOOTH, cross_out, scale_flat, seen_triangles
 from polish_sim.analysis.run_record import Records, stop_mark
 from polish_sim.analysis.style import (
     BLUE,
@@ -118,19 +117,21 @@ def _of(record: RunRecord) -> RemovalMap:
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
     """The map from the front, with outlines of what is under and over polished: both ends of the colours are
     dark."""
-    vertices = removal.vertices @ views.flat.T * MM
-    facing = (removal.normals[removal.triangles] @ views.flat[2]).min(axis=1) > 0.0
-    seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[facing])
+    seen = seen_triangles(removal.vertices, removal.normals, removal.triangles, views)
     # What was not touched at all lies below the scale.
     shown = np.where(removal.exposure > 0.0, removal.relative, -1.0)
-    flat.tripcolor(seen, shown, norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
+    flat.tripcolor(seen, shown, norm=SCALE, cmap=removal_colors(), **SMOOTH)
     for level, dashes in ((UNDER, ":"), (OVER, "-")):
         if removal.relative.min() < level < removal.relative.max():
             flat.tricontour(
                 seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes
             )
             flat.plot([], [], color="black", lw=0.7, ls=dashes, label=f"{level:g} times the mean")
-    flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
+    flat.add_collection(
+        LineCollection(
+            list((removal.vertices[removal.border] @ views.flat.T * MM)[..., :2]), colors="black", lw=0.8
+        )
+    )
     flat.grid(False)
     scale_flat(flat, views)
 
