@@ -204,7 +204,7 @@ BAD_APT = {
     "a feed per turn": ("FEDRAT/0.1,MMPR\n" + TWO, "line 1: a feed per turn"),
     "half a statement": (TWO + "GOTO/2,$\n", "line 3: the statement is continued"),
     "multax": ("MULTAX/MAYBE\n" + TWO, "line 1: MULTAX"),
-    "a spoilt note": ("$$ polish-sim: pass=first\n" + TWO, "before line 2: pass is noted as 'first'"),
+    "a spoilt note": ("$$ polish-sim: pass=first\n" + TWO, "line 2: pass is noted as 'first'"),
 }
 BAD_GCODE = {
     "an arc": (HEAD + "G2 X10 Y0 I5 J0\n", r"line 4, column 1: G2 \(an arc\)"),

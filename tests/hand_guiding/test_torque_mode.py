@@ -109,7 +109,7 @@ PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/
 
 def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path):
     file = tmp_path / "identified.xml"
-    for rest, said in (("", "not a robot's MJCF"), (PENDULUM, "no joint")):
+    for rest, said in (("", "no MuJoCo model"), (PENDULUM, "no joint")):
         file.write_text("<mujoco>" + rest)
         with pytest.raises(InputError, match=f"identified.xml' .*{said}"):
             arm.chain_of_file(file)

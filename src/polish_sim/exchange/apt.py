@@ -250,10 +250,7 @@ def _take_note(machine: _Machine, statement: Statement) -> None:
 def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
     value = number_in(machine.noted.get(name, ""))
     if name in machine.noted and math.isnan(value):
-        raise InputError(
-            f"'{machine.file}', before line {statement.line}: {name} is noted as "
-            f"'{machine.noted[name]}', not a number."
-        )
+        raise machine.error(statement, f"{name} is noted as '{machine.noted[name]}', not a number.")
     return value
 
 

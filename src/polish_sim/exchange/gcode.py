@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -53,6 +53,7 @@ class Word(NamedTuple):
 
     letter: str
     value: float
+    line: int
     column: int  #: Where it begins in its line, counted from 1
 
     @property
@@ -61,14 +62,7 @@ class Word(NamedTuple):
         return f"{self.letter}{self.value:g}"
 
 
-class GcodeLine(NamedTuple):
-    """The words of one line."""
-
-    line: int
-    words: tuple[Word, ...]
-
-
-def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[GcodeLine]:
+def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[tuple[Word, ...]]:
     """Take a G-code text apart, line by line up to the end of the program; lines without a word are left out.
 
     ( ) and ; enclose comments, % lines are marks of the file; ``unknown`` is called with characters that
@@ -82,7 +76,7 @@ def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[GcodeLine]:
             code = _without_comments(file, number, code)
         words = tuple(_words(file, number, code, unknown))
         if words:
-            yield GcodeLine(number, words)
+            yield words
         if any(word.name in ENDS for word in words):
             return
 
@@ -104,7 +98,7 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
     for found in _WORD.finditer(code):
         letter, number, stray = found.groups()
         if letter:
-            yield Word(letter.upper(), float(number), found.start() + 1)
+            yield Word(letter.upper(), float(number), line, found.start() + 1)
         # Of consecutive such characters the first is reported.
         if stray and found.start() != end:
             rest = code[found.start() :].split(maxsplit=1)[0]
@@ -144,13 +138,13 @@ class _Machine(CamPoints):
     vector: tuple[float, float, float] | None = None
     turned: bool = False
 
-    def error(self, block: GcodeLine, word: Word, text: str) -> InputError:
+    def error(self, word: Word, text: str) -> InputError:
         """An error that names its word's place."""
-        return InputError(f"'{self.file}', line {block.line}, column {word.column}: {text}")
+        return InputError(f"'{self.file}', line {word.line}, column {word.column}: {text}")
 
-    def take_unknown(self, block: GcodeLine, word: Word) -> None:
+    def take_unknown(self, word: Word) -> None:
         """Refuse or note an unknown word."""
-        self.unknown(self.error(block, word, f"unknown word '{word.name}'. Read are {KNOWN}."))
+        self.unknown(self.error(word, f"unknown word '{word.name}'. Read are {KNOWN}."))
 
 
 def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
@@ -172,31 +166,31 @@ def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
     return WayPoints(path, file, machine.place, assumed)
 
 
-def _obey(machine: _Machine, block: GcodeLine) -> None:
+def _obey(machine: _Machine, block: Sequence[Word]) -> None:
     """Modes first, whatever their place in the line, then the feed, then the move."""
     axes: dict[str, Word] = {}
     feed: Word | None = None
     dwells = False
-    takes_p = any(word.name in ("G4", "G64") for word in block.words)
-    for word in block.words:
+    takes_p = any(word.name in ("G4", "G64") for word in block)
+    for word in block:
         if word.letter in "GM":
             dwells |= word.name == "G4"
-            _set_mode(machine, block, word)
+            _set_mode(machine, word)
         elif word.letter in LINES + ANGLES + VECTOR:
             if word.letter in axes:
-                raise machine.error(block, word, f"{word.letter} stands twice in the line.")
+                raise machine.error(word, f"{word.letter} stands twice in the line.")
             axes[word.letter] = word
         elif word.letter == "F":
             feed = word
         elif word.letter not in SILENT and not (word.letter == "P" and takes_p):
-            machine.take_unknown(block, word)
+            machine.take_unknown(word)
     if feed is not None:
-        _set_feed(machine, block, feed)
+        _set_feed(machine, feed)
     if axes and not dwells:
-        _move(machine, block, axes)
+        _move(machine, axes)
 
 
-def _set_mode(machine: _Machine, block: GcodeLine, word: Word) -> None:
+def _set_mode(machine: _Machine, word: Word) -> None:
     name = word.name
     if name in ("G0", "G1"):
         machine.rapid = name == "G0"
@@ -206,64 +200,57 @@ def _set_mode(machine: _Machine, block: GcodeLine, word: Word) -> None:
         machine.relative = name == "G91"
     elif WORDS.get(name):
         raise machine.error(
-            block,
             word,
             f"{name} ({WORDS[name]}) is not read, and --lenient does not leave out what moves the tool. "
             "Post-process the path to G0 and G1 in one frame.",
         )
     elif name not in WORDS:
-        machine.take_unknown(block, word)
+        machine.take_unknown(word)
 
 
-def _set_feed(machine: _Machine, block: GcodeLine, word: Word) -> None:
+def _set_feed(machine: _Machine, word: Word) -> None:
     if word.value <= 0.0:
-        raise machine.error(block, word, f"{word.name} is no feed. Wanted: a positive number per minute.")
+        raise machine.error(word, f"{word.name} is no feed. Wanted: a positive number per minute.")
     machine.feed = word.value * machine.unit * PER_MINUTE
 
 
-def _move(machine: _Machine, block: GcodeLine, axes: Mapping[str, Word]) -> None:
+def _move(machine: _Machine, axes: Mapping[str, Word]) -> None:
     first = next(iter(axes.values()))
     if machine.rapid is None:
-        raise machine.error(
-            block, first, f"{first.name} stands before any G0 or G1: how to move is not said."
-        )
+        raise machine.error(first, f"{first.name} stands before any G0 or G1: how to move is not said.")
     for letter, word in axes.items():
         if letter in VECTOR:
             continue
         scale = machine.unit if letter in LINES else 1.0
         start = machine.at[letter] if machine.relative else 0.0
         if math.isnan(start):
-            raise machine.error(
-                block, word, f"{word.name} is a step (G91) from an unknown place. Begin with G90."
-            )
+            raise machine.error(word, f"{word.name} is a step (G91) from an unknown place. Begin with G90.")
         machine.at[letter] = start + word.value * scale
-    _turn(machine, block, axes)
+    _turn(machine, axes)
     x, y, z = (machine.at[letter] for letter in LINES)
     # The machine's start position is unknown: the path begins where all three coordinates are given.
     if not math.isnan(x + y + z):
         segment = APPROACH if machine.rapid else PROCESS
-        machine.add(block.line, segment, x, y, z, *_axis(machine), machine.feed, math.nan, math.nan)
+        machine.add(first.line, segment, x, y, z, *_axis(machine), machine.feed, math.nan, math.nan)
 
 
-def _turn(machine: _Machine, block: GcodeLine, axes: Mapping[str, Word]) -> None:
+def _turn(machine: _Machine, axes: Mapping[str, Word]) -> None:
     """Take up the tool axis of a line, if it says one."""
     vector = [axes[letter] for letter in VECTOR if letter in axes]
     angles = [axes[letter] for letter in ANGLES if letter in axes]
     machine.turned |= bool(angles)
     if machine.turned and (vector or machine.vector is not None):
         word = (vector or angles)[0]
-        raise machine.error(
-            block, word, "the tool axis is said both as I, J, K and as A, B, C: give it in one way."
-        )
+        raise machine.error(word, "the tool axis is said both as I, J, K and as A, B, C: give it in one way.")
     if not vector:
         return
     if len(vector) < 3:
         raise machine.error(
-            block, vector[0], "I, J and K stand together: they are the tool axis, not an arc's centre."
+            vector[0], "I, J and K stand together: they are the tool axis, not an arc's centre."
         )
     length = math.hypot(*(word.value for word in vector))
     if length == 0.0:
-        raise machine.error(block, vector[0], "the tool axis I0 J0 K0 has no direction.")
+        raise machine.error(vector[0], "the tool axis I0 J0 K0 has no direction.")
     i, j, k = (word.value / length for word in vector)
     machine.vector = (i, j, k)
 

@@ -14,11 +14,11 @@ from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.config import HandConfig, Scenario
-from polish_sim.errors import InputError, regular
+from polish_sim.errors import InputError
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
-from polish_sim.identification.model_file import friction_by_load
+from polish_sim.identification.model_file import friction_by_load, read_robot_model
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.serial_chain import SerialChain, chain_model
@@ -88,14 +88,7 @@ def chain_of_file(file: Path) -> SerialChain:
     """The chain of an identified MJCF, e.g. identified.xml; InputError if it is none, or has not the arm's
     joints."""
     try:
-        model = mujoco.MjModel.from_xml_path(str(regular(file)))
-    except (ValueError, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"guide.model_file '{file}' is not a robot's MJCF: {reason}. Give an identified.xml."
-        ) from error
-    try:
-        return read_chain(model, ARM_JOINTS)
+        return read_chain(read_robot_model(file), ARM_JOINTS)
     except InputError as error:
         raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
 

@@ -37,9 +37,8 @@ def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Ar
     """Y (m, n, 10 n) of states (m, n) [rad or m]: torques [N m or N] per unit of each link's ten
     parameters."""
     m, n = q.shape
-    Y = np.zeros((m, n, 10 * n))
-    states = (np.ascontiguousarray(part, np.float64) for part in (q, qd, qdd))
-    _fill_regressors(chain, *states, np.zeros((6, 3)), np.zeros((2, n, 3)), Y)
+    motion, screws, Y = (np.zeros(shape, q.dtype) for shape in ((6, 3), (2, n, 3), (m, n, 10 * n)))
+    _fill_regressors(chain, *map(np.ascontiguousarray, (q, qd, qdd)), motion, screws, Y)
     return Y
 
 
@@ -48,13 +47,11 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
     m, n = q.shape
     state = np.concatenate([q, qd, qdd], axis=1).astype(np.complex128)
     out = np.empty((m, 3 * n, n, 10 * n))
-    work, chains, Y = (np.zeros(shape, np.complex128) for shape in ((6, 3), (2, n, 3), (m, n, 10 * n)))
     for column in range(3 * n):
         stepped = state.copy()
         stepped[:, column] += 1j * STEP
-        parts = [np.ascontiguousarray(stepped[:, n * k : n * (k + 1)]) for k in range(3)]
-        _fill_regressors(chain, *parts, work, chains, Y)
-        out[:, column] = Y.imag / STEP
+        parts: Any = np.split(stepped, 3, axis=1)
+        out[:, column] = rigid_regressor(chain, *parts).imag / STEP
     return out
 
 

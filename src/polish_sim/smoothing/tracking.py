@@ -27,6 +27,7 @@ from polish_sim.analysis.style import (
     styled,
 )
 from polish_sim.arrays import Array, Figures, Indices
+from polish_sim.exchange.log_sources import JOINT_NAMES
 
 REFERENCE = "joint-acceleration"  #: The rule the others are compared with
 NEAR_M = 0.006  #: Of the path on either side of the jerk peak that is drawn
@@ -34,8 +35,7 @@ AROUND_S = 0.03  #: Time before and after a jerk peak that belongs to it [s]
 APART_S = 0.05  #: Between two peaks, at least [s]
 HIGH = 0.8  #: Share of the largest jerk that counts as a peak where none breaks the limit
 RULES = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "spline": BLUE}  #: Names and colours
-JOINT_NAMES = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
-TICKS = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
+TICKS = tuple(name.replace("_", "\n") for name in JOINT_NAMES)
 
 
 class PlayedRule(NamedTuple):
@@ -157,7 +157,7 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     for sign in (-1.0, 1.0):
         limit_line(jerk, sign * limits[best.joint], "limit")
     jerk.set(ylabel="jerk asked [rad/s³]")
-    small_title(jerk, f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path")
+    small_title(jerk, f"{JOINT_NAMES[best.joint].replace('_', ' ')}, {best.place:.3f} m along the path")
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
     for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
