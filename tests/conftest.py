@@ -41,9 +41,17 @@ FIRST = (
 )
 
 
+def keep_parts() -> None:
+    """Keep the machine code of parts of kernels that tests call; others compile them within kernels only."""
+    from polish_sim import kernel_cache
+
+    kernel_cache._Part = type("_KeptPart", (kernel_cache._Kept, kernel_cache._Part), {})
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Share what is made once where tests run; the process that hands them out needs none of it."""
     if not config.getoption("numprocesses", None):
+        keep_parts()
         from tests.kept import share_commands, share_fields, share_parts, share_scenes
 
         share_fields()

@@ -56,12 +56,10 @@ def joints_at(T_base_tool: Array) -> Array:
 
 
 def along_tool(T_base_tool: Array, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
-    """A pose moved along its own axes [m]."""
     return T_base_tool @ transform(np.eye(3), np.array([x, y, z]))
 
 
 def path_through(*poses: Array) -> PathTable:
-    """A straight path through tool poses."""
     stack = np.stack(poses)
     return build_path_table(stack[:, :3, 3], stack[:, :3, :3])
 
@@ -120,7 +118,6 @@ def stopped_at(run: CellRun) -> int:
 
 
 def phases(run: CellRun) -> list[int]:
-    """Phases of a run in their order."""
     return [int(run.trace.phase[k]) for k in np.flatnonzero(np.diff(run.trace.phase, prepend=-1))]
 
 

@@ -32,8 +32,6 @@ HOME = np.array([1.3, -1.59, 1.51, -1.49, -1.57, -0.27])
 
 
 class JointStep(Record):
-    """What one step did to the joints."""
-
     twist: Vector6
     q: Vector6
     tool: Vector3

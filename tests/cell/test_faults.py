@@ -82,6 +82,10 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
     run = cells.cell_for(faulty(f"{name}@0").scenario, stroke, part=cells.part_under(plane())).run()
     assert run.stop_reason == guards.REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
+    if name == "part-missing":  # sought to the search depth and no further
+        assert "process.search_depth_m" in str(run.stop_reason)
+        assert np.ptp(run.trace.tcp_position_m[run.trace.phase == 0, 2]) == pytest.approx(0.03, abs=3e-4)
+        assert set(run.trace.phase) == {0, 3}
     assert_it_ends_well(run)
 
 

@@ -7,9 +7,8 @@ import pytest
 
 from polish_sim.cell.guards import REASONS, STROKE
 from polish_sim.cell.wrist_sensor import GRAVITY
-from polish_sim.config import FlangeConfig
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments import default_scenario
 from polish_sim.experiments.registry import check_flange
 from polish_sim.log import TOUCH_PHASE
 from polish_sim.scenario_file import override
@@ -75,18 +74,6 @@ def test_the_robot_stops_near_either_end_of_the_stroke(depth, share):
     run, _ = held(depth)
     assert str(run.stop_reason).startswith(REASONS[STROKE][:30])
     assert float(run.safety.protective_stop_measured.split("%")[0]) == pytest.approx(100 * share, abs=2.5)
-
-
-def test_a_part_that_lies_deeper_costs_stroke_and_no_force():
-    flange = [*FLANGE, "seed=720", "part.form_error_m=0", "part.rotation_rad=0", "process.hold_s=1"]
-    found = []
-    for aside in (0.0, 0.003):
-        scenario = override(default_scenario("force"), [*flange, f"part.displacement_m={aside}"])
-        trace = run_experiment(scenario).trace
-        found.append([column[trace.fed].mean() for column in (trace.pad_travel_m, trace.normal_force_n)])
-    deeper, harder = np.abs(np.diff(found, axis=0))[0]
-    assert deeper > 5e-4
-    assert harder < 2 * FlangeConfig().friction_n
 
 
 @pytest.mark.parametrize(

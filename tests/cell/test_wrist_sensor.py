@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, wrist_sensor
@@ -78,24 +77,6 @@ def test_bias_and_drift_of_a_cold_sensor_are_seeded_and_within_their_size(config
     np.testing.assert_array_equal(readings(config, steady, 0.05, 5)[-1] - LOAD, sizes[5] * grown[-1])
 
 
-def test_the_noise_is_white_with_the_given_rms_before_the_filter():
-    noise = readings(replace(PERFECT, force_noise_n=0.5, torque_noise_nm=0.02), steady, 10.0) - LOAD
-    np.testing.assert_allclose(noise.std(axis=0), np.repeat([0.5, 0.02], 3), rtol=0.03)
-    np.testing.assert_allclose(noise.mean(axis=0) / noise.std(axis=0), 0.0, atol=0.05)
-    neighbours = [np.corrcoef(axis[1:], axis[:-1])[0, 1] for axis in noise.T]
-    np.testing.assert_allclose(neighbours, 0.0, atol=0.04)
-    np.testing.assert_allclose(np.corrcoef(noise.T), np.eye(6), atol=0.04)
-
-
-@pytest.mark.parametrize("frequency", [5.0, 80.0])
-def test_a_sine_is_attenuated_by_a_first_order_low_pass(frequency):
-    omega = 2.0 * math.pi * frequency
-    found = readings(replace(PERFECT, bandwidth_hz=80.0), lambda t: LOAD + math.sin(omega * t), 1.2)
-    np.testing.assert_array_equal(found[0], LOAD)
-    amplitude = math.sqrt(2.0) * found[200:, 0].std()
-    assert amplitude == pytest.approx(1.0 / math.hypot(1.0, frequency / 80.0), rel=0.02)
-
-
 def test_the_drift_walks_at_random_its_variance_growing_with_time():
     config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
     walks = [readings(config, steady, 4.0, seed, dt=0.01)[[99, 399]] - LOAD for seed in range(50)]
@@ -116,19 +97,6 @@ def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_bo
         np.testing.assert_allclose(last, sign * np.array([3.0, -4.0, 20.0, 0.1, -0.15, 0.03]))
 
 
-def test_the_payload_is_compensated_in_any_pose_and_the_moment_is_about_the_tool_point():
-    """Newton at rest: weight, and a tool that presses with force and moment at the tool point (tool axes)."""
-    center, lever = np.array([0.002, -0.001, 0.097]), np.array([0.0, 0.0, 0.22])
-    sensor, found = wrist_sensor.build_sensor(PERFECT, np.random.default_rng(0)), np.zeros(6)
-    force, moment = np.array([1.0, -2.0, 20.0]), np.array([0.1, 0.3, -0.2])
-    for R_base_tool in Rotation.random(10, random_state=0).as_matrix():
-        up = R_base_tool.T @ [0.0, 0.0, 2.0 * wrist_sensor.GRAVITY]
-        sensor.reading[:3] = up + force
-        sensor.reading[3:] = np.cross(center, up) + np.cross(lever, force) + moment
-        wrist_sensor.tool_wrench(wrist_sensor.Payload(2.0, center, lever), sensor, R_base_tool.copy(), found)
-        np.testing.assert_allclose(found, np.concatenate([force, moment]), atol=1e-12)
-
-
 G63 = 0.3 * 0.0063 * 2.0 * math.pi * 100.0  # m e omega^2 of 0.3 kg at G6.3 and 6000 1/min [N]
 
 
@@ -140,7 +108,6 @@ def pull_of(spindle: Spindle) -> Array:
 
 
 def pulls(config: SpindleConfig, steps: int) -> Array:
-    """Pull at every step, shape (steps, 3)."""
     spindle, found = build_spindle(config), []
     for _ in range(steps):
         turn_spindle(spindle, DT)

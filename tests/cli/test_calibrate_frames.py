@@ -113,6 +113,7 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str]] = [
     ("tcp", lambda r: changed(r, 4, "x_mm y_mm z_mm", 1e-3), "line 5"),
     ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
     ("tcp", lambda r: without(r, "in_xz"), "0 lines of the kind 'in_xz'"),
+    ("tcp", lambda r: [[cell.replace("touch", "poke") for cell in row] for row in r], "unknown kind 'poke'"),
     ("tcp", shifted, "no tip fits"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
     ("base", lambda r: renamed(r, **METRES), "Wrong unit, or joints not at zero?"),

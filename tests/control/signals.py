@@ -12,7 +12,6 @@ CONFIG = ControllerConfig()
 
 
 def controller(name: str, config: ControllerConfig = CONFIG) -> CompiledController:
-    """A shipped controller, reset."""
     made = CONTROLLERS[name](config)
     made.reset(DT)
     return made
@@ -27,7 +26,6 @@ def measurement_at_rest() -> Measurement:
 
 
 def target_to_press(force: float = 20.0, contact: float = 0.0) -> Target:
-    """To be there and press."""
     t = Target()
     t.rotation[:] = np.eye(3)
     t.force, t.contact = force, contact

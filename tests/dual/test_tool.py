@@ -8,8 +8,8 @@ from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate import Q_NEAR, TcpTrial, run_tcp_calibration
 from polish_sim.dual.calibration import tool, tool_checks
-from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import from_pose, transform
+from polish_sim.errors import CalibrationError
+from polish_sim.spatial import transform
 
 TIP, POINT = np.array([0.03, -0.02, 0.21]), np.array([-0.4, 0.1, 0.3])
 SIGMA = 5e-5
@@ -138,41 +138,15 @@ def test_moves_that_cannot_tell_are_refused(moves, said):
         tool.orientation_from_three_points(moves, SIGMA)
 
 
-T_FLANGE_TOOL = from_pose([0.01, -0.02, 0.2, 0.1, -0.2, 0.3])
-
-
-def flange_at(R: Array, tips: Array) -> Array:
-    return transform(R, tips - R @ T_FLANGE_TOOL[:3, 3])
-
-
-R_TOUCHES = tool_checks.plan_touch_orientations(8, 0.8)
-R_MOVES = np.tile(R_TOUCHES[2], (3, 1, 1))
-MEASURED = tool.ToolMeasurements(
-    flange_at(R_TOUCHES, np.tile(POINT, (8, 1))),
-    flange_at(R_MOVES, POINT + MOVES @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
-)
-
-
-def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_path):
-    file = tmp_path / "moves.csv"
-    text = tool.tool_table(MEASURED, tool.fit_tool_frame(MEASURED))
-    file.write_text(text, encoding="utf-8")
-    found = tool.fit_tool_frame(tool.read_tool_measurements(file))
-    np.testing.assert_allclose(found.T_flange_tool, T_FLANGE_TOOL, atol=1e-8)
-    file.write_text(text.replace("3,touch", "3,poke", 1), encoding="utf-8")
-    with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
-        tool.read_tool_measurements(file)
-
-
 def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path):
     rows = ["X_m, y_m, z_m, rx_rad, ry_rad, rz_rad"]
-    for T in MEASURED.touches:
+    for T in touches(planned()):
         values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
         rows.append(", ".join(f"{value:.10f}" for value in values))
     file = tmp_path / "ur.csv"
     file.write_text("\n".join(rows), encoding="utf-8")
     found = tool.fit_tool_frame(tool.read_tool_measurements(file))
-    np.testing.assert_allclose(found.tip.point, T_FLANGE_TOOL[:3, 3], atol=1e-8)
+    np.testing.assert_allclose(found.tip.point, TIP, atol=1e-8)
     assert found.orientation is None
 
 

@@ -44,7 +44,6 @@ def write_csv(file: Path, log: Log, separator: str = ",", names: Mapping[str, st
 
 
 def write_npz(file: Path, log: Log) -> Path:
-    """Arrays by our names."""
     np.savez(file, **log)  # type: ignore[arg-type]
     return file
 

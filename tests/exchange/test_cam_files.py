@@ -59,7 +59,6 @@ FINI
 
 
 def read(folder, text, kind="apt", **how):
-    """What is in an APT or G-code file of this text."""
     (folder / f"path.{kind}").write_text(text)
     return read_way_points(folder / f"path.{kind}", **how)
 
@@ -153,7 +152,6 @@ this is behind the end
 
 
 def read_gcode(folder, text):
-    """The path in a G-code file of this text."""
     return read(folder, text, "nc").path
 
 

@@ -22,7 +22,6 @@ def folder(tmp_path: Path) -> Path:
 
 
 def read_text(folder: Path, name: str, text: str | bytes):
-    """The path in a file of this name and text."""
     (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_path(folder / name)
 

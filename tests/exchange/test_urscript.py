@@ -28,8 +28,6 @@ MOST_STEPS = 100_000
 
 
 class Motion(NamedTuple):
-    """A move."""
-
     T_base_tool: Array
     speed: float
     blend: float
@@ -38,8 +36,6 @@ class Motion(NamedTuple):
 
 
 class Pressing(NamedTuple):
-    """One call of force_mode."""
-
     T_base_task: Array
     T_base_tool: Array
     selection: list[float]
@@ -97,7 +93,6 @@ class Recorder(FakeRobot):
 
 
 def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
-    """The robot after the program; popups are closed at once."""
     from polish_sim.ur.script import Machine  # it needs lark
 
     robot, notes = Recorder(contact_after_s), Notes()

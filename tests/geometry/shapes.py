@@ -143,38 +143,6 @@ def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     )
 
 
-def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: float = 0.0) -> Shape:
-    """z = (x^2 - y^2) / (2 R) over a square."""
-    steps = np.linspace(-half_width, half_width, sides + 1)
-    x, y = np.meshgrid(steps, steps, indexing="ij")
-    shaken = jitter * (steps[1] - steps[0]) * np.random.default_rng(2).uniform(-0.5, 0.5, (2, *x.shape))
-    x[1:-1] += shaken[0, 1:-1]
-    y[:, 1:-1] += shaken[1, :, 1:-1]
-    vertices = np.stack([x, y, (x**2 - y**2) / (2.0 * radius)], axis=-1).reshape(-1, 3)
-
-    def upward(points: Floats) -> Floats:
-        return np.column_stack([-points[:, 0] / radius, points[:, 1] / radius, np.ones(len(points))])
-
-    def foot(points: Floats) -> Floats:
-        """Newton along the gradient: of points close to the surface, to second order in their distance."""
-        for _ in range(3):
-            x, y, z = points.T
-            above, way = z - (x**2 - y**2) / (2.0 * radius), upward(points)
-            points = points - (above / (way**2).sum(axis=1))[:, None] * way
-        return points
-
-    def curvatures(points: Floats) -> Floats:
-        p, q = points[:, 0] / radius, -points[:, 1] / radius
-        r, t = -1.0 / radius, 1.0 / radius  # signs: positive = convex seen from above
-        size = 1.0 + p**2 + q**2
-        mean = ((1.0 + q**2) * r + (1.0 + p**2) * t) / (2.0 * size**1.5)
-        spread = np.sqrt(mean**2 - r * t / size**2)
-        return np.column_stack([mean + spread, mean - spread])
-
-    faces = grid_faces(sides + 1, sides + 1)
-    return Shape(vertices, faces, foot, lambda points: unit(upward(points)), curvatures)
-
-
 def memory_to_load(file: Path) -> float:
     """Most memory that reading or refusing a part takes at once, in sizes of its file."""
     tracemalloc.start()

@@ -86,7 +86,6 @@ class Known(NamedTuple):
     torque: Array
 
     def with_still(self, joints: slice) -> FourierMotion:
-        """The motion with some joints held in the middle of theirs."""
         coefficients = self.motion.coefficients.copy()
         coefficients[joints, 1:] = 0.0
         return FourierMotion(coefficients)
@@ -109,12 +108,10 @@ def _arm(terms: tuple[str, ...]) -> tuple[TorqueModel, BaseParameters]:
 
 
 def noisy(torque: Array, rng: np.random.Generator) -> Array:
-    """Torques as a sensor with `SIGMA` reads them."""
     return torque + rng.normal(size=torque.shape) * SIGMA
 
 
 def covers(found: Estimate, truth: Array) -> NDArray[np.bool_]:
-    """Which 95% intervals hold the true value."""
     return np.abs(found.theta - truth) <= INTERVAL_95 * found.std
 
 

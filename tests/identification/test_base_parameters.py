@@ -1,15 +1,25 @@
-"""Regressor and base parameters against the engine, Pinocchio and the papers' counts."""
+"""Regressor and base parameters against the engine and the papers' counts; estimates at the Cramér-Rao bound,
+whose intervals hold the truth whatever the noise's colour."""
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from polish_sim.errors import InputError
-from polish_sim.identification import regressor
+from polish_sim.errors import IdentificationError, InputError
+from polish_sim.identification import estimate, regressor
 from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
-from polish_sim.models import robot_model_path
-from tests.identification.known import arm_chain, arm_model, inverse_dynamics, odd_model
+from tests.identification.known import (
+    SIGMA,
+    arm_chain,
+    arm_model,
+    covers,
+    inverse_dynamics,
+    known_robot,
+    noisy,
+    odd_model,
+)
 
 TERMS = ("viscous", "armature")
 
@@ -21,21 +31,6 @@ def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_
     torque = model.torque(states, model.truth())
     assert np.abs(torque - inverse_dynamics(engine, *states)).max() <= 1e-10
     assert np.abs(torque).max() > 50.0
-
-
-def test_the_regressor_is_pinocchios():
-    pin = pytest.importorskip("pinocchio")
-    theirs = pin.buildModelFromMJCF(str(robot_model_path()))
-    assert theirs.nv == 7
-    data, chain = theirs.createData(), arm_chain()
-    states = regressor.random_states(6, 20, np.random.default_rng(2))
-    # Pinocchio sees the head's slide as a seventh joint: standing still, it is part of link 6.
-    own = np.array([theirs.inertias[k].toDynamicParameters() for k in range(1, 8)]).ravel()
-    ours = regressor.rigid_regressor(chain.geometry, *states) @ chain.parameters.ravel()
-    for row in range(20):
-        q, qd, qdd = (np.append(part[row], 0.0) for part in states)
-        full = pin.computeJointTorqueRegressor(theirs, data, q, qd, qdd) @ own
-        np.testing.assert_allclose(ours[row], full[:6], atol=1e-9)
 
 
 def test_derivatives_are_the_slopes_of_central_differences():
@@ -121,3 +116,79 @@ def test_what_is_identifiable_is_said_parameter_by_parameter():
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")
     names = base_names(base_of(model), model.names)
     assert any(name.startswith("Izz2 + ") for name in names)
+
+
+# Estimates.
+
+KNOWN = known_robot()
+
+
+def sums_of(torque: np.ndarray) -> estimate.JointSums:
+    return estimate.sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque)
+
+
+def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth():
+    rng = np.random.default_rng(0)
+    squares, covered = [], []
+    for _draw in range(50):
+        sums = sums_of(noisy(KNOWN.torque, rng))
+        found = estimate.estimate(sums)
+        squares.append((found.theta - KNOWN.truth) ** 2)
+        covered.append(covers(found, KNOWN.truth))
+    bound = np.diag(estimate.inverse_of(estimate.information(sums, SIGMA)))
+    ratio = float(np.sqrt(np.mean(np.mean(squares, axis=0) / bound)))
+    # Fifty draws of fifty-eight correlated numbers determine this ratio to some 2%.
+    assert 0.95 < ratio < 1.05
+    assert 0.93 <= float(np.mean(covered)) <= 0.97
+
+
+def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_it():
+    other = known_robot(seed=5)
+    found = estimate.estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
+    np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
+    predicted = KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, found.theta)
+    assert estimate.torque_error(predicted, other.torque).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("still", "said"), [(slice(3, 4), "wrist_1_joint .*fc4.*fv4"), (slice(1, 6), r"of 58 base parameters")]
+)
+def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said):
+    states = KNOWN.with_still(still)(np.arange(1000) / 100.0)
+    sums = estimate.sum_samples(
+        KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth())
+    )
+    with pytest.raises(IdentificationError, match=said):
+        estimate.require_rank(sums, KNOWN.base, KNOWN.model)
+
+
+LONG = known_robot(4000)
+
+
+def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.ndarray:
+    """Noise of unit variance of which each sample keeps a share of the one before."""
+    white = rng.normal(size=(samples, 6))
+    return np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.9])
+def test_the_inefficiency_is_that_of_the_noise(keep):
+    rng = np.random.default_rng(0)
+    told = rng.random((100_000, 6)) > 0.1
+    found = estimate.inefficiency(_noise(keep, rng, 100_000) * [1.0, 2.0, 3.0, 1.0, 1.0, 1.0], told)
+    np.testing.assert_allclose(found, (1.0 + keep) / (1.0 - keep), rtol=0.15)
+
+
+@pytest.mark.parametrize(("keep", "white_covers"), [(0.0, 0.93), (0.9, 0.0)])
+def test_intervals_hold_the_truth_whatever_the_noises_colour(keep, white_covers):
+    rng = np.random.default_rng(1)
+    white, widened = [], []
+    for _draw in range(20):
+        torque = LONG.torque + _noise(keep, rng) * SIGMA
+        sums = estimate.sum_samples(LONG.model, LONG.base, LONG.states, torque)
+        white.append(covers(estimate.estimate(sums), LONG.truth))
+        found = estimate.estimate_widened(LONG.model, LONG.base, sums, LONG.states, torque)
+        widened.append(covers(found, LONG.truth))
+        np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
+    assert 0.90 < float(np.mean(widened)) < 0.99
+    assert white_covers <= float(np.mean(white)) < max(2.0 * white_covers, 0.6)

@@ -6,7 +6,6 @@ import pytest
 
 from polish_sim.errors import IdentificationError
 from polish_sim.identification import payload
-from polish_sim.identification.arm import build_simulated_arm
 from polish_sim.identification.estimate import INTERVAL_95, estimate, sum_samples, torque_error
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
@@ -71,22 +70,6 @@ def _found(rng: np.random.Generator) -> payload.FoundPayload:
 
 def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> payload.FoundPayload:
     return payload.fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
-
-
-def test_a_load_is_a_body_more_in_the_chain():
-    before, after = (build_simulated_arm(load=load).truth.chain.parameters for load in (None, LOAD))
-    added = after - before
-    np.testing.assert_allclose(added[5], PLANTED, atol=1e-12)
-    np.testing.assert_allclose(added[:5], 0.0, atol=1e-15)
-
-
-def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise():
-    slight = 1e-4 * (noisy(TORQUE, np.random.default_rng(3)) - TORQUE)
-    empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
-    found = payload.fit_link_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
-    Ixx, Iyy, Izz = np.diag(LOAD.inertia)
-    body = [1.5, *LOAD.center, Ixx, 0.0, Iyy, 0.0, 0.0, Izz]
-    np.testing.assert_allclose(found.body().values, body, atol=2e-6)
 
 
 def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws():

@@ -15,7 +15,6 @@ from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import InputError
 from polish_sim.experiments import (
     PAYLOAD_SCENARIO,
-    check_experiment,
     default_scenario,
     run_payload_calibration,
 )
@@ -87,21 +86,6 @@ def test_a_make_brings_its_gears_leaves_what_is_set_by_name_and_an_unknown_one_i
         NOMINAL[1, 0] = 0.2
 
 
-def test_an_arm_after_another_in_one_process_gets_its_own_joints():
-    """A sweep over ``robot.arm`` has both in one process."""
-    for name in ("arc", "force"):
-        starts = []
-        for arm in ("ur5e", "ur10e", "ur5e"):
-            found = check_experiment(override(default_scenario(name), [f"robot.arm={arm}"]))
-            path, reach, _ = found
-            tip = reach.T_base_work @ np.append(path.positions_work[0], 1.0)
-            tool = forward(reach.q_start) @ tool_on_flange()
-            assert np.linalg.norm(tool[:3, 3] - tip[:3]) < 0.012  # lifted, or pressed in
-            starts.append(reach.q_start)
-        assert np.abs(starts[0] - starts[1]).max() > 0.1
-        np.testing.assert_array_equal(starts[0], starts[2])
-
-
 def checked(name: str, arm: str, *changes: str) -> Checked:
     return check(override(default_scenario(name), [f"robot.arm={arm}", *changes]))
 
@@ -114,12 +98,16 @@ def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_b
 
     for prepare, name in ((prepare_arc, "arc"), (place_force, "force"), (on_surface, "surface")):
         scenarios = [checked(name, arm, "plan.stepover_m=0.05") for arm in ("ur5e", "ur10e")]
+        starts = []
         for scenario in (*scenarios, *scenarios):
             found = prepare(scenario)
             assert used_arm() is ARMS[scenario.robot.arm]
             tip = apply(found.reach.T_base_work, found.path.positions_work[:1])[0]
             tool = forward(found.reach.q_start) @ tool_on_flange()
             assert np.linalg.norm(tool[:3, 3] - tip) < 0.012  # lifted, or pressed in
+            starts.append(found.reach.q_start)
+        assert np.abs(starts[0] - starts[1]).max() > 0.1
+        np.testing.assert_array_equal(starts[:2], starts[2:])
 
 
 def test_strokes_and_smoothed_paths_are_of_their_scenarios_arm_and_two_robots_from_the_first_stage_on():

@@ -1,18 +1,26 @@
-"""Deviations of smoothed motions from their polyline: closed forms of paper 4 against what is measured; the
-filtered box against exact rational arithmetic, and the fastest one from rest to rest."""
+"""Chains of way points and the torques of a serial chain. Deviations of smoothed motions from their polyline:
+closed forms of paper 4 against what is measured; the filtered box against exact rational arithmetic."""
 
 from fractions import Fraction
 from itertools import chain as joined
 from itertools import combinations
 
+import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from polish_sim.errors import SmoothingError
+from polish_sim.identification.arm import ARM_JOINTS
+from polish_sim.identification.regressor import TorqueModel, random_states
+from polish_sim.identification.robot_model import read_chain
+from polish_sim.models import robot_model_path
 from polish_sim.motion.rules import fir
-from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
+from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes, repeated_points
 from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
-from polish_sim.motion.rules.fir import corner_overlap, corner_speed, filter_rise, fir_schedule
+from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
+from polish_sim.motion.serial_chain import chain_model, chain_torque
 
 TRIPLE = np.array([0.1, 0.05, 0.02])
 
@@ -41,8 +49,9 @@ def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: f
 def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
     """At the vertex half way through the overlap, which is at most as long as the filters."""
     rng, limited = np.random.default_rng(0), 0
-    for _ in range(2000):
+    for k in range(2000):
         a, b, c = -np.sort(-(10.0 ** rng.uniform(-3.0, 0.5, 3)))
+        c = {0: b, 1: 0.0}.get(k % 10, c)
         length, tolerance = 10.0 ** rng.uniform([-1.7, -4.0], [1.7, 0.0])  # [mm]
         turn = rng.uniform(0.0, np.pi)
         change = corner_speed(length / a, length / a, np.cos(turn))
@@ -54,26 +63,6 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
         assert measured == pytest.approx(min(tolerance, most), abs=1e-12)
         limited += most < tolerance
     assert 200 < limited < 1800  # both branches
-
-
-@pytest.mark.parametrize(("t2", "t3"), [(0.07, 0.03), (0.05, 0.05), (0.07, 0.0)])
-def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2, t3):
-    for overlap in np.linspace(0.001, t2 + t3, 40):
-        rise = filter_rise(t2, t3, vertex_error(overlap, t2, t3, 1.0))
-        assert 2.0 * rise == pytest.approx(overlap, rel=1e-9)
-    assert filter_rise(t2, t3, 100.0) == pytest.approx(0.5 * (t2 + t3))
-
-
-@pytest.mark.parametrize("turn", [0.05, 1.5, 3.1])
-def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn):
-    chain = straight(0.005 * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]]))
-    found = measure_deviation(Smoothed(chain, overlapped(chain, 0.05)), chain)
-    change = corner_speed(0.05, 0.05, np.cos(turn))
-    contour = contour_error(0.05, 0.05, 0.02, change, np.cos(turn))
-    assert found.vertex.value == pytest.approx(vertex_error(0.05, 0.05, 0.02, change), abs=1e-15)
-    assert found.contour.value == pytest.approx(contour, rel=1e-10)
-    assert found.contour.time == pytest.approx(found.vertex.time, abs=1e-3)
-    assert found.vertex.time == pytest.approx(TRIPLE.sum() - 0.025, abs=1e-6)
 
 
 def test_unlike_corners_stay_within_their_tolerance():
@@ -206,25 +195,6 @@ def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12_from_nought_
     np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
 
 
-def test_the_pieces_follow_one_another_from_nought_to_one():
-    durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
-    special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
-    for triple in np.concatenate([triples(50, 6), special]):
-        count = fir.box_pieces(*triple, durations, coefficients)
-        assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
-        pieces = [np.polynomial.Polynomial(piece) for piece in coefficients[:count]]
-        ends = [[piece.deriv(d)(t) for d in range(2)] for piece, t in zip(pieces, durations, strict=False)]
-        fastest = 1.0 / triple.max()
-        np.testing.assert_allclose(
-            np.array(ends[:-1]).reshape(-1, 2),
-            coefficients[1:count, :2],
-            rtol=0.0,
-            atol=1e-13 * (1.0 + fastest),
-        )
-        assert coefficients[0, 0] == 0.0
-        assert ends[-1][0] == pytest.approx(1.0, abs=1e-13)
-
-
 def test_no_profile_within_the_limits_is_shorter():
     """Each limit is kept, and the profile is limited throughout; among symmetric jerk, acceleration and speed
     plateaus from a grid of their times there is no shorter one."""
@@ -243,3 +213,86 @@ def test_no_profile_within_the_limits_is_shorter():
         way = top * (2.0 * ramp + hold)
         time = 2.0 * (2.0 * ramp + hold) + (length - way) / top
         assert sum(times) <= time[(top <= v) & (way <= length)].min() * (1.0 + 1e-9)
+
+
+# Chains of way points, and the torques of a serial chain.
+
+
+def test_every_segment_ends_in_the_next_way_point_s_frame():
+    tips = np.random.default_rng(0).normal(size=(40, 3))
+    frames = Rotation.random(40, random_state=0).as_matrix()
+    chain = build_chain(tips, frames)
+    ends = chain.tips[:-1] + chain.lengths[:, None] * chain.directions
+    np.testing.assert_allclose(ends, tips[1:], atol=1e-14)
+    turns = Rotation.from_rotvec(chain.angles[:, None] * chain.turn_axes).as_matrix()
+    rolls = Rotation.from_rotvec(chain.rolls[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    np.testing.assert_allclose(turns @ frames[:-1] @ rolls, frames[1:], atol=1e-13)
+    for axes in (chain.axes[:-1], chain.axes[1:]):
+        np.testing.assert_allclose(np.sum(axes * chain.turn_axes, axis=1), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 3.0, np.pi - 1e-5])
+def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
+    axes = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])
+    chain = chain_from_axes(np.zeros((2, 3)) + [[0.0], [0.01]], axes)
+    assert chain.angles[0] == pytest.approx(angle, rel=1e-13, abs=1e-16)
+    np.testing.assert_allclose(chain.turn_axes[0], [0.0, 0.0, float(angle > 0.0)], atol=1e-12)
+
+
+TIPS = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
+NAN_TIPS, STRAIGHT = np.where(np.arange(4)[:, None] == 1, np.nan, TIPS), np.tile([0.0, 0, 1], (4, 1))
+HALF_TURN, NO_AXIS = STRAIGHT * [[1], [1], [1], [-1]], STRAIGHT * [[1], [0], [1], [1]]
+FRAMES = np.tile(np.eye(3), (4, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("build", "tips", "frames", "words"),
+    [
+        (chain_from_axes, TIPS, HALF_TURN, r"180 deg .*\(10, 0, 0\) mm .* 2 and 3"),
+        (chain_from_axes, TIPS, NO_AXIS, r"way point 1 .* zero"),
+        (build_chain, np.zeros((0, 3)), np.zeros((0, 3, 3)), "shape"),
+        (build_chain, NAN_TIPS, FRAMES, "way point 1 .* not finite"),
+        (
+            build_chain,
+            TIPS,
+            np.array([1.0, 2.0, 1.0, 1.0])[:, None, None] * FRAMES,
+            "way point 1 .* no rotation",
+        ),
+    ],
+)
+def test_what_is_no_chain_is_refused_with_its_place(build, tips, frames, words):
+    with pytest.raises(SmoothingError, match=words):
+        build(tips, frames)
+
+
+def test_points_that_repeat_tip_and_axis_are_left_out_others_stay():
+    tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0]])
+    axes = np.array([[0.0, 0, -1], [0.0, 0, -1], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8]])
+    chain = chain_from_axes(tips, axes)
+    frames = np.stack([np.cross([0.0, 1.0, 0.0], axes), np.tile([0.0, 1.0, 0.0], (5, 1)), axes], axis=2)
+    np.testing.assert_array_equal(repeated_points(tips, frames), [False, True, False, False, True])
+    np.testing.assert_allclose(chain.lengths, [0.0, 0.01])
+    np.testing.assert_allclose(chain.angles, [np.arctan2(0.6, 0.8), 0.0])
+    np.testing.assert_array_equal(chain.directions[0], 0.0)
+    np.testing.assert_array_equal(chain.turn_axes[1], 0.0)
+    assert len(build_chain(tips[:1], frames[:1]).lengths) == 0
+
+
+ROBOT = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+
+
+@pytest.mark.parametrize(("joints", "count"), [(ARM_JOINTS, 6), (None, 7)], ids=["arm", "arm and slide"])
+def test_torques_are_those_of_the_regressor_and_without_gravity_scale_with_the_masses(joints, count):
+    chain = read_chain(ROBOT, joints)
+    rigid, states = TorqueModel(chain, ("armature",)), random_states(count, 100, np.random.default_rng(1))
+    wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(count)
+    for row in range(100):
+        chain_torque(model, states.q[row], states.qd[row], states.qdd[row], 1.0, torque)
+        np.testing.assert_allclose(torque, wanted[row], atol=1e-11)
+    chain, torque, more = read_chain(ROBOT, ARM_JOINTS), np.zeros(6), np.zeros(6)
+    q, qdd, still = np.linspace(-1.0, 1.0, 6), np.linspace(2.0, -3.0, 6), np.zeros(6)
+    chain_torque(chain_model(chain), q, still, qdd, 0.0, torque)
+    chain_torque(chain_model(chain, 1.2), q, still, qdd, 0.0, more)
+    np.testing.assert_allclose(more, 1.2 * torque, rtol=1e-12)
+    chain_torque(chain_model(chain), q, still, still, 0.0, torque)
+    np.testing.assert_array_equal(torque, still)

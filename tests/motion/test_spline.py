@@ -36,7 +36,6 @@ def stroke(tips: Array, turns: Array | None = None) -> tuple[Chain, Array]:
 
 
 def circle(radius: float, rounds: float = 1.0, chord: float = 5e-4) -> Array:
-    """Points of a circle [m]."""
     t = np.linspace(0.0, 2.0 * math.pi * rounds, int(2.0 * math.pi * rounds * radius / chord) + 1)
     return np.stack([radius * np.cos(t), radius * np.sin(t), 0.0 * t], axis=1)
 

@@ -98,20 +98,6 @@ def test_values_are_linear_between_the_points_they_were_given_at():
         assert trajectory.sample_column(table, values, place) == pytest.approx(share)
 
 
-def test_before_a_slow_place_the_feed_falls_in_time():
-    """From feed 1 to 0.2 at 12 per metre: the square falls by 24 per metre, over 40 mm before the place."""
-    s = np.linspace(0.0, 0.2, 401)
-    straight = trajectory.build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))
-    table = trajectory.with_feed_share(straight, s, np.where(s < 0.1, 1.0, 0.2))
-    nodes = np.arange(len(table.positions)) * table.spacing
-    feed = trajectory.slowed_before(table.feed_share, np.full_like(table.feed_share, 24.0 * table.spacing))
-    assert np.diff(feed**2).min() >= -24.0 * table.spacing - 1e-12
-    before = nodes < 0.1
-    wanted = np.sqrt(np.minimum(1.0, 0.04 + 24.0 * np.maximum(0.1 - nodes[before], 0.0)))
-    assert feed[before] == pytest.approx(wanted, abs=0.02)
-    assert feed[~before] == pytest.approx(np.full((~before).sum(), 0.2))
-
-
 PACE = trajectory.Pace(0.01, 0.05, 1.25)
 ROUND = 0.02  # radius of the circle [m]
 
@@ -209,7 +195,6 @@ def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_deri
     np.testing.assert_allclose(places, motion.places, atol=1e-12)
 
 
-# Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
 # Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
 STEP = 1e-5
 RANDOM_TIPS = np.random.default_rng(0).normal(size=(7, 3))

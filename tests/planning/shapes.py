@@ -33,8 +33,6 @@ class Ball:
 
 
 class Floor:
-    """The plane z = 0."""
-
     def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
         return on_surface(points * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (len(points), 1)))
 
@@ -108,7 +106,6 @@ def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
 
 
 def surface_of(mesh: trimesh.Trimesh, folder: Path) -> Surface:
-    """The surface of a closed mesh given in mm."""
     mesh.export(folder / "solid.stl")
     return fit_surface(load_part(folder / "solid.stl", "mm", "z"))
 

@@ -23,7 +23,6 @@ from polish_sim.planning.moves.travel import (
     RIM_POINTS,
     AirSpace,
     move_in,
-    nearest_neighbours,
     order_blocks,
     rim_depths,
     travel,
@@ -179,11 +178,6 @@ def test_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     assert order_blocks(ends, False, ends[7, 0]).order[0] == 7
     assert order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
     assert not order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
-
-
-def test_three_hundred_blocks_are_ordered_better_than_by_nearest_neighbours_alone():
-    ends = np.random.default_rng(0).uniform(size=(300, 2, 3))
-    assert air(ends, *order_blocks(ends, True)) < air(ends, *nearest_neighbours(ends, True, None))
 
 
 # A path without some of its places: the tool lifts over them, and the rest stays as it was planned.

@@ -124,16 +124,6 @@ def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(
     assert reached_share(result.figures) > 0.9
 
 
-def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into(planned):
-    """The same check on a path planned for a small pad and followed with a large one."""
-    result = planned("pocket", "contour", 20.0)
-    shared = volumes_in_part(result.path, part_of("pocket"), 0.020, YIELDS)
-    # The outermost turn is 11 mm from the wall, which holds a segment of a disc of 20 mm radius, 21 mm high.
-    segment = 400.0 * np.arccos(11.0 / 20.0) - 11.0 * np.sqrt(400.0 - 121.0)
-    assert shared["pad"] > 0.9 * 21.0 * segment
-    assert shared["head_shaft"] == 0.0
-
-
 def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(planned):
     diameter_mm = 20.0
     result = planned("pocket", "contour", diameter_mm)

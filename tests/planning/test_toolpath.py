@@ -7,13 +7,13 @@ import pytest
 
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.planning import SEGMENTS, pressed
+from polish_sim.planning import pressed
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.leads import LEADS, Landing, with_leads, with_way_down
 from polish_sim.planning.moves.stroke import STEEPEST, lean, smooth_axes, soften_creases
 from polish_sim.planning.moves.travel import move_in
 from polish_sim.planning.planner import plan_on
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
 from polish_sim.spatial import angles_between
 from tests.planning.shapes import UP, region_of, shipped_plan
 
@@ -41,20 +41,6 @@ def test_pressing_moves_the_process_points_and_only_them_against_the_axis():
     assert moved[path.process] == pytest.approx(0.004 * path.axes_work[path.process], abs=1e-15)
     assert np.abs(moved[~path.process]).max() == 0.0
     assert np.diff(down.s).min() > 0.0
-
-
-def test_the_tool_comes_and_goes_along_the_normal_at_the_clearance():
-    path = shipped_plan("freeform").path
-    changes = path.segment[np.concatenate([[True], np.diff(path.segment) != 0])]
-    assert [SEGMENTS[code] for code in changes] == ["approach", "lead_in", "process", "lead_out", "retract"]
-    process = np.flatnonzero(path.segment == PROCESS)
-    for end, outside, air in ((process[0], 0, (APPROACH, LEAD_IN)), (process[-1], -1, (LEAD_OUT, RETRACT))):
-        rows = np.isin(path.segment, air)
-        lifted = path.positions_work[rows] - path.positions_work[end]
-        height = lifted @ path.axes_work[end]
-        assert lifted == pytest.approx(height[:, None] * path.axes_work[end], abs=1e-12)
-        assert height.min() > 0.0
-        assert height[outside] == pytest.approx(CLEARANCE, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", LEADS)

@@ -45,23 +45,6 @@ def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be():
     np.testing.assert_allclose(frames[:, :, 0] @ hint, best, atol=1e-12)
 
 
-def test_a_stack_of_transforms_moves_points_as_homogeneous_coordinates_do_and_has_an_inverse():
-    R, p = FRAMES[:20].as_matrix(), VECTORS[:20]
-    T = spatial.transform(R, p)
-    homogeneous = np.column_stack([VECTORS, np.ones(len(VECTORS))])
-    moved = spatial.apply(T[3], VECTORS)
-    np.testing.assert_allclose(moved, VECTORS @ R[3].T + p[3], atol=1e-14)
-    np.testing.assert_allclose(
-        homogeneous @ T[3].T, np.column_stack([moved, np.ones(len(moved))]), atol=1e-14
-    )
-    np.testing.assert_allclose(spatial.inverse(T) @ T, [np.eye(4)] * 20, atol=1e-14)
-    np.testing.assert_array_equal(
-        spatial.transform(R[0], p)[7], spatial.transform(R[0], p[7])
-    )  # one rotation, many places
-    T = spatial.from_pose([0.1, -0.5, 0.2, 0.0, 0.0, np.pi / 2])
-    np.testing.assert_allclose(T @ [1.0, 0.0, 0.0, 1.0], [0.1, 0.5, 0.2, 1.0], atol=1e-15)
-
-
 def test_vector_products_of_stacks_are_numpys_to_the_last_bit():
     for shape in ((3,), (206, 3), (2, 1, 3)):
         first = VECTORS[: math.prod(shape) // 3].reshape(shape)

@@ -17,7 +17,6 @@ __all__ = ["polish_sim"]
 
 @pytest.fixture(scope="session")
 def build() -> Callable[[], SimulatedRobot]:
-    """What builds one."""
     scenario = override(default_scenario("surface"), ["part.file=plate", "plan.stepover_m=0.03"])
     place = prepare_surface(*planned(scenario))
 
@@ -30,5 +29,4 @@ def build() -> Callable[[], SimulatedRobot]:
 
 @pytest.fixture
 def robot(build: Callable[[], SimulatedRobot]) -> SimulatedRobot:
-    """One nobody has moved yet."""
     return build()

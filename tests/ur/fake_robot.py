@@ -68,8 +68,6 @@ class FakeRobot:
 
 
 class Notes:
-    """What a programme said."""
-
     def __init__(self) -> None:
         self.texts: list[str] = []
         self.events: list[tuple[Any, ...]] = []

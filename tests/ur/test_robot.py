@@ -168,19 +168,7 @@ def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(robot):
     assert abs(robot.actual_tcp_speed[2]) < 0.0055
 
 
-def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot):
-    robot.speedj(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), 20.0)
-    stand(robot, 2.5)
-    assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
-    robot.unlock()
-    stood = robot.actual_q.copy()
-    robot.servoj(robot.target_q - 1.5, 0.03)
-    stand(robot, 0.1)
-    assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
-    assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
-
-
-def test_a_stop_holds_the_arm_until_it_is_unlocked(robot):
+def test_a_stop_asked_for_or_at_the_end_of_a_joint_s_range_or_for_a_far_servo_goal_holds_the_arm(robot):
     robot.movel(moved(robot, 0.0, 0.1, 0.0), 0.5, 0.1, 0.0, 0.0)
     stand(robot, 0.3)
     robot.protective_stop()
@@ -192,6 +180,15 @@ def test_a_stop_holds_the_arm_until_it_is_unlocked(robot):
     robot.unlock()
     robot.movel(moved(robot, 0.0, 0.01, 0.0), 0.5, 0.1, 0.0, 0.0)
     go(robot, robot.move_done)
+    robot.speedj(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), 20.0)
+    stand(robot, 2.5)
+    assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
+    robot.unlock()
+    stood = robot.actual_q.copy()
+    robot.servoj(robot.target_q - 1.5, 0.03)
+    stand(robot, 0.1)
+    assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
+    assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
 
 
 def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(robot):

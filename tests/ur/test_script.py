@@ -85,8 +85,7 @@ b[1] == 9:
     assert run(body)[1].texts == ["[1, 9, 3]"]
 
 
-def test_functions_take_defaults_and_names_and_keep_variables_to_themselves_unless_global():
-    body = """
+FUNCTIONS = """
 scale = 10
 global counted = 0
 def f2(a, b=2, c=3):
@@ -111,17 +110,21 @@ while True:
   textmsg(i)
 end
 """
-    assert run(body)[1].texts == ["33", "30", "2", "1", "1", "3"]
 
 
-def test_threads_take_turns_at_sync_and_join_waits():
-    body = """
+def test_functions_take_defaults_and_names_and_keep_variables_to_themselves_unless_global():
+    assert run(FUNCTIONS)[1].texts == ["33", "30", "2", "1", "1", "3"]
+
+
+THREADS = """
 thread other(n):
   i = 0
   while i < n:
     textmsg("other")
     sync()
+    enter_critical
     i = i + 1
+    exit_critical
   end
 end
 t = run other(2)
@@ -129,7 +132,10 @@ textmsg("main")
 join t
 textmsg("joined")
 """
-    assert run(body)[1].texts == ["main", "other", "other", "joined"]
+
+
+def test_threads_take_turns_at_sync_and_join_waits():
+    assert run(THREADS)[1].texts == ["main", "other", "other", "joined"]
 
 
 def test_sleep_takes_its_time_and_a_move_waits_for_the_robot():
@@ -324,33 +330,8 @@ end
 
 
 def test_broken_programmes_are_refused_and_nothing_else_happens():
-    """Cuts, swaps and rubbish in a programme that uses the whole grammar."""
-    whole = """
-def f():
-  global q = [0, 1.5, -2e-3]
-  def g(a, b=[1, 2]):
-    local c = a[0] % 3 xor False
-    return not c
-  end
-  thread t():
-    while q[0] < 3 and True:
-      enter_critical
-      q[0] = q[0] + 1
-      exit_critical
-      sync()
-    end
-  end
-  h = run t()
-  if g([1]) == True:
-    movel(p[0.1, 0, 0, 0, 0, 0], r=0.0)
-  elif q == [1]:
-    halt
-  else:
-    kill h
-  end
-  join h
-end
-"""
+    """Cuts, swaps and rubbish in functions, threads, branches and moves."""
+    whole = f"def f():\n{FUNCTIONS}{THREADS}{GOES}kill t\nend\n"
     rng, rubbish = random.Random(7), ("", "(", "]", "end", "\n", "=", "\0", "é", '"', "9" * 12, "while", "p[")
     refused = 0
     for _ in range(150):
@@ -359,7 +340,7 @@ end
             at = rng.randrange(len(text))
             text[at : at + rng.choice((0, 1, 1, 3, 40))] = rng.choice(rubbish)
         try:
-            run("".join(text).lstrip(), ticks=30)
+            run("".join(text), ticks=30)
         except ScriptError:
             refused += 1
     assert 40 < refused < 150

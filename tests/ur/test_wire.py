@@ -41,8 +41,6 @@ def loop(*before: str) -> bytes:
 
 
 class Served:
-    """A server in a thread of its own."""
-
     def __init__(self, robot: SimulatedRobot, real_time: bool) -> None:
         self.controller, self.robot, self._ended = RobotController(robot, "5.11"), robot, False
         for self.offset in range(1000 + os.getpid() % 1000, 30000, 997):
@@ -77,8 +75,6 @@ def served(build: Callable[[], SimulatedRobot]) -> Iterator[Served]:
 
 
 class Rtde:
-    """A client of port 30004."""
-
     def __init__(self, served: Served) -> None:
         self._socket = served.connect(RTDE)
         self._stream = self._socket.makefile("rb")
@@ -366,11 +362,6 @@ def test_a_lock_step_client_gets_the_same_bytes_twice(build):
     assert len(heard[0]) == 1500 * (1 + 13 * 8)
     assert heard[0] == heard[1]
     assert recorded[0] == recorded[1]
-
-
-def test_taken_ports_are_named(served):
-    with pytest.raises(InputError, match=f"port {DASHBOARD + served.offset} of {ADDRESS} cannot be used"):
-        Server(served.controller, ADDRESS, True, served.offset)
 
 
 def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim, tmp_path):

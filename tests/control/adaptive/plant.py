@@ -27,8 +27,6 @@ class Plant(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Time from first contact on, and the exact force."""
-
     time: Array
     force: Array
 

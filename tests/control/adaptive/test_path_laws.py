@@ -41,7 +41,6 @@ def seen_with(**columns: Array) -> drawing.Ahead:
 
 
 def nothing_ahead() -> drawing.Ahead:
-    """No course."""
     return drawing.Ahead(1.0, np.zeros(0, drawing.AheadRow.dtype))
 
 
