@@ -165,6 +165,7 @@ PASS: Sequence[str] = (
     *("removal std, %", "abrasive path, m", "abrasive left, %", "stopped"),
 )
 SHOWN = 7  #: Of them on the screen
+ONE = "Pictures and page of one: polish-sim report PASS/run. In 3D over time: polish-sim view PASS/run."
 
 
 def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
@@ -215,7 +216,7 @@ def job_page(title: str, figures: Metrics) -> Page:
         about,
         [
             Table("Time", ["time", "s"], totals),
-            Table("Passes", PASS, pass_rows(f["passes"])),
+            Table("Passes", PASS, pass_rows(f["passes"]), caption=ONE),
             Table("Removal", sums, regions),
         ],
     )
