@@ -21,7 +21,7 @@ from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import dot, kernel, minus, plus_cross, scaled
 from polish_sim.log import RunLog, Trace
 from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.toolpath import interpolate
@@ -349,14 +349,13 @@ def _find_under(  # type: ignore[no-untyped-def]
     positions, normals, first, last, center, axis, radius, under, number
 ):
     """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
-    cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
+    center, axis = scaled(1.0, center), scaled(1.0, axis)  # values: loaded once, not at every node
     for q in range(first, last):
-        rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
-        height = rx * ax + ry * ay + rz * az
-        beside = rx * rx + ry * ry + rz * rz - height * height
-        facing = normals[q, 0] * ax + normals[q, 1] * ay + normals[q, 2] * az
+        r = minus(positions[q], center)
+        height = dot(r, axis)
+        beside = dot(r, r) - height * height
         under[number] = q
-        number += int(height > 0.0 and beside < radius * radius and facing > REMOVAL_FACING)
+        number += int(height > 0.0 and beside < radius * radius and dot(normals[q], axis) > REMOVAL_FACING)
     return number
 
 
@@ -365,19 +364,15 @@ def _press_nodes(  # type: ignore[no-untyped-def]
     positions, normals, areas, center, axis, velocity, turning, bedding, slide, under, number, force, power
 ):
     """Force on each node along the pad's axis [N], and force along the part's normal x sliding speed [W]."""
-    cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
-    ux, uy, uz, wx, wy, wz = velocity[0], velocity[1], velocity[2], turning[0], turning[1], turning[2]
     for t in range(number):
         q = under[t]
-        nx, ny, nz = normals[q, 0], normals[q, 1], normals[q, 2]
-        rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
-        height, facing = rx * ax + ry * ay + rz * az, nx * ax + ny * ay + nz * az
+        n = normals[q]
+        r = minus(positions[q], center)
+        height, facing = dot(r, axis), dot(n, axis)
         # The spring under the node, at the pad's face: as deep as the part is thick there, across its
         # surface; its share of the disc is the node's shadow.
         push = bedding * height * facing * areas[q] * facing
-        sx, sy, sz = rx - height * ax, ry - height * ay, rz - height * az
-        vx, vy, vz = ux + wy * sz - wz * sy, uy + wz * sx - wx * sz, uz + wx * sy - wy * sx
-        along = vx * nx + vy * ny + vz * nz
-        vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+        v = plus_cross(velocity, turning, minus(r, scaled(height, axis)))
+        v = minus(v, scaled(dot(v, n), n))
         force[t] = push * facing
-        power[t] = push * math.sqrt(vx * vx + vy * vy + vz * vz + slide * slide)
+        power[t] = push * math.sqrt(dot(v, v) + slide * slide)
