@@ -177,7 +177,7 @@ class Outcome:
     interrupted: bool = False
     #: How to draw the pictures that are missing because of an interrupt after all was measured
     undrawn: str = ""
-    notes: tuple[str, ...] = ()  #: Lines to print above the table
+    notes: Sequence[str] = ()  #: To print above the table
     bad: tuple[str, ...] = ()  #: What is bad about it though it went to its end, in sentences
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
@@ -202,8 +202,7 @@ class Outcome:
         for reason in self.stops:
             end = "" if reason.endswith("?") else "."
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
-        for text in self.notes:
-            console.note(text)
+        console.notes(self.notes)
         for text in self.bad:
             console.note(f"bad: {text}.")
         console.table(self.table._replace(title=self.title + ": with bad figures" * bool(self.bad)))

@@ -181,7 +181,7 @@ def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
             rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
     console.table(Table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows))
     return tuple(
-        f"note: reading {number} does not fit the others and was left out. Did something touch the tool?"
+        f"reading {number} does not fit the others and was left out. Did something touch the tool?"
         for number in figures["outliers"]
     )
 

@@ -222,9 +222,9 @@ def _write_tcp(done: TcpCalibration, folder: Path) -> None:
 def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
     tip = done.found.tip
     outliers = done.figures["outliers"]
-    notes = [f"note: touch {number} does not fit the others and was left out." for number in outliers]
+    notes = [f"touch {number} does not fit the others and was left out." for number in outliers]
     if done.found.orientation is None:
-        notes.append("note: no moves were measured: the tool's axes are taken to be the flange's.")
+        notes.append("no moves were measured: the tool's axes are taken to be the flange's.")
     x, y, z = 1e3 * tip.point
     return (*notes, f"tip on the flange: {x:.3f}, {y:.3f}, {z:.3f} mm; std {_mm(tip.std)} mm")
 
@@ -243,16 +243,16 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
 
     from polish_sim.dual.calibration.circle import GOOD_ARC
 
-    notes = [f"note: {name} does not fit the others and was left out." for name in done.figures["outliers"]]
+    notes = [f"{name} does not fit the others and was left out." for name in done.figures["outliers"]]
     for robot, circles in done.found.circles.items():
         notes += [
-            f"note: the arc of axis {axis} of the {robot} is {np.degrees(circle.arc):.0f} deg; 120 deg or "
+            f"the arc of axis {axis} of the {robot} is {np.degrees(circle.arc):.0f} deg; 120 deg or "
             "more is good."
             for axis, circle in enumerate(circles, 1)
             if circle.arc < GOOD_ARC
         ]
     notes += [
-        f"note: axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise "
+        f"axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise "
         "explains: that they meet on this arm was not used. Is the arm as its table says?"
         for robot, axes in done.found.frames.items()
         if not axes.meets

@@ -38,8 +38,8 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
 
 @takes(
     Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5. 360 take half an hour and 6 GB.",
-        int, 1, 360),
-    Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
+        int),
+    Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int),
     Own("--data", PANEL, "FILE", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float, 1e-3),
@@ -51,7 +51,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
                                  "over time (csv, npz).", Path),
     Own("--payload", PANEL, "KG", "Then carry a block of this mass, up to 3 kg beside the tool, and find its "
                                   "mass, centre and inertia (kg).",
-        float, 0.0, 3.0),
+        float, 0.0),
     Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify."),

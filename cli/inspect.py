@@ -19,7 +19,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.config import PlanConfig, Scenario
+from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
 from polish_sim.row_file import save_plots, write_json
@@ -29,16 +29,22 @@ InspectedFile = Annotated[
     argument("PATH", "Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), or APT/CLDATA."),
 ]
 
+# Of a path that is no plan of ours: its part has to be named, the step-over is guessed unless something sets
+# it.
+UNKNOWN = Scenario(part=PartConfig(file=""), plan=PlanConfig(stepover_m=math.nan))
+
 
 @takes(
     *("--part", "--fixture", "--units", "--up", *REGION_OPTIONS, "--stepover", "--overlap"),
     *("--pad-diameter", "--contact-force", "--feed", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
+    defaults=UNKNOWN,
 )
 def inspect(path: InspectedFile, given: Given) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
 
-    A plan of ours is measured with its own settings, on its own part unless --part names it; else the
-    step-over is the path's. The part is not placed: times keep the tool's limits, not the arm's.
+    A plan of ours is measured with its own settings, on its own part unless --part names it; other paths
+    need --part, their step-over is found, and the defaults are theirs. The part is not placed: times keep
+    the tool's limits, not the arm's.
     """
     refuse_taken(given, path)
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
@@ -55,8 +61,8 @@ def inspect(path: InspectedFile, given: Given) -> None:
         base = with_plan(Scenario(), path, facts, named_options(given))
     elif given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
-    else:  # the step-over is guessed unless something sets it
-        base = Scenario(plan=PlanConfig(stepover_m=math.nan))
+    else:
+        base = UNKNOWN
     scenario = build_scenario(base, given)
     check_stroke_rule(scenario.smoothing)
     if facts:

@@ -35,6 +35,7 @@ from polish_sim.row_file import (
     write_json,
     write_metrics,
 )
+from polish_sim.scenario_file import counted_seeds
 
 if TYPE_CHECKING:
     from polish_sim.cell import Observer
@@ -222,8 +223,7 @@ def run_seeds(
     """
     from polish_sim.page.page import Page
 
-    first = given["--seed"] or 0
-    with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs):
+    with seed_rows(many, given, counted_seeds(given["--seed"], given["--seeds"])) as (folder, runs):
         middle, worst = aggregate(many.claims, list(runs.values()), many.mean)
         facts = {
             "experiment": many.kind.removeprefix("run-"),

@@ -316,7 +316,7 @@ def _help(key: Key) -> str:
         text += "; may be repeated"
     if empty and key.default in ("", ()):
         text += f"; default: {empty}" if word == "empty" else f", or auto: {empty}; default auto"
-    elif key.default not in ("", ()):
+    elif key.default not in ("", ()) and key.default == key.default:  # not a number: found by the command
         shown = str(key.default)
         if isinstance(unit, Unit) and isinstance(key.default, float):
             shown = number_text(key.default / unit.si, 4)

@@ -13,7 +13,7 @@ from typing import Any
 
 from polish_sim.cli import console
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS, lock, locked, put_file
+from polish_sim.row_file import METRICS, ROWS, lock, locked, put_file
 
 RESULTS = Path("results")
 SAME = "the same command with"
@@ -31,20 +31,22 @@ class OutputFolder:
     final: Path
 
 
-def refuse_taken(given: Mapping[str, Any], *read: Path) -> None:
+def refuse_taken(given: Mapping[str, Any], *read: Path | str) -> None:
     """Refuse an output folder that exists, is no folder or holds what is to be ``read``, or what options name
     to be read, before anything is; `claimed` does so as well."""
     out = given["--out"]
     if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
-    read = (*read, *(Path(given[name]) for name in READ if given.get(name)))
-    if out and out.resolve() in [(file.parent if file.is_file() else file).resolve() for file in read]:
+    named = map(Path, filter(None, (*read, *map(given.get, READ))))
+    folders = [file.parent if file.is_file() else file for file in named if file.exists()]
+    if out and out.resolve() in map(Path.resolve, folders):
         raise InputError(f"--out '{out}' is read itself, and would be changed. Choose another.")
 
 
 @contextmanager
 def claimed(given: Mapping[str, Any], kind: str) -> Iterator[OutputFolder]:
-    """Claim an output folder for a block of work; when the block raises, nothing is left behind.
+    """Claim an output folder for a block of work; when the block raises, nothing is left behind, but for
+    measured results whose pictures found no room.
 
     Without ``--out`` it is a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``kind`` is command and experiment,
     e.g. ``run-surface``. With ``--overwrite`` files of the same names in an existing folder are replaced,
@@ -63,6 +65,11 @@ def claimed(given: Mapping[str, Any], kind: str) -> Iterator[OutputFolder]:
         try:
             yield OutputFolder(draft, final)
             _publish(draft, final)
+        except OSError:
+            if (draft / METRICS).exists():  # whole, but for its pictures
+                _publish(draft, final)
+                console.note(f"what was measured is kept in '{final}'.")
+            raise
         finally:
             shutil.rmtree(draft, ignore_errors=True)
             os.close(held)

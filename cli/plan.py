@@ -76,11 +76,11 @@ def plan(part: PartFile, given: Given) -> int:
     dual = bool(given["--dual"])
     refuse_beside(given, "--dual", "--reach-map")
     given = {**given, "--part": part}
-    refuse_taken(given)
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     row = experiment("dual" if dual else "surface")
     refuse_idle_options(row, named_options(given))
     asked = build_scenario(Scenario(experiment=row.name), given)
+    refuse_taken(given, asked.plan.removal)
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.setups import SetupSearch

@@ -39,7 +39,6 @@ from polish_sim.experiments.registry import (
     claims_shown,
     default_scenario,
     experiment,
-    load,
     refuse_idle_options,
     run_experiment,
 )
@@ -135,7 +134,7 @@ def run(row: Experiment, given: Given) -> int:
         from polish_sim.cli.many import run_many
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
-    refuse_taken(given, *map(Path, filter(None, (scenario.plan.file, scenario.process.learn))))
+    refuse_taken(given, scenario.plan.file, scenario.process.learn, scenario.plan.removal)
     sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
     if live is not None:
         from polish_sim.cli.live_view import LiveView
@@ -246,15 +245,6 @@ def run_once(
         )
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     figures = record.metrics
-    missed = [
-        f"{event} did not happen: the run was over after {figures['simulated_s']:.1f} s."
-        for event in figures["faults_missed"]
-    ]
-    if record.scenario.process.changes:
-        missed.append(
-            f"set points were changed during the run ({record.scenario.process.changes}): "
-            "figures of force and feed compare it with what was planned before."
-        )
     return Outcome(
         claims_shown([scenario]),
         row.title(scenario),
@@ -262,7 +252,7 @@ def run_once(
         (figures["protective_stop"],) if figures["protective_stop"] else (),
         bool(figures["interrupted"]),
         undrawn,
-        (*(load(row.notes)(figures, record.scenario) if row.notes else ()), *missed),
+        row.notes_of(figures, record.scenario),
         tuple(figures.get("bad_figures", ())),
         other_conditions(scenario, row.defaults),
     )

@@ -19,7 +19,7 @@ from polish_sim.errors import count_text
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import METRICS, Row, Rows, package_versions, put_file, save_plots, write_json
-from polish_sim.scenario_file import to_toml
+from polish_sim.scenario_file import counted_seeds, to_toml
 
 if TYPE_CHECKING:
     from polish_sim.scoring import Score, Task
@@ -101,8 +101,7 @@ def score(given: Given) -> int:
         else [own, *([user_entry(against)] if against is not None else [])]
     )
     check_entries(cases, entries)
-    first = given["--seed"] or 0
-    seeds = range(first, first + (given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)))
+    seeds = counted_seeds(given["--seed"], given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS))
     what, more = "score", {"cases": [case.name for case in cases], **_seeds_of(seeds)}
     tasks = list_tasks(cases, entries, seeds)
     work: Callable[..., Any] = partial(run_score, cases, entries, seeds)

@@ -72,6 +72,13 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     return scenario
 
 
+def counted_seeds(first: int | None, count: int) -> range:
+    """Seeds counted up from a first one, 0 if none is given; ConfigError if the last one is too large."""
+    seeds = range(first or 0, (first or 0) + count)
+    merge(Scenario(), {"seed": seeds[-1]}, "")
+    return seeds
+
+
 def with_files(scenario: Scenario, folder: Path) -> Scenario:
     """Give the whole path of every file a scenario names from a folder."""
     for section, name in (key.split(".") for key in FILE_KEYS):

@@ -120,6 +120,13 @@ def test_overwrite_replaces_files_of_the_same_name_and_a_failure_leaves_all_as_i
     assert files(tmp_path) == {"out", "out/metrics.json", "out/notes.txt"}
 
 
+def test_what_was_measured_is_kept_where_its_pictures_find_no_room(tmp_path):
+    with pytest.raises(OSError, match="No space left"):
+        fill(tmp_path / "out", OSError(errno.ENOSPC, "No space left on device"))
+    assert (tmp_path / "out" / "metrics.json").read_text() == "new"
+    assert files(tmp_path) == {"out", "out/metrics.json"}
+
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path

@@ -21,7 +21,7 @@ from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.experiments.report import page_of, runs_table, saved_page, seeds_page
-from polish_sim.experiments.run_page import clock
+from polish_sim.experiments.run_page import clock, run_page
 from polish_sim.log import RunLog
 from polish_sim.motion import forward
 from polish_sim.page import PAGE, Table, save_page
@@ -326,6 +326,14 @@ def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
     time = clock(RunLog(MappingProxyType(twice)))
     assert (np.diff(time) > 0.0).all()
     assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
+
+
+def test_the_page_of_a_run_notes_what_the_terminal_does(surface):
+    record = surface.record
+    bare = replace(record, metrics={**record.metrics, "unpolished_share": 0.1, "faults_missed": ["a@9"]})
+    notes = run_page(bare, surface.model).notes
+    assert any("the pad did not touch" in note for note in notes)
+    assert any(note.startswith("a@9 did not happen") for note in notes)
 
 
 def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):

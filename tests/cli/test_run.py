@@ -150,6 +150,10 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
     assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
     refused(polish_sim("report", "a", "b", "--out", "b", "--overwrite"), "'b'", "--out")
     assert metrics_of("b")["tracking_error_max_m"] > 0.0
+    Path("b/removal.ply").touch()
+    for words in ("run surface --part plate", "plan plate"):
+        call = polish_sim(*words.split(), "--removal", "b/removal.ply", "--out", "./a/../b", "--overwrite")
+        refused(call, "is read itself")
     for folder in ("alone", "both"):
         assert (Path(folder) / "arc.png").stat().st_size > 10_000
     figures = metrics_of("a")

@@ -88,7 +88,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("sweep arc --vary controller.name=hybrid-pi,hybrid-p", "Did you mean 'hybrid-pi'?"),
         ("sweep arc --on locl", "unknown engine 'locl'"),
         ("sweep nowhere/study.toml", "cannot read the study"),
-        ("identify --periods 0", "--periods 0 is outside 1 to 360"),
+        ("identify --periods 0", "'periods' = 0 is outside 1 to 360"),
         ("identify --periods 1000000", "is outside 1 to 360"),
         ("identify --period 5", "--period would change nothing without --data or --payload-data"),
         ("identify --data none.csv --period -1", "--period -1 is outside 0.001"),
@@ -102,7 +102,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("identify --model robot.xml", "--model ... without --data or --payload-data or --report"),
         ("identify --report --model none.xml", "cannot read the robot model 'none.xml'"),
         ("identify --report --data log.csv --seed 3", "--seed, --data would change nothing with"),
-        ("identify --payload 9", "--payload 9 is outside 0 to 3"),
+        ("identify --payload 9", "'payload' = 9.0 is outside 0 to 3"),
         ("identify --joints a", "--joints would change nothing without --model"),
         ("identify --arm ur5e --data log.npz --model a.xml", "--arm would change nothing with --model"),
         ("identify --arm ur10e", "--arm would change nothing without --data"),
@@ -119,6 +119,14 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("inspect gone.csv --part plate --out .", "the output folder '.' exists"),
         ("report gone --out .", "the output folder '.' exists"),
         ("report gone", "'gone' is not a run folder"),
+        ("run surface --part gone.stl", "'gone.stl' is no file"),
+        ("run surface --part plate --fixture gone.stl", "'gone.stl' is no file"),
+        ("run surface --part plate --removal gone.ply", "'gone.ply' is no file"),
+        ("sweep surface --vary part.file=plate,gone.stl", "'gone.stl' is no file"),
+        *(
+            (f"{words} --seed 9223372036854775807 --seeds 2", "'seed' = 9223372036854775808 is outside 0 to")
+            for words in ("run force", "sweep arc", "score", "calibrate payload", "identify")
+        ),
         ("calibrate", "arm, base, budget, payload, tcp."),
         ("calibrate tpc", "Known: arm, base, budget, payload, tcp."),
         ("calibrate payload --poses 3", "--poses 3 is outside 4 to 500"),
@@ -142,10 +150,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("run surface --part gone.stl", "gone.stl"),
         ("run surface --region bottom", "bottom"),
-        ("run surface --fixture gone.stl", "gone.stl"),
-        ("plan plate --fixture gone.stl", "gone.stl"),
         ("identify --data none.csv", "there is no log 'none.csv'"),
         ("identify --payload-data none.csv", "there is no log 'none.csv'"),
         ("run teach --duration 0.5", "joint_speed_limit_rad_s ... --duration 0.508 or longer"),

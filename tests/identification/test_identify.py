@@ -1,12 +1,13 @@
 """Plant a robot, move it, identify it: simulated, and from its log."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.config import RobotConfig
-from polish_sim.errors import IdentificationError
+from polish_sim.errors import ConfigError, IdentificationError
 from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_simulated_arm, play_states
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
@@ -25,6 +26,12 @@ HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kin
 @pytest.fixture(scope="module")
 def identified() -> Identification:
     return run_identification(IdentifySettings(periods=1, iterations=5, robot=IDEAL, payload=1.0, seed=1))
+
+
+@pytest.mark.parametrize("wrong", [{"periods": 0}, {"periods": 2.5}, {"starts": 0}, {"payload": math.nan}])
+def test_settings_out_of_their_range_are_refused_from_python_too(wrong):
+    with pytest.raises(ConfigError, match=f"'{next(iter(wrong))}'"):
+        IdentifySettings(**wrong)
 
 
 def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_is_weighed(identified):

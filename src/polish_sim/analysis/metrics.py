@@ -194,12 +194,14 @@ def much_left_out(figures: Mapping[str, Any]) -> list[str]:
 def map_notes(figures: Mapping[str, Any], _: object) -> list[str]:
     """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if
     it is more than a hundredth."""
-    polished, mapped = figures["polished_area_m2"], figures["removal_area_m2"]
-    rim, bare = polished - mapped, mapped * figures["unpolished_share"]
+    polished, mapped, missed = (
+        figures.get(name, math.nan) for name in ("polished_area_m2", "removal_area_m2", "unpolished_share")
+    )
+    rim, bare = polished - mapped, mapped * missed
     notes = (
-        (rim, polished, f"note: removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's "
+        (rim, polished, f"removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's "
          f"middle may be; the other {1e4 * rim:.3g} cm^2 that are polished only the pad's rim reaches"),
-        (bare, mapped, f"note: of the {1e4 * mapped:.3g} cm^2 whose removal is mapped the pad did not touch "
+        (bare, mapped, f"of the {1e4 * mapped:.3g} cm^2 whose removal is mapped the pad did not touch "
          f"{1e4 * bare:.3g} cm^2 of the part as it is"),
     )  # fmt: skip
     return [note for area, whole, note in notes if area > LEFT_OUT * whole]
@@ -222,8 +224,8 @@ def measure_arc(trace: Trace) -> Figures:
     brakes.
 
     tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the
-    time); speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from
-    the commanded feed; orientation_error_max_rad.
+    time); speed_mean_m_s, vibration included; speed_max_deviation_m_s: largest difference of the 50 ms
+    average of the speed from the commanded feed; orientation_error_max_rad.
     """
     part = steady_feed(trace.fed, trace.time_s, trace.path_s_m)
     time = trace.time_s[part]
@@ -277,7 +279,8 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
     force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
     force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m:
-    across the tool axis; speed_mean_m_s, speed_std_m_s; feed_time_s: duration of the feed; curvature_peaks:
+    across the tool axis; speed_mean_m_s, speed_std_m_s: of the tool point as it is, vibration included (one
+    of 5 mm/s across a feed of 10 mm/s makes the mean 11); feed_time_s: duration of the feed; curvature_peaks:
     how many, see `curvature_peaks`; force_error_at_peaks_n: mean over the peaks of the largest error within
     15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """

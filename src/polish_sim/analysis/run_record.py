@@ -95,15 +95,15 @@ def stop_mark(metrics: Metrics) -> StopMark | None:
 
 
 def write_record(folder: Path, record: RunRecord) -> None:
-    """Write the files of a run into an existing folder."""
+    """Write the files of a run into an existing folder, the figures last: with them it is whole."""
     put_file(folder, CONFIG, to_toml(record.scenario))
-    write_json(folder / METRICS, record.metrics)
     write_log(folder / LOG, record.log)
     if record.path is not None:
         columns = {name: column for name, column in vars(record.path).items() if column is not None}
         write_arrays(folder / PATH, columns)
     if record.removal is not None:
         write_removal(folder / REMOVAL, record.removal)
+    write_json(folder / METRICS, record.metrics)
 
 
 def read_record(folder: Path) -> RunRecord:

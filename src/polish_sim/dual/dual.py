@@ -157,7 +157,7 @@ def pair_notes(figures: Figures, scenario: Scenario) -> Iterator[str]:
     robot = scenario.robot
     if shortfalls(TOOL_ON_PART, figures) and robot.elastic and robot.compensation == NONE:
         yield (
-            "note: the tool misses its place on the part by what the gears of both arms err; a laser tracker "
+            "the tool misses its place on the part by what the gears of both arms err; a laser tracker "
             "finds that before the run with --set robot.compensation=tracker --set dual.closing_touches=36."
         )
 

@@ -130,8 +130,8 @@ def export_plan(
 ) -> tuple[Path, ...]:
     """Write a plan in formats, names of `FORMATS` or `all`, each file whole or not at all; returns the files.
 
-    Raises InputError for an unknown format, PlanError if the path cannot
-    be written in a format, e.g. nothing to press on.
+    Raises InputError for an unknown format, PlanError if the path cannot be written in a format, e.g. with
+    nothing to press on.
     """
     setup = setup or ExportSetup()
     chosen = [FORMATS[name] for name in check_formats(names)]

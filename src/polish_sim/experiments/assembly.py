@@ -47,7 +47,7 @@ from polish_sim.scenario_file import FILE_KEYS, check_words
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
-    from polish_sim.config import Scenario
+    from polish_sim.config import PartConfig, Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
     from polish_sim.geometry.fixture import Fixture
@@ -147,8 +147,9 @@ def place_key(scenario: Scenario) -> Hashable:
     part = replace(
         scenario.part, displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0, motion_hz=0.0
     )  # fmt: skip
-    files = [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
-    files += [Path(scenario.plan.region.partition(":")[2]), Path(scenario.plan.removal)]
+    files = [
+        *part_files(part), Path(scenario.plan.region.partition(":")[2]), Path(scenario.plan.removal)
+    ]  # fmt: skip
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
     head, safety = scenario.head, scenario.safety
     settings = (
@@ -168,10 +169,12 @@ def user_files(scenario: Scenario) -> list[Path]:
         scenario.plan.file,
     ]
     words += [attrgetter(key)(scenario) for key in FILE_KEYS if not key.startswith("part.")]
-    parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
-    return [
-        file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()
-    ]
+    return list(filter(Path.is_file, (*map(Path, words), *part_files(scenario.part))))
+
+
+def part_files(part: PartConfig) -> list[Path]:
+    """Files of a part, of the part as it is and of what holds it, whether they are there or not."""
+    return [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
 
 
 def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
@@ -301,9 +304,11 @@ def check_settings(scenario: Scenario) -> None:
             check_asked(scenario.part, scenario.plan, scenario.pad)
         else:
             check_part_words(scenario.part, scenario.plan)
-        for name in (scenario.part.real_file, scenario.part.fixture_file):
-            if name and not part_path(name).is_file():
-                raise InputError(f"'{name}' is no file. Check the name and the folder.")
+        removal = scenario.plan.removal
+        maps = [Path(removal)] if removal not in ("", "even") else []
+        for file in part_files(scenario.part) + maps:
+            if not file.exists():
+                raise InputError(f"'{file}' is no file. Check the name and the folder.")
     check_rates(scenario)
     planned_events(scenario.faults, scenario.process, row.on_part, load(row.faults), known_faults())
     if scenario.process.learn:

@@ -127,6 +127,22 @@ class Experiment:
         """Whether a controller feeds the tool along a path."""
         return self.controlled and not self.holds
 
+    def notes_of(self, figures: Mapping[str, Any], scenario: Scenario) -> list[str]:
+        """What a run's terminal and page note beside its figures."""
+        notes = [
+            *(load(self.notes)(figures, scenario) if self.notes else ()),
+            *(
+                f"{event} did not happen: the run was over after {figures['simulated_s']:.1f} s."
+                for event in figures.get("faults_missed", ())
+            ),
+        ]
+        if scenario.process.changes:
+            notes.append(
+                f"set points were changed during the run ({scenario.process.changes}): figures of force and "
+                "feed compare it with what was planned before."
+            )
+        return notes
+
     def is_planned(self, removal: str) -> bool:
         """Whether a run without a path has one planned by pattern, with this ``plan.removal``."""
         return self.plans or (self.along_plan and bool(removal))

@@ -55,8 +55,11 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         Table("Settings changed", ["setting", "here", "default"], changed_settings(scenario, row.defaults)),
     )
     reason = record.metrics.get("protective_stop")
+    noted = row.notes_of(record.metrics, scenario)
     bad = (f"bad: {text}." for text in record.metrics.get("bad_figures", ()))
-    return Page.of(row.title(scenario), row.text, tables, [*filter(None, [reason]), *bad, *notes])._replace(
+    return Page.of(
+        row.title(scenario), row.text, tables, [*filter(None, [reason]), *bad, *notes, *noted]
+    )._replace(
         stop=stop.text if stop else "",
         stop_time=stop.time if stop else None,
         bodies=bodies,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
+from polish_sim.config.key import key
+from polish_sim.scenario_file import checked_value
 
 STEP_S = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 SCENARIO = Scenario(
@@ -22,15 +24,15 @@ SCENARIO = Scenario(
 class IdentifySettings:
     """Settings of one simulated identification."""
 
-    periods: int = 5  #: Of 10 s each
+    periods: int = key(5, "periods of 10 s to log", 1, 360)
     rate: float = 1000.0  #: Of the log [Hz]
     #: White noise of the torques [N m], joint by joint
     sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
     encoder: float = 4.8e-5  #: Step of an ideal arm's encoders [rad]: 17 bits a turn
     iterations: int = 300  #: Of the search for an exciting motion
-    starts: int = 1  #: Random motions that search begins from
+    starts: int = key(1, "random motions that search begins from", 1)
     robot: RobotConfig = RobotConfig()  #: The simulated one
-    payload: float = 0.0  #: Mass of a payload that is found in a second run [kg]; none if 0
+    payload: float = key(0.0, "mass of a payload that is found in a second run, none if 0 [kg]", 0.0, 3.0)
     seed: int = 0
 
     @property
@@ -40,6 +42,9 @@ class IdentifySettings:
 
     def __post_init__(self) -> None:
         take_arm(self.robot)
+        for field in fields(self):
+            if field.metadata:
+                checked_value(field.name, getattr(self, field.name), field.default, field)
 
 
 def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:

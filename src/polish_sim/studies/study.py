@@ -16,7 +16,7 @@ from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario
-from polish_sim.scenario_file import override, parse_value
+from polish_sim.scenario_file import counted_seeds, override, parse_value
 from polish_sim.toml_text import read_toml, toml_text, toml_value
 
 STUDY = "study.toml"
@@ -72,7 +72,7 @@ class Study:
     def runs(self) -> Iterator[StudyRun]:
         """Every point with every seed; neighbours share a seed, and so the part it draws."""
         points = self.points()
-        for seed in range(self.base.seed, self.base.seed + self.seeds):
+        for seed in counted_seeds(self.base.seed, self.seeds):
             yield from (StudyRun(values, seed) for values in points)
 
     def scenario(self, run: StudyRun) -> Scenario:
@@ -117,7 +117,8 @@ class Study:
                 raise InputError(
                     f"--vary {axis.key}={axis.text}: a grid needs steps, e.g. {axis.key}={ends}:lin5."
                 )
-        count = self.seeds * (self.count or math.prod(len(axis.values) for axis in self.axes))
+        seeds = len(counted_seeds(self.base.seed, self.seeds))
+        count = seeds * (self.count or math.prod(len(axis.values) for axis in self.axes))
         if count > MOST_RUNS:
             raise InputError(f"that makes {count} runs, more than {MOST_RUNS}. Give fewer values or seeds.")
         for axis in self.axes:
