@@ -110,6 +110,8 @@ class Machine(BuiltIns):
         self._left = MOST_WORK
         try:
             next(thread.steps)
+            if self.program.secondary:
+                raise ValueError("a secondary programme may not wait or move the robot")
         except (StopIteration, GeneratorExit):
             thread.alive = False
         except Halt:

@@ -1,4 +1,4 @@
-"""From a tree of URScript to Python: functions that wait become generators, the others plain functions.
+"""From a tree of URScript to Python: functions become generators, which wait where they yield.
 
 A name of the programme gets a letter in front (``g_`` global, ``l_`` local, ``f_`` function, ``b_``
 built-in), so that nothing of Python can be reached; every statement remembers its line and column.
@@ -52,7 +52,6 @@ class _Routine:
     parameters: list[Any]
     body: Any
     own: set[str] = field(default_factory=set)
-    waits: bool = False
 
 
 BUILT_IN_WORDS = {"enter_critical": "pass", "exit_critical": "pass", "halt": "raise Halt"}
@@ -91,9 +90,6 @@ class _Translator:
         self._collect(main)
         for routine in self.routines.values():
             self._find_own(routine)
-        self._find_waiting()
-        if secondary and self._does_wait(body):
-            raise _refusal(first, "a secondary programme may not wait or move the robot")
         self.here = main
         self._write_routine(main, "main")
         for routine in self.routines.values():
@@ -107,7 +103,7 @@ class _Translator:
             raise ScriptError(line, column, "nested too deep") from None
         return Program(name, secondary, code, self.places)
 
-    # Who owns which variable, who waits.
+    # Who owns which variable.
 
     def _collect(self, main: _Routine) -> None:
         for tree in main.body.iter_subtrees_topdown():
@@ -117,12 +113,9 @@ class _Translator:
                     raise _refusal(tree, "'sec' stands alone")
                 if name in self.routines:
                     raise _refusal(tree, f"a second '{name}'")
-                self.routines[str(name)] = _Routine(str(name), tree, parameters, body, waits=kind == "thread")
+                self.routines[str(name)] = _Routine(str(name), tree, parameters, body)
             elif tree.data == "assign" and tree.children[0] == "global":
                 self.shared[_target(tree)] = 0
-        for tree in main.body.find_data("run"):
-            if str(tree.children[0]) in self.routines:
-                self.routines[str(tree.children[0])].waits = True
         for tree in _assignments(main.body):
             self.shared.setdefault(_target(tree), tree.meta.line)
 
@@ -132,26 +125,6 @@ class _Translator:
             name = _target(tree)
             if tree.children[0] == "local" or self.shared.get(name, 1 << 30) > routine.tree.meta.line:
                 routine.own.add(name)
-
-    def _find_waiting(self) -> None:
-        while waiting := [
-            routine
-            for routine in self.routines.values()
-            if not routine.waits and self._does_wait(routine.body)
-        ]:
-            for routine in waiting:
-                routine.waits = True
-
-    def _does_wait(self, body: Any) -> bool:
-        return any(
-            tree.children[0] == "join" if tree.data == "handle" else self._is_waited_for(tree.children[0])
-            for tree in _statements(body, whole=True)
-            if tree.data in ("handle", "call")
-        )
-
-    def _is_waited_for(self, name: str) -> bool:
-        routine = self.routines.get(name)
-        return routine.waits if routine else inspect.isgeneratorfunction(self.built_ins.get(name))
 
     # Text of Python.
 
@@ -173,8 +146,7 @@ class _Translator:
             self._write(1, "global " + ", ".join(f"g_{word}" for word in shared), routine.tree)
         self._write(1, f"spend({self._cost(routine.body)})", routine.tree)
         self._write_block(routine.body, 1)
-        if routine.waits or name == "main":
-            self._write(1, "if 0: yield", routine.tree)
+        self._write(1, "if 0: yield", routine.tree)
 
     def _cost(self, body: Any) -> int:
         return 1 + sum(len(tree.children) for tree in _statements(body, whole=True))
@@ -288,8 +260,8 @@ class _Translator:
         return f"(yield from {text})" if waits else text
 
     def _run(self, tree: Any) -> str:
-        text, waits = self._called(tree)
-        if str(tree.children[0]) not in self.routines or not waits:
+        text, _ = self._called(tree)
+        if str(tree.children[0]) not in self.routines:
             raise _refusal(tree, f"'{tree.children[0]}' is no thread of this programme")
         return f"run({text})"
 
@@ -323,7 +295,8 @@ class _Translator:
         if wrong or set(given) - needs.keys() or needed - set(given):
             raise _refusal(word, f"{name} takes ({', '.join(needs)}), of which needed: {len(needed)}")
         texts += [f"{mark}{key}={self._expression(value)}" for key, value in named.items()]
-        return f"{prefix}{name}({', '.join(texts)})", self._is_waited_for(name)
+        waits = routine is not None or inspect.isgeneratorfunction(self.built_ins[name])
+        return f"{prefix}{name}({', '.join(texts)})", waits
 
 
 def _number(token: Any) -> int | float:
