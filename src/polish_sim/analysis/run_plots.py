@@ -160,7 +160,9 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
     v = offset @ np.cross(normal, across / np.linalg.norm(across))
     angle = np.arctan2(v, u)
     radius = np.hypot(u, v)
-    exaggeration = _exaggeration(np.abs(radius - wanted).max(initial=0.0), wanted)
+    largest = np.abs(radius - wanted).max(initial=0.0)
+    # The power of ten that makes the largest error visible without spoiling the circle.
+    exaggeration = 10.0 ** math.floor(math.log10(SHOWN_SHARE * wanted / largest)) if largest else 1.0
     shown = wanted + exaggeration * (radius - wanted)
     ideal = np.linspace(0.0, 2.0 * np.pi, 361)
     for radii, angles, look in (
@@ -173,11 +175,6 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
     axes.set_aspect("equal")
     axes.set(xlabel="across [mm]", ylabel="up [mm]")
     small_title(axes, f"in its plane, error × {exaggeration:g}")
-
-
-def _exaggeration(largest: float, radius: float) -> float:
-    """The power of ten that makes the largest error visible without spoiling the circle."""
-    return 10.0 ** math.floor(math.log10(SHOWN_SHARE * radius / largest)) if largest > 0.0 else 1.0
 
 
 _BEFORE_S, _LONGEST_S = 0.5, 6.0

@@ -67,6 +67,7 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
     """
     x = start
     scale = _columns(problem, start, "start")
+    scale = scale if noise is None else np.full(len(scale), noise)
     used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
     settled = False
     for _ in range(_NOISE_ROUNDS):
@@ -74,19 +75,13 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
         e, J = problem.residuals(x), problem.slopes(x)
         rows = J[used] / scale[:, None]
         covariance = _covariance(rows.reshape(-1, rows.shape[2]))
-        if settled or len(problem.noises) == 1:
+        if settled or noise is not None:
             break
         # Each kind's share of the degrees of freedom the fit has used up.
         taken = np.einsum("nap,pq,naq->a", rows, covariance, rows)
         previous = scale
         scale = np.maximum(_noise(problem, e[used], taken), SMALLEST_NOISE)
         settled = np.allclose(scale, previous, rtol=1e-6)
-    if len(problem.noises) == 1:
-        size = e[used].size
-        unknowns = J.shape[2]
-        level = float(np.sqrt(np.sum(e[used] ** 2) / (size - unknowns))) if noise is None else noise
-        covariance = level**2 * covariance
-        scale = np.full(e.shape[1], level)
     return Fit(x, covariance, e, used, scale)
 
 
@@ -206,9 +201,8 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     scale = _columns(problem, x, "start")
     floors = _columns(problem, x, "floor")
     e = problem.residuals(x)
-    if len(problem.noises) > 1:
-        taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
-        scale = np.maximum(_noise(problem, e[used], taken), floors)
+    taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
+    scale = np.maximum(_noise(problem, e[used], taken), floors)
     x = solve(problem, x, used[:, None] / scale**2)
     e, J = problem.residuals(x) / scale, problem.slopes(x) / scale[:, None]
     k = e.shape[1]

@@ -107,22 +107,19 @@ class CamPoints(PathRows):
         noted = np.isfinite(table[:, 8]).all()
         if not (segment == PROCESS).any():
             raise InputError(f"'{self.file}': every {no_feed}")
+        stroke = table[:, 8].astype(np.int64) if noted else _numbered_strokes(segment)
+        if not noted:
+            segment[np.flatnonzero(segment == PROCESS)[-1] + 1 :] = RETRACT
         return ToolPath(
             table[:, :3].copy(),
             axes,
             self.checked_length(table[:, :3]),
-            table[:, 8].astype(np.int64) if noted else _numbered_strokes(segment),
-            segment if noted else _with_retract(segment),
+            stroke,
+            segment,
             np.zeros(len(table)),
             table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
             _feeds_from_first(table[:, 6]),
         )
-
-
-def _with_retract(segment: Codes) -> Codes:
-    """The segments (n,) with retract after the last process point, of which there is one at least."""
-    last = int(np.flatnonzero(segment == PROCESS)[-1])
-    return np.where(np.arange(len(segment)) > last, np.int8(RETRACT), segment)
 
 
 def _numbered_strokes(segment: Codes) -> Indices:

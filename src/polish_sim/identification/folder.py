@@ -15,7 +15,7 @@ from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.identify import Identification
-from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, write_identified
+from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, identified_xml, write_portable
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed
 from polish_sim.identification.physical import ParameterRow, cell, parameter_rows, parameters_csv
 from polish_sim.motion.serial_chain import body_of
@@ -29,7 +29,8 @@ PAYLOAD_COLUMNS = ("name", "value", "unit", "std", "low_95", "high_95", "nearest
 def write_folder(folder: Path, found: Identification, source: RobotSource = None) -> None:
     """Write all files of an identification; ``source`` is the robot's MJCF, the shipped robot's if None."""
     put_file(folder, "parameters.csv", parameters_csv(rows_of(found)))
-    write_identified(folder, found.model.chain.joints, _joints(found), source)
+    xml = identified_xml(found.model.chain.joints, _joints(found), source)
+    write_portable(folder / "identified.xml", xml)
     if found.weighed is not None:
         write_payload(folder, found.weighed)
     write_metrics(folder, found.figures)
@@ -47,20 +48,13 @@ def _joints(found: Identification) -> IdentifiedJoints:
     n = found.model.joints
     friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
     own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
-    return IdentifiedJoints(
-        own,
-        friction.get("viscous"),
-        friction.get("coulomb"),
-        friction.get("armature"),
-        _by_load(found, friction.get("load")),
-    )
-
-
-def _by_load(found: Identification, alike: Array | None) -> Array | None:
-    """Friction by load, driving and driven: of gears whose two sides were read, or ``alike`` both ways."""
+    by_load = None
     if found.gears is not None:
-        return found.gears.loads_known().T
-    return None if alike is None else np.stack([alike, alike])
+        by_load = found.gears.loads_known().T
+    elif "load" in friction:  # the same driving and driven
+        by_load = np.stack([friction["load"]] * 2)
+    viscous, coulomb, armature = map(friction.get, ("viscous", "coulomb", "armature"))
+    return IdentifiedJoints(own, viscous, coulomb, armature, by_load)
 
 
 def write_payload(folder: Path, weighed: Weighed) -> None:

@@ -116,14 +116,6 @@ def friction_by_load(file: Path) -> Array:
     return np.array(model.numeric(BY_LOAD).data).reshape(2, -1)
 
 
-def write_identified(
-    folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: RobotSource = None
-) -> Path:
-    """Write ``identified.xml`` with copies of its meshes, so that the folder may be moved; see
-    `identified_xml`."""
-    return write_portable(folder / "identified.xml", identified_xml(joints, found, source))
-
-
 def _read(file: Path) -> Any:
     if not file.is_file():
         raise InputError(f"cannot read the robot model '{file}': there is no such file.")

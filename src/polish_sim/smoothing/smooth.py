@@ -114,7 +114,8 @@ def prepare_smooth(scenario: Checked) -> SmoothTask:
     else:
         chain = build_chain(*trial_path())
         arm = trial_arm(tool_on_flange(), _NEAR)
-    return SmoothTask(chain, marks_along(chain), arm, limits)
+    # A turn on the spot counts as a nanometre, so that marks rise.
+    return SmoothTask(chain, running_sums(np.maximum(chain.lengths, 1e-9)), arm, limits)
 
 
 def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
@@ -130,11 +131,6 @@ def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     segment = np.full(n, PROCESS, np.int8)
     path = ToolPath(chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), segment, np.zeros(n))
     return CheckedPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
-
-
-def marks_along(chain: Chain) -> Array:
-    """Arc length of a chain's way points; a turn on the spot counts as a nanometre, so that marks rise."""
-    return running_sums(np.maximum(chain.lengths, 1e-9))
 
 
 class RulePlay(NamedTuple):
