@@ -19,10 +19,8 @@ import pytest
 from polish_sim import errors, kernel_cache, source_stamp
 from tests.cli.conftest import Started
 
-KERNEL = (
-    "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    "
-    "return {value}\n"
-)
+IMPORTS = "{imports}\nfrom polish_sim.kernel_cache import njit\n"
+KERNEL = f"{IMPORTS}@njit(cache=True)\ndef {{name}}(x):\n    return {{value}}\n"
 SCRIPT = """
 import sys
 from numba.core import event
@@ -58,8 +56,7 @@ def _write_gain(package: Path, value: float) -> None:
 
 
 def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
-    """Numbers a script prints in a process that has nothing of this package yet, and what it says on
-    stderr."""
+    """Numbers a script prints in a process that has nothing of this package yet, and its stderr."""
     (run,) = _runs(package, script, 1, **environment)
     return run
 
@@ -120,11 +117,10 @@ def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_
     part = f"@njit(cache=False)\ndef part(x, n):\n{body}"
     three = KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
     (package / "sums.py").write_text(f"from polish_sim.kernel_cache import njit\n{part}{three}")
+    count = "sum(e.is_start for _, e in compiled.buffer)"
     script = SCRIPT.replace("stiffness import force", "sums import three")
     script = script.replace("damping import drag", "sums import part")
-    script = script.replace(
-        "force(2.0), drag(2.0)", "three(2.0), sum(e.is_start for _, e in compiled.buffer), part(2.0, 4)"
-    )
+    script = script.replace("force(2.0), drag(2.0)", f"three(2.0), {count}, part(2.0, 4)")
     script += "try:\n    three(-2.0)\nexcept ValueError as error:\n    print(*error.args)"
     assert _run(package, script)[0] == [6.0, 2, 8.0, 3, -2.0]
     assert _run(package, script)[0] == [6.0, 0, 8.0, 1, -2.0]  # from the cache
@@ -146,14 +142,12 @@ mine(1.0)
     assert not list(_cache(package).glob("*/own*"))
 
 
-def test_a_chosen_cache_folder_is_used(package, tmp_path):
-    _run(package, NUMBA_CACHE_DIR=str(tmp_path / "chosen"))
-    assert len(list((tmp_path / "chosen").rglob("*.nbc"))) == 3
-    assert not _cache(package).exists()
-
-
 @pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
-def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_refused(package):
+def test_a_folder_of_ones_own_is_closed_to_others_one_they_can_write_to_refused_a_chosen_one_used(package):
+    chosen = package.parent / "chosen"
+    _run(package, NUMBA_CACHE_DIR=str(chosen))
+    assert len(list(chosen.rglob("*.nbc"))) == 3
+    assert not _cache(package).exists()
     _run(package, "from polish_sim.damping import drag; drag(2.0)")
     assert _cache(package).stat().st_mode & 0o777 == 0o700
     _cache(package).chmod(0o777)
@@ -164,18 +158,14 @@ def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_r
 
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
-def test_processes_that_need_the_same_kernels_share_the_compiling(package):
+def test_processes_share_the_compiling_of_kernels_and_a_killed_one_leaves_its_to_others(package):
     runs = [numbers for numbers, _ in _runs(package, SCRIPT, 3)]
     assert [run[:2] for run in runs] == [[20.0, -2.0]] * 3
     assert sum(run[2] for run in runs) == 3
-
-
-@pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
-def test_a_killed_process_leaves_its_kernel_to_others(package):
-    claim = (
-        "from polish_sim.gains import gain; import time; gain._cache._wait_for_claim(); print(1, flush=True)"
-    )
-    command = [sys.executable, "-c", f"{claim}; time.sleep(60)"]
+    # A killed one leaves its kernel to others.
+    shutil.rmtree(_cache(package))
+    claim = "from polish_sim.gains import gain; gain._cache._wait_for_claim(); print(1, flush=True)"
+    command = [sys.executable, "-c", f"import time; {claim}; time.sleep(60)"]
     with subprocess.Popen(command, env=_environment(package), stdout=subprocess.PIPE) as claimant:
         claimant.stdout.readline()
         assert list(_cache(package).glob("*/gains.gain*.lock"))
@@ -184,36 +174,21 @@ def test_a_killed_process_leaves_its_kernel_to_others(package):
     assert not list(_cache(package).glob("*/*.lock"))
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package with kernels compiled for a common CPU inside it."""
-    package = _make_package(tmp_path_factory.mktemp("wheel") / "code" / "polish_sim")
+def test_kernels_of_a_wheel_are_used_but_for_another_machine(package, tmp_path, monkeypatch):
+    # Kernels compiled for a common CPU inside the package, which is then put elsewhere.
     for_all = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    folder = {"POLISH_SIM_KERNELS": str(package / kernel_cache.SHIPPED)}
+    environment = for_all | {"POLISH_SIM_KERNELS": str(package / kernel_cache.SHIPPED)}
     command = [sys.executable, "-c", SCRIPT + DESCRIBE]  # numba asks for the CPU once
-    run = subprocess.run(
-        command, env=_environment(package) | for_all | folder, capture_output=True, check=True
-    )
+    run = subprocess.run(command, env=_environment(package) | environment, capture_output=True, check=True)
     (package / kernel_cache.SHIPPED / kernel_cache.MADE_FOR).write_bytes(run.stdout.partition(b"\n")[2])
-    return package
-
-
-@pytest.fixture
-def shipped(wheel: Path, tmp_path: Path) -> Path:
-    """The package of the wheel in another folder."""
-    return shutil.copytree(wheel, tmp_path / "installed elsewhere" / wheel.name)
-
-
-def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(shipped):
+    shipped = shutil.copytree(package, tmp_path / "installed elsewhere" / "code" / package.name)
     assert _run(shipped) == ([20.0, -2.0, 0], "")
     assert not any(_cache(shipped).iterdir())
     _write_gain(shipped, 30.0)
     assert _run(shipped)[0] == [60.0, -2.0, 2]
     assert _run(shipped)[0] == [60.0, -2.0, 0]
     assert {folder.name.partition("-")[0] for folder in _cache(shipped).iterdir()} == {"gains", "stiffness"}
-
-
-def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped, monkeypatch):
+    shipped = shutil.copytree(package, tmp_path / "on another machine" / "code" / package.name)
     file = shipped / kernel_cache.SHIPPED / kernel_cache.MADE_FOR
     made_for = json.loads(file.read_text())
     assert kernel_cache._misfit(made_for) is None
@@ -233,22 +208,7 @@ def test_kernels_of_a_wheel_for_another_machine_are_left_alone(shipped, monkeypa
     assert missing in said
 
 
-def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_cache():
-    """Numba's own cache would not notice an edit of a callee in another file."""
-    users = set()
-    for folder in ("src", "cli", "models"):
-        for file in (ROOT / folder).rglob("*.py"):
-            text = file.read_text("utf-8")
-            if re.search(
-                r"^\s*(from|import) (numba\.|llvmlite)|^from numba import .*\b(njit|cfunc)\b",
-                text,
-                re.MULTILINE,
-            ):
-                users.add(file.name)
-    assert users == {"kernel_cache.py"}
-
-
-def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package):
+def test_a_numba_that_was_not_tested_is_refused_and_one_file_uses_what_it_does_not_promise_to_keep(package):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
     (package.parent / "numba").mkdir()
@@ -264,9 +224,18 @@ def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package):
     for version in ("0.60.9", "1.0"):
         with pytest.raises(errors.PolishSimError):
             kernel_cache.check_numba(version)
+    # Numba's own cache would not notice an edit of a callee in another file.
+    internals = r"^\s*(from|import) (numba\.|llvmlite)|^from numba import .*\b(njit|cfunc)\b"
+    users = set()
+    for folder in ("src", "cli", "models"):
+        for file in (ROOT / folder).rglob("*.py"):
+            text = file.read_text("utf-8")
+            if re.search(internals, text, re.MULTILINE):
+                users.add(file.name)
+    assert users == {"kernel_cache.py"}
 
 
-def test_every_import_at_the_top_of_a_module_is_found():
+def test_every_import_at_the_top_of_a_module_is_found_and_the_simulations_kernels_once_compiled():
     """Against the parser: a missed import would leave stale machine code running."""
     for file in (ROOT / "src" / "polish_sim").rglob("*.py"):
         module = ".".join(file.relative_to(ROOT / "src").with_suffix("").parts).removesuffix(".__init__")
@@ -281,13 +250,9 @@ def test_every_import_at_the_top_of_a_module_is_found():
             elif isinstance(node, ast.Import):
                 named |= {alias.name for alias in node.names}
         ours = {name for name in named if name.split(".")[0] == "polish_sim"}
-        assert {name for name in ours if source_stamp.source_file(name)} == source_stamp.imports_of(module), (
-            file
-        )
-
-
-def test_the_simulations_kernels_are_found_once_compiled():
-    """What the command asks before it compiles ahead; the loop's name is written there."""
+        files = {name for name in ours if source_stamp.source_file(name)}
+        assert files == source_stamp.imports_of(module), file
+    # What the command asks before it compiles ahead; the loop's name is written there.
     from polish_sim.cell import loop
 
     assert kernel_cache._kernel_folder(loop.__name__) == loop.advance._cache._impl.locator.folder

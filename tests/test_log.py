@@ -26,7 +26,7 @@ def rows() -> np.ndarray:
     return np.arange(3.0)[:, None] * 1000.0 + np.arange(row_width())
 
 
-def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows):
+def test_every_number_of_a_row_lands_in_its_column_reads_back_the_same_and_cannot_be_changed(rows, tmp_path):
     assert dict(COLUMNS) == CONTRACT
     log = from_rows(rows % 100)  # small enough for int8
     assert log.names == tuple(CONTRACT)
@@ -36,24 +36,6 @@ def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows)
         expected = rows[:, start] % 100 if width == 0 else rows[:, start : start + width] % 100
         np.testing.assert_array_equal(log[name], expected)
         assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
-
-
-def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows, tmp_path):
-    path = tmp_path / "log.npz"
-    write_log(path, from_rows(rows % 100))
-    whole, rng, messages = path.read_bytes(), np.random.default_rng(0), []
-    for _ in range(400):
-        at = int(rng.integers(len(whole)))
-        path.write_bytes(whole[:at] + rng.bytes(2) + whole[at + 2 :])
-        try:
-            read_log(path)
-        except InputError as error:
-            messages.append(str(error))
-    assert len(messages) > 200
-    assert all("log.npz" in message for message in messages)
-
-
-def test_a_log_reads_back_the_same_and_cannot_be_changed(rows, tmp_path):
     log, path = from_rows(rows % 100), tmp_path / "log.npz"
     write_log(path, log)
     again = read_log(path)
@@ -68,17 +50,19 @@ def test_a_log_reads_back_the_same_and_cannot_be_changed(rows, tmp_path):
             held["time_s"][0] = 1.0  # type: ignore[index]
 
 
-class MakesFolder:
-    """What makes a folder when it is read."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.mkdir, (str(self.folder),)
-
-
-def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows, tmp_path):
+def test_a_damaged_log_or_a_file_of_other_arrays_is_refused_by_name_and_objects_are_not_run(rows, tmp_path):
+    path = tmp_path / "log.npz"
+    write_log(path, from_rows(rows % 100))
+    whole, rng, messages = path.read_bytes(), np.random.default_rng(0), []
+    for _ in range(400):
+        at = int(rng.integers(len(whole)))
+        path.write_bytes(whole[:at] + rng.bytes(2) + whole[at + 2 :])
+        try:
+            read_log(path)
+        except InputError as error:
+            messages.append(str(error))
+    assert len(messages) > 200
+    assert all("log.npz" in message for message in messages)
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
     columns = dict(from_rows(rows % 100).columns)
@@ -93,3 +77,13 @@ def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows, tmp_pat
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
     assert not (tmp_path / "made").exists()
+
+
+class MakesFolder:
+    """What makes a folder when it is read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.folder),)

@@ -21,26 +21,18 @@ PAGES = [*sorted((ROOT / "docs").glob("*.md")), *RUN_BLOCKS["MIRRORED"]]
 
 def typed(text: str) -> set[str]:
     """The command lines of a page, in its blocks and in its sentences, without `polish-sim` and comments."""
-    return set(
-        re.findall(
-            r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )(?! ?(?:EXPERIMENT|\.\.\.))[^`#\n|]*)",
-            text.replace("\\\n", " "),
-        )
-    )
+    commands = "(?:plan|run|report|config|list|demo|[a-z]+ )"
+    line = rf"polish-sim ({commands}(?! ?(?:EXPERIMENT|\.\.\.))[^`#\n|]*)"
+    return set(re.findall(line, text.replace("\\\n", " ")))
 
 
-TYPED = sorted(
-    {line for file in (ROOT / "README.md", *PAGES) for line in typed(file.read_text(encoding="utf-8"))}
-)
+TYPED = {line for file in (ROOT / "README.md", *PAGES) for line in typed(file.read_text(encoding="utf-8"))}
 PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
-def test_the_blocks_of_a_page_are_of_a_kind_that_runs_or_cannot():
+def test_blocks_of_pages_are_of_a_kind_that_runs_or_cannot_and_shortened_only_where_they_take_long():
     for page in PAGES:
         assert {block.kind for block in RUN_BLOCKS["blocks"](page)} <= set(RUN_BLOCKS["KINDS"]), page.name
-
-
-def test_a_command_is_shortened_only_where_it_would_take_long():
     shortened, many = RUN_BLOCKS["shortened"], ["run", "surface", "--seeds", "20", "--check"]
     assert shortened(["run", "force", "--out", "a"]) == ["run", "force", "--out", "a"]
     assert shortened(many) == ["run", "surface", "--seeds", "1", *RUN_BLOCKS["FEED"]]
@@ -50,7 +42,7 @@ def test_a_command_is_shortened_only_where_it_would_take_long():
 
 def test_every_command_line_names_existing_commands_and_options():
     assert len(TYPED) > 100
-    for line in TYPED:
+    for line in sorted(TYPED):
         name, *words = line.split()
         command = typer.main.get_command(commands).commands[name]  # type: ignore[attr-defined]
         if hasattr(command, "get_command"):  # a group: the next word names the command
@@ -65,23 +57,20 @@ def test_the_python_example_runs(program, capsys):
     assert float(capsys.readouterr().out) > 0.0
 
 
-def test_every_file_that_is_linked_and_every_target_that_is_named_exists():
+def test_every_file_that_is_linked_every_target_and_how_each_picture_is_made_is_there():
     links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
     assert links
     assert len(TYPED) >= 8
     assert [link for link in links if not (ROOT / link).exists()] == []
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
     assert {"demo", "test", "check", "bench", "docs", "clean"} <= set(targets)
-
-
-def test_every_picture_of_the_gallery_says_how_it_is_made():
     told = (ROOT / "results" / "README.md").read_text(encoding="utf-8").partition("## gallery/")[2]
     pictures = {path.name for path in (ROOT / "results" / "gallery").iterdir()}
     first_column = "".join(re.findall(r"^\|([^|]*)\|", told, flags=re.MULTILINE))
     assert set(re.findall(r"`([a-z_]+\.(?:png|gif))`", first_column)) == pictures
 
 
-FOLDER = Path(__file__).resolve().parent.parent / "examples"
+FOLDER = ROOT / "examples"
 PRINTS = {
     "01_load_part": r"wedge: 8 facets, up \[0\. 0\. 1\.\]",
     "02_fit_surface": r"normal error: 0\.00\d\d deg at most",
@@ -113,20 +102,15 @@ def test_the_example_runs_and_prints_what_it_promises(name, tmp_path, monkeypatc
 def test_every_example_is_run_listed_and_named_in_order():
     names = sorted(file.stem for file in FOLDER.glob("[0-9]*.py"))
     assert names == sorted(PRINTS)
-    assert (
-        re.findall(r"^\| \[(\w+)\.py\]", (FOLDER / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
-        == names
-    )
+    readme = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| \[(\w+)\.py\]", readme, re.MULTILINE) == names
     assert [int(name[:2]) for name in names] == list(range(1, len(names) + 1))
 
 
-def test_every_public_name_resolves_and_an_unknown_one_says_what_there_is():
+def test_every_public_name_resolves_an_unknown_one_says_what_there_is_and_no_simulator_is_loaded():
     assert None not in [getattr(polish_sim, name) for name in polish_sim.__all__]
     with pytest.raises(AttributeError, match="run_surface"):
         _ = polish_sim.run_everything
-
-
-def test_importing_the_package_loads_no_simulator():
     program = "import sys, polish_sim; print('mujoco' in sys.modules or 'numba' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +34,11 @@ UNITS = {
     "_nm_s": "[N m/sqrt(s)]", "_1_pa": "[1/Pa]", "_j": "[J]", "_nm_rad": "[N m/rad]",
     "_nm_s_rad": "[N m s/rad]", "_kg_m3": "[kg/m^3]",
 }  # fmt: skip
-OTHER_UNITS = {
-    "controller.orientation_i_hz": "[1/s]",
-    "controller.position_rate_p": "[1/s]",
-    "controller.adaptive.normal_rate_1_s": "[1/s]",
-}
+RATES = ("orientation_i_hz", "position_rate_p", "adaptive.normal_rate_1_s")
+OTHER_UNITS = {f"controller.{key}": "[1/s]" for key in RATES}
 
 
-def test_a_keys_last_letters_and_its_meaning_name_the_same_unit():
+def test_a_key_and_its_meaning_name_the_same_unit_and_the_file_holds_both():
     for key, value, field in leaves(Scenario()):
         if not isinstance(value, float):
             continue
@@ -48,13 +46,15 @@ def test_a_keys_last_letters_and_its_meaning_name_the_same_unit():
         unit = OTHER_UNITS.get(key, UNITS[max(endings, key=len)] if endings else "[-]")
         said = field.metadata["text"]
         assert unit in said or (unit == "[-]" and "[" not in said), key
-
-
-def test_head_and_pad_in_series_are_the_papers_5000_newton_per_metre():
-    scenario = Scenario()
-    assert 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m) == pytest.approx(
-        5000.0
-    )
+    # Head and pad in series have the paper's stiffness.
+    head, pad = Scenario().head.stiffness_n_m, Scenario().pad.stiffness_n_m
+    assert 1.0 / (1.0 / head + 1.0 / pad) == pytest.approx(5000.0)
+    text = to_toml(BASE)
+    assert set(tomllib.loads(text)) == {key.partition(".")[0] for key, _, _ in leaves(BASE)}
+    for key, value, field in leaves(BASE):
+        begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
+        lines = [line for line in text.splitlines() if line.startswith(begin)]
+        assert any(line.endswith(f"# {field.metadata['text']}") for line in lines), key
 
 
 BASE = Scenario()
@@ -85,22 +85,17 @@ def test_toml_gives_back_the_very_same_scenario(scenario, tmp_path):
     assert load_scenario(written(tmp_path, to_toml(scenario)), default_scenario("arc")) == scenario
 
 
-def test_the_file_holds_every_key_with_its_meaning():
-    text = to_toml(BASE)
-    assert set(tomllib.loads(text)) == {key.partition(".")[0] for key, _, _ in leaves(BASE)}
-    for key, value, field in leaves(BASE):
-        begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
-        assert any(
-            line.startswith(begin) and line.endswith(f"# {field.metadata['text']}")
-            for line in text.splitlines()
-        ), key
-
-
 def test_keys_a_file_does_not_name_keep_their_value_and_a_later_set_wins(tmp_path):
     base = override(BASE, ["seed=1", "seed=7", "pad.friction=0.1"])
     assert base.seed == 7
     scenario = load_scenario(written(tmp_path, "[pad]\nradius_m = 0.02\n"), base)
     assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02, choice="given"))
+    # A list that is chosen is called auto or left empty.
+    posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
+    for chosen in ('"auto"', "[]"):
+        found = load_scenario(written(tmp_path, f"part.pose = {chosen}\nplan.start = {chosen}\n"), posed)
+        assert found.part.pose == ()
+        assert found == override(posed, ["part.pose=auto", "plan.start=auto"])
 
 
 BAD_FILES = [
@@ -180,17 +175,10 @@ def test_a_word_a_key_does_not_take_is_refused_in_a_file_and_in_a_scenario_made_
     *sections, name = key.split(".")
     made: Any = {name: "sideways"}
     for k in reversed(range(len(sections))):
-        made = {sections[k]: replace(_section(sections[: k + 1]), **made)}
+        made = {sections[k]: replace(reduce(getattr, sections[: k + 1], Scenario()), **made)}
     check_words(Scenario())
     with pytest.raises(PolishSimError, match=rf"{key} 'sideways'.* Known: "):
         check_words(replace(Scenario(), **made))
-
-
-def _section(names: list[str]) -> Any:
-    section: Any = Scenario()
-    for name in names:
-        section = getattr(section, name)
-    return section
 
 
 @pytest.mark.parametrize("first", [True, False])
@@ -217,33 +205,22 @@ def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(
     assert sensor_values(other) == dict(SENSOR_MODELS["hex-125hz"]) | {"rate_hz": 100.0}
 
 
-@pytest.mark.parametrize("written", ['"auto"', "[]"])
-def test_a_list_that_is_chosen_is_called_auto_or_left_empty(tmp_path, written):
-    posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
-    file = tmp_path / "config.toml"
-    file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")
-    assert load_scenario(file, posed).part.pose == ()
-    assert load_scenario(file, posed) == override(posed, ["part.pose=auto", "plan.start=auto"])
-
-
 def test_a_pad_or_a_step_over_that_is_set_by_name_is_kept_though_it_is_the_default(tmp_path):
-    usual, file = Scenario(), tmp_path / "mine.toml"
-    cases = {
-        "given": ["pad.radius_m=0.025"],
-        "stepover": ["plan.stepover_m=0.008"],
-        "auto": ["pad.choice=auto", "pad.radius_m=0.025", "plan.stepover_m=0.008"],
-    }
-    for choice, assignments in cases.items():
+    usual, pad, step = Scenario(), "pad.radius_m=0.025", "plan.stepover_m=0.008"
+    for choice, assignments in {
+        "given": [pad],
+        "stepover": [step],
+        "auto": ["pad.choice=auto", pad, step],
+    }.items():
         for order in (assignments, assignments[::-1]):
             asked = override(usual, order)
             assert asked == replace(usual, pad=replace(usual.pad, choice=choice))
-            assert load_scenario_from(file, to_toml(asked)) == asked
+            assert load_scenario(written(tmp_path, to_toml(asked)), usual) == asked
     assert override(usual, ["pad.radius_m=0.02", "plan.stepover_m=0.008"]).pad.choice == "given"
-    assert load_scenario_from(file, "[plan]\nstepover_m = 0.008\n").pad.choice == "stepover"
-    assert load_scenario_from(file, "[pad]\nradius_m = 0.025\n").pad.choice == "given"
-    assert load_scenario_from(file, "[pad]\nradius_m = 0.025\nchoice = 'auto'\n") == usual
-
-
-def load_scenario_from(file: Path, text: str) -> Scenario:
-    file.write_text(text)
-    return load_scenario(file, Scenario())
+    for text, choice in (
+        ("[plan]\nstepover_m = 0.008", "stepover"),
+        ("[pad]\nradius_m = 0.025", "given"),
+        ("[pad]\nradius_m = 0.025\nchoice = 'auto'", "auto"),
+    ):
+        asked = replace(usual, pad=replace(usual.pad, choice=choice))
+        assert load_scenario(written(tmp_path, text), usual) == asked

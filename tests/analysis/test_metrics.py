@@ -19,7 +19,7 @@ from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal
 from tests.planning.shapes import path_through
 
 
-def test_a_first_order_force_response_has_the_textbook_figures():
+def test_a_first_order_force_response_has_the_textbook_figures_and_settles_after_its_last_excursion():
     figures = metrics.measure_force(force_trace(tau=0.1), 20.0)
     # contact is noticed at 0.5 N, that is tau ln(20/19.5) after the touch
     late = 0.1 * math.log(20.0 / 19.5)
@@ -33,15 +33,21 @@ def test_a_first_order_force_response_has_the_textbook_figures():
     assert figures["overshoot_n"] == 0.0
     harder = metrics.measure_force(force_trace(contact_force=25.0), 20.0)
     assert harder["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
-
-
-def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface():
     in_air = trace_of(np.zeros(1000, np.int8))
     assert all(math.isnan(value) for value in metrics.measure_force(in_air, 20.0).values())
     figures = metrics.measure_surface(in_air, bumpy_path(), 20.0)
     assert math.isnan(figures["force_rms_error_n"])
     assert math.isnan(figures["force_error_at_peaks_n"])
     assert figures["curvature_peaks"] == 0
+    # Settling counts from the last excursion and is undefined when it ends outside.
+    time = np.arange(0.0, 3.0, 1e-3)
+    error = np.where((time > 1.0) & (time < 1.5), 5.0, 0.0)
+    assert abs(metrics.settling_time(time, error, 3.0) - 1.5) <= 1e-3
+    assert metrics.settling_time(time, np.full_like(time, 3.0), 3.0) == 0.0
+    for bad in (np.linspace(0.0, 10.0, len(time)), np.full_like(time, math.nan), np.empty(0)):
+        assert math.isnan(metrics.settling_time(time[: len(bad)], bad, 3.0))
+    assert math.isnan(metrics.rise_time(time, np.full_like(time, 17.9), 20.0))  # below 90 percent
+    assert metrics.moving_average(time[:20], time[:20], 0.05).size == 0  # shorter than the window
 
 
 def test_a_constant_radial_error_and_a_slow_ripple_of_the_speed_are_those_of_the_arc():
@@ -61,7 +67,7 @@ def test_a_constant_radial_error_and_a_slow_ripple_of_the_speed_are_those_of_the
     assert metrics.measure_arc(ramped)["speed_max_deviation_m_s"] == known
 
 
-def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top_where_noise_is_as_large_as_between():
+def test_every_bump_of_the_path_is_one_curvature_peak_and_a_dip_of_force_there_its_error():
     path = bumpy_path(bumps=6)
     assert path.s[metrics.curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
     for sharpness, count in ((-1 / 0.06, 4), (1 / 0.3, 0)):  # hollows count like humps, gentle ones do not
@@ -72,9 +78,6 @@ def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top_where_noise_is_
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
     errors = metrics.errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
     assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
-
-
-def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     path = bumpy_path(bumps=6)
     trace = surface_trace(path, dip_n=5.0)
     figures = metrics.measure_surface(trace, path, 20.0)
@@ -93,9 +96,6 @@ def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed():
     until = int(np.searchsorted(trace.path_s_m, 0.5 + metrics.WINDOW_M))
     figures = metrics.measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)
     assert figures["curvature_peaks"] == 3
-
-
-TIME = np.arange(0.0, 3.0, 1e-3)
 
 
 def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_called_bad():
@@ -134,16 +134,6 @@ def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished
     assert np.isnan(found[1])
 
 
-def test_settling_counts_from_the_last_excursion_and_is_undefined_when_it_ends_outside():
-    error = np.where((TIME > 1.0) & (TIME < 1.5), 5.0, 0.0)
-    assert abs(metrics.settling_time(TIME, error, 3.0) - 1.5) <= 1e-3
-    assert metrics.settling_time(TIME, np.full_like(TIME, 3.0), 3.0) == 0.0
-    for bad in (np.linspace(0.0, 10.0, len(TIME)), np.full_like(TIME, math.nan), np.empty(0)):
-        assert math.isnan(metrics.settling_time(TIME[: len(bad)], bad, 3.0))
-    assert math.isnan(metrics.rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
-    assert metrics.moving_average(TIME[:20], TIME[:20], 0.05).size == 0  # shorter than the window
-
-
 def test_a_path_taught_two_millimetres_high_and_too_short():
     x = np.arange(0.0, 0.1 + 1e-9, 0.001)
     meant = path_through(np.column_stack([x, 0.0 * x, 0.0 * x]), (0.0, 0.0, 1.0))
@@ -171,7 +161,7 @@ def asked_of(name: str) -> tuple[Claim, ...]:
     return row.claims(row.defaults)
 
 
-def test_every_claim_names_a_figure_that_is_measured():
+def test_every_claim_names_a_figure_a_good_arc_meets_all_and_a_wide_one_misses_the_tracking_error():
     path, removal = bumpy_path(), metrics.measure_removal(removal_map(np.ones(5)))
     for name, figures in (
         ("arc", metrics.measure_arc(arc_trace())),
@@ -179,9 +169,6 @@ def test_every_claim_names_a_figure_that_is_measured():
         ("surface", metrics.measure_surface(surface_trace(path), path, 20.0) | removal),
     ):
         assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
-
-
-def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error():
     ideal = experiment("arc").claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good, wide = (metrics.measure_arc(arc_trace(off)) | {"path_done": 1.0} for off in (5e-5, 2e-4))
     assert shortfalls(ideal, good) == []

@@ -12,17 +12,13 @@ from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.planning import inspect_path, plan_part
 
 
-@pytest.fixture(scope="module")
-def result():
-    return plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
-
-
 def drawn_on(flat):
     """Points of the path drawn from above or from its side [mm]."""
     return np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
 
 
-def test_from_above_the_path_lies_where_it_was_planned_and_in_space_it_fills_the_view(result):
+def test_a_path_from_above_in_space_and_in_the_distributions_lies_where_it_was_planned():
+    result = plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
     figure = plot_plan(result)
     solid, flat = figure.axes[:2]
     drawn = np.concatenate([line.vertices for line in flat.collections[1].get_paths()])
@@ -40,6 +36,19 @@ def test_from_above_the_path_lies_where_it_was_planned_and_in_space_it_fills_the
     assert 0.9 < share.max() <= 1.0
     assert (across.min(axis=1) >= view[:, 0]).all()
     assert (across.max(axis=1) <= view[:, 1]).all()
+    # Turns of the tool axis are in the unit of the table, legends below the panels.
+    found = inspect_path(result.path, PartConfig("sphere_100"), result.plan)
+    figure = plot_distributions(found)
+    rate = figure.axes[2]
+    assert rate.get_ylabel().endswith("[deg/mm]")
+    # On a sphere of 100 mm the normal turns by 1 rad in 100 mm whichever way one goes.
+    drawn = rate.lines[0].get_ydata()
+    assert np.median(drawn) == pytest.approx(np.degrees(1.0) / 100.0, rel=0.02)
+    assert drawn.max() == pytest.approx(np.degrees(found.figures["max_axis_rate_rad_m"]) * 1e-3)
+    figure.draw_without_rendering()
+    assert figure.axes[0].get_ylim() == (0.0, 100.0)
+    for axes in figure.axes:
+        assert axes.get_legend().get_window_extent().y1 < axes.get_window_extent().y0
 
 
 def test_no_side_the_part_hides_is_drawn_through_it_and_a_side_is_seen_along_its_face(tmp_path):
@@ -80,18 +89,3 @@ def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen_and_long_thin_facets
     picture = depth_picture(strip, lambda points: points)
     along = np.column_stack([np.linspace(0.01, 9.99, 999), np.full(999, 0.01), np.full(999, -1.0)])
     assert not seen_in(picture, along, np.tile([0.0, 0.0, -1.0], (999, 1))).any()
-
-
-def test_turns_of_the_tool_axis_are_in_the_unit_of_the_table_and_legends_below_the_panels(result):
-    found = inspect_path(result.path, PartConfig("sphere_100"), result.plan)
-    figure = plot_distributions(found)
-    rate = figure.axes[2]
-    assert rate.get_ylabel().endswith("[deg/mm]")
-    # On a sphere of 100 mm the normal turns by 1 rad in 100 mm whichever way one goes.
-    drawn = rate.lines[0].get_ydata()
-    assert np.median(drawn) == pytest.approx(np.degrees(1.0) / 100.0, rel=0.02)
-    assert drawn.max() == pytest.approx(np.degrees(found.figures["max_axis_rate_rad_m"]) * 1e-3)
-    figure.draw_without_rendering()
-    assert figure.axes[0].get_ylim() == (0.0, 100.0)
-    for axes in figure.axes:
-        assert axes.get_legend().get_window_extent().y1 < axes.get_window_extent().y0

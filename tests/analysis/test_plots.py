@@ -94,7 +94,7 @@ def test_a_run_stopped_early_still_draws(make, phase):
         assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
 
 
-def test_the_drawn_force_is_the_logged_one_each_curvature_peak_is_numbered_and_the_dip_at_it_is_the_mean():
+def test_the_force_is_drawn_as_logged_with_its_peaks_numbered_and_up_to_a_stop_that_is_marked():
     record = surface_record()
     figure = draw_plots(record)["force.png"]
     drawn = next(line for line in figure.axes[0].lines if line.get_label() == "exact contact force")
@@ -104,9 +104,6 @@ def test_the_drawn_force_is_the_logged_one_each_curvature_peak_is_numbered_and_t
     assert errors.shape == (3, 3)
     assert errors.mean(axis=0) == pytest.approx([0.0, -5.0, 0.0], abs=0.05)
     assert bends.mean(axis=0) == pytest.approx([1.0, 1.0 + 1 / 0.06, 1.0], abs=0.02)
-
-
-def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked():
     record = surface_record()
     fed = record.log.fed
     tenth = [float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m")]
@@ -124,7 +121,7 @@ def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked():
             assert marked[0].get_xdata()[0] == pytest.approx(where, abs=0.01)
 
 
-def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controller():
+def test_runs_and_seeds_beside_each_other_have_one_scale_the_band_of_their_own_force_and_the_worst_named():
     runs = [surface_record(), with_force(surface_record(controller="position"), 12.0)]
     figure = draw_comparison(runs)["force.png"]
     first, _, second, _ = figure.axes
@@ -135,9 +132,6 @@ def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controll
         band = axes.patches[0].get_extents().transformed(axes.transData.inverted())
         assert (band.y0, band.y1) == pytest.approx((force - 4.0, force + 4.0))
     assert np.ptp(first.get_ylim()) == pytest.approx(np.ptp(second.get_ylim()))
-
-
-def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_each_other():
     for runs in ([arc_record(), arc_record()], [force_record(), with_force(force_record(), 10.0)]):
         (figure,) = draw_comparison(runs).values()
         assert len(figure.axes) == 1
@@ -146,6 +140,16 @@ def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_e
     assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
     with pytest.raises(InputError, match="arc, force"):
         draw_comparison([arc_record(), force_record()])
+    # Seeds are counted that meet what is asked.
+    slow = force_record(synthetic.force_trace(tau=0.3), seed=1)
+    figure = draw_seeds([force_record(), slow])["seeds.png"]
+    assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
+    records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
+    records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})
+    plots = draw_seeds(records)
+    assert "seed 7, the worst of 2" in head_of(plots["worst_seed.png"])
+    names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
+    assert names["force error, max [N]"] == "seed 7: 7"
 
 
 def test_a_path_without_bends_or_with_one_too_near_an_end_says_so_and_noise_of_its_curvature_stays_small():
@@ -167,23 +171,11 @@ def test_a_path_without_bends_or_with_one_too_near_an_end_says_so_and_noise_of_i
     assert "mean of 2 peaks" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_drawn():
-    slow = force_record(synthetic.force_trace(tau=0.3), seed=1)
-    figure = draw_seeds([force_record(), slow])["seeds.png"]
-    assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
-    records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
-    records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})
-    plots = draw_seeds(records)
-    assert "seed 7, the worst of 2" in head_of(plots["worst_seed.png"])
-    names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
-    assert names["force error, max [N]"] == "seed 7: 7"
-
-
 UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
 """Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
 
 
-def test_shares_below_half_and_above_one_and_a_half_means_are_counted_and_depths_with_a_wear_coefficient():
+def test_a_removal_map_is_counted_drawn_without_what_was_never_touched_and_kept_as_a_mesh(tmp_path):
     relative, absolute = (measure_removal(synthetic.removal_map(3e5 * UNEVEN, wear)) for wear in (0.0, 1e-13))
     for figures in (relative, absolute):
         assert figures["under_polished_share"] == pytest.approx(0.10)
@@ -203,9 +195,6 @@ def test_shares_below_half_and_above_one_and_a_half_means_are_counted_and_depths
     assert math.isnan(nothing["removal_cv"])
     assert math.isnan(nothing["over_polished_share"])
     assert nothing["unpolished_share"] == pytest.approx(1.0)
-
-
-def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram():
     removal = synthetic.removal_map(np.concatenate([np.zeros(500), np.linspace(1.0, 1.2, 500)]))
     log = synthetic.log_of(synthetic.surface_trace(synthetic.bumpy_path()))
     record = RunRecord("cut", Scenario(), measure_removal(removal), log, None, removal)
@@ -213,9 +202,7 @@ def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram():
     # Half of the area lies within 0.4 of its mean: 12.5% of it per tenth on average.
     assert shares.get_ylim()[1] < 25.0
     assert "untouched 50.00% left out" in shares.get_xlabel()
-
-
-def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path):
+    # With the exposure, in millimetres.
     removal = synthetic.removal_map(3e5 * UNEVEN, 1e-13)
     write_removal_mesh(tmp_path / "removal.ply", removal)
     mesh = trimesh.load(tmp_path / "removal.ply", process=False)
@@ -226,16 +213,11 @@ def test_the_mesh_carries_the_exposure_in_millimetres_and_a_colour(tmp_path):
     assert mesh.visual.vertex_colors.shape == (40, 4)
 
 
-@pytest.fixture
-def run() -> RunRecord:
+def test_a_saved_run_is_drawn_again_with_its_removal_alone_and_beside_others_if_there_is_any(tmp_path):
     path, removal = synthetic.bumpy_path(bumps=2, length=0.1), synthetic.removal_map(3e5 * UNEVEN)
     log = synthetic.log_of(synthetic.surface_trace(path))
     log = with_column(log, "exposure_nm", np.linspace(0.0, 1.0, len(log)))
-    figures = {"force_mean_n": 20.0, **measure_removal(removal)}
-    return RunRecord("run", Scenario(), figures, log, path, removal)
-
-
-def test_a_saved_run_is_drawn_again_alone_and_beside_others(run, tmp_path):
+    run = RunRecord("run", Scenario(), {"force_mean_n": 20.0, **measure_removal(removal)}, log, path, removal)
     write_record(tmp_path, run)
     back = read_record(tmp_path)
     assert measure_removal(back.removal) == pytest.approx(measure_removal(run.removal), rel=1e-6, nan_ok=True)
@@ -244,14 +226,10 @@ def test_a_saved_run_is_drawn_again_alone_and_beside_others(run, tmp_path):
     assert "removal.png" in draw_comparison([back, back, run])
     with pytest.raises(ValueError, match="exposure_nm"):  # a column added to a log must fit it
         with_column(run.log, "exposure_nm", np.zeros(len(run.log) + 1))
-
-
-def test_a_run_without_removal_is_drawn_without_its_map_and_with_a_wear_coefficient_in_micrometres(run):
     for removal in (None, synthetic.removal_map(np.zeros(20))):
         bare = replace(run, removal=removal)
         assert "removal.png" not in draw_plots(bare)
         assert "removal.png" not in draw_comparison([run, bare])
     removal = synthetic.removal_map(3e5 * UNEVEN, 1e-13)
     figure = draw_plots(replace(run, removal=removal, metrics=measure_removal(removal)))["removal.png"]
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert any("µm" in label for label in labels), labels
+    assert any("µm" in axes.get_ylabel() for axes in figure.axes)

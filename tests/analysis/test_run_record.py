@@ -24,7 +24,7 @@ def record() -> run_record.RunRecord:
     return run_record.RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log, path, removal)
 
 
-def test_a_run_reads_back_as_it_was_written(record, tmp_path):
+def test_a_run_reads_back_as_written_in_strict_json_with_null_for_an_undefined_figure(record, tmp_path):
     run_record.write_record(tmp_path, record)
     back = run_record.read_record(tmp_path)
     assert back.scenario == record.scenario
@@ -32,16 +32,10 @@ def test_a_run_reads_back_as_it_was_written(record, tmp_path):
     np.testing.assert_array_equal(back.path.curvature, record.path.curvature)
     for name in record.log.names:
         np.testing.assert_array_equal(back.log[name], record.log[name])
-
-
-def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path):
     numpys = {"b": np.float64(2.0), "c": np.int64(3), "e": np.array([1.0])}
     run_record.write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
 
-    def refuse(text: str) -> float:
-        raise AssertionError(f"{text} is not JSON")
-
-    read = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=refuse)
+    read = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
     assert read == {"a": None, "b": 2.0, "c": 3, "d": [None, 1.0], "e": [1.0]}
 
 
@@ -116,24 +110,7 @@ def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: An
     return run_record.RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
 
 
-def test_part_force_and_feed_of_every_run_stand_in_its_own_column():
-    bowl = {"part": {"file": "my/bowl.stl"}, "process": {"contact_force_n": 12.0, "feed_m_s": 0.04}}
-    teach = {"experiment": "teach"}
-    for runs, wanted in (
-        ([{}, bowl], {"part": ["freeform", "bowl.stl"], "set force": ["20", "12"], "feed": ["10", "40"]}),
-        (
-            [{}, {"plan": {"file": "plans/mine.csv"}}],
-            {"path": ["spiral", "mine.csv"], "step-over": ["8", "-"]},
-        ),
-        ([teach, {**teach, "drag": {"follow": "rim"}}], {"along": ["the trial's moves", "rim"]}),
-        ([teach, {**teach, "drag": {"follow": "rim"}}], {"mode": ["every", "default"]}),
-        ([{"experiment": "dual"}], {"path": ["around the rim"]}),
-    ):
-        rows = {label: found for label, _, *found in setting_rows([run(**sections) for sections in runs])}
-        assert wanted.items() <= rows.items()
-
-
-def test_how_a_run_ended_what_runs_differ_in_and_areas_that_contradict_each_other_are_named(record):
+def test_settings_ends_and_differences_of_runs_side_by_side_are_said_and_their_names_differ(record, tmp_path):
     stopped = {"path_done": 0.5, "protective_stop": "the force was too large"}
     for metrics, said in (
         ({}, "whole"),
@@ -156,9 +133,17 @@ def test_how_a_run_ended_what_runs_differ_in_and_areas_that_contradict_each_othe
     (said,) = notes(0.0151)
     assert all(word in said for word in ("metrics.json", "polished_area_m2", "0.0151", record.name))
     assert notes(0.015) == []
-
-
-def test_runs_of_one_name_are_told_apart(tmp_path):
+    # Part, force and feed of every run stand in its own column.
+    bowl = {"part": {"file": "my/bowl.stl"}, "process": {"contact_force_n": 12.0, "feed_m_s": 0.04}}
+    teach, rim = {"experiment": "teach"}, {"experiment": "teach", "drag": {"follow": "rim"}}
+    for runs, wanted in (
+        ([{}, bowl], {"part": ["freeform", "bowl.stl"], "set force": ["20", "12"], "feed": ["10", "40"]}),
+        ([{}, {"plan": {"file": "mine.csv"}}], {"path": ["spiral", "mine.csv"], "step-over": ["8", "-"]}),
+        ([teach, rim], {"along": ["the trial's moves", "rim"], "mode": ["every", "default"]}),
+        ([{"experiment": "dual"}], {"path": ["around the rim"]}),
+    ):
+        rows = {label: found for label, _, *found in setting_rows([run(**sections) for sections in runs])}
+        assert wanted.items() <= rows.items()
     folders = [tmp_path / "first" / "seed-0000", tmp_path / "second" / "seed-0000"]
     for folder in folders:
         folder.mkdir(parents=True)

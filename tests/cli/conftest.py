@@ -171,10 +171,15 @@ def assert_refused(call: Call, said: str, *there: str) -> None:
     assert {path.name for path in Path().iterdir()} == set(there)
 
 
-def refused(call: Call, *facts: str) -> None:
-    """One error with code 2 that names these facts."""
-    assert call.code == 2, call.err
+def refused(call: Call, *facts: str, code: int = 2) -> None:
+    """One error with this code that names these facts."""
+    assert call.code == code, call.err
     assert [fact for fact in facts if fact not in call.err] == [], call.err
+
+
+def interrupted(*_: object, **__: object) -> None:
+    """In place of something that Ctrl-C comes in."""
+    raise KeyboardInterrupt
 
 
 def done(call: Call) -> Call:

@@ -11,7 +11,7 @@ import pytest
 from polish_sim.config import Scenario
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import Tool, assert_refused, done, metrics_of, ran
+from tests.cli.conftest import Tool, assert_refused, done, metrics_of, ran, refused
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def folder(calibrated: Path, polish_sim: Tool, tmp_path: Path) -> Path:
     return Path(shutil.copytree(calibrated, tmp_path / "one"))
 
 
-def test_one_calibration_leaves_its_files_and_they_agree(folder):
+def test_a_calibration_leaves_files_that_agree_and_give_the_same_tool_again(folder, polish_sim):
     names = {path.name for path in folder.iterdir()}
     assert names == {
         "calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png",
@@ -43,19 +43,14 @@ def test_one_calibration_leaves_its_files_and_they_agree(folder):
     assert len(rows) == metrics["readings"] == 7
     scenario = load_scenario(folder / "config.toml", Scenario())
     assert (scenario.experiment, scenario.seed, scenario.payload.poses) == ("calibrate-payload", 4, 6)
-
-
-def test_config_and_readings_give_the_same_tool_again(folder, polish_sim):
-    code, out, _ = polish_sim("calibrate", "payload", "--config", "one/config.toml", "--out", "two")
-    assert code == 0
+    out = done(polish_sim("calibrate", "payload", "--config", "one/config.toml", "--out", "two")).out
     assert out.splitlines()[-1] == "folder: two"
     for name in ("calibration.toml", "residuals.csv"):
         assert (Path("two") / name).read_bytes() == (folder / name).read_bytes()
-    again = ("calibrate", "payload", "--data", "one/residuals.csv", "--out", "three", "--check")
-    assert polish_sim(*again).code == 0
-    metrics = [metrics_of(Path(name)) for name in ("one", "three")]
-    assert metrics[1]["mass_kg"] == pytest.approx(metrics[0]["mass_kg"], rel=1e-8)
-    assert "mass_error_kg" not in metrics[1]  # nobody knows a robot's true tool
+    done(polish_sim("calibrate", "payload", "--data", "one/residuals.csv", "--out", "three", "--check"))
+    again = metrics_of("three")
+    assert again["mass_kg"] == pytest.approx(metrics["mass_kg"], rel=1e-8)
+    assert "mass_error_kg" not in again  # nobody knows a robot's true tool
 
 
 @pytest.mark.parametrize(
@@ -90,9 +85,8 @@ def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder, polis
         first = rows[0].index("fx_n")
         row[first : first + 3] = [str(1e-3 * float(value)) for value in row[first : first + 3]]
     Path("half.csv").write_text("\n".join(map(",".join, rows)) + "\n")
-    code, _, err = polish_sim("calibrate", "payload", "--data", "half.csv", "--out", "no")
-    assert code == 2
-    assert "the forces do not follow a tool's weight" in err
+    half = polish_sim("calibrate", "payload", "--data", "half.csv", "--out", "no")
+    refused(half, "the forces do not follow a tool's weight")
     words = ("--noise", "20", "--poses", "4", "--set", "payload.average_s=0.02", "--out", "noisy")
     assert polish_sim("calibrate", "payload", *words, "--check").code == 1
 
@@ -103,26 +97,25 @@ def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder, polis
 )
 def test_many_seeds_give_their_mean_or_rms_and_worst_once(asked, error, power, polish_sim):
     words = ("calibrate", *asked.split(), "--seeds", "2", "--on", "here", "--out", "many")
-    assert polish_sim(*words, "--check").code == 0
+    done(polish_sim(*words, "--check"))
     metrics = metrics_of("many")
     assert metrics["seeds"] == [0, 1]
     errors = np.array([run[error] for run in metrics["runs"].values()])
     assert metrics["worst"][error] == errors.max()
-    assert metrics["rms" if power == 2 else "mean"][error] == pytest.approx(
-        np.mean(errors**power) ** (1 / power)
-    )
+    mean = np.mean(errors**power) ** (1 / power)
+    assert metrics["rms" if power == 2 else "mean"][error] == pytest.approx(mean)
     assert power == 2 or Path("many/seed-0001/calibration.toml").is_file()
     head, *rows = read_page(Path("many/report.html")).tables["Figures"]
     assert head[3:] == ["worst seed", "paper", "asked", "met"]
     assert len(rows) == len(metrics["worst"])
     begun = Path("many/rows.jsonl").read_bytes()
-    assert polish_sim(*words).code == 0
+    done(polish_sim(*words))
     assert Path("many/rows.jsonl").read_bytes() == begun
 
 
 def test_a_run_takes_the_calibration(folder, polish_sim):
     words = ("--set", "process.hold_s=1", "--calibration", "one/calibration.toml", "--out", "run")
-    assert polish_sim("run", "force", *words).code == 0
+    done(polish_sim("run", "force", *words))
     metrics = metrics_of("run")
     found = tomllib.loads((folder / "calibration.toml").read_text(encoding="utf-8"))
     assert metrics["payload_mass_error_kg"] == pytest.approx(found["mass_kg"] - 2.0, abs=1e-9)

@@ -8,7 +8,7 @@ import pytest
 
 from polish_sim.dual import budget
 from polish_sim.dual.budget import PairBudgetTrial
-from tests.cli.conftest import metrics_of
+from tests.cli.conftest import metrics_of, refused
 
 _predict = cache(budget.predict)
 
@@ -32,7 +32,9 @@ def numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return made
 
 
-def test_a_budget_leaves_its_files_and_draws_only_what_is_missing(polish_sim, tmp_path, numbers):
+def test_a_budget_draws_only_what_is_missing_and_with_worse_instruments_falls_short(
+    polish_sim, tmp_path, numbers
+):
     words = ("calibrate", "budget", "--on", "here", "--check", "--out", "one")
     call = polish_sim(*words, "--draws", "30")
     assert call.code == 0
@@ -51,9 +53,6 @@ def test_a_budget_leaves_its_files_and_draws_only_what_is_missing(polish_sim, tm
     assert polish_sim(*words, "--draws", "32").code == 0
     assert numbers == list(range(32))
     assert "another calibrate-budget" in polish_sim(*words, "--draws", "32", "--seed", "1").err
-
-
-def test_worse_instruments_fall_short(polish_sim, tmp_path):
     words = "calibrate budget --draws 30 --tracker-noise 0 --touch-noise 0.2 --marks 4 --closing 0"
     assert polish_sim(*words.split(), "--on", "here", "--check", "--out", "bad").code == 1
     figures = metrics_of(tmp_path / "bad")
@@ -64,9 +63,7 @@ def test_worse_instruments_fall_short(polish_sim, tmp_path):
 
 
 @pytest.mark.parametrize(("after", "enough"), [(30, True), (3, False), (0, False)])
-def test_broken_off_what_was_drawn_is_kept_and_summed_up_if_it_is_enough(
-    after, enough, polish_sim, tmp_path, monkeypatch
-):
+def test_interrupted_draws_are_kept_and_summed_up_if_enough(after, enough, polish_sim, tmp_path, monkeypatch):
     draw = budget.draw_errors
 
     def interrupted(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
@@ -75,9 +72,7 @@ def test_broken_off_what_was_drawn_is_kept_and_summed_up_if_it_is_enough(
         return draw(trial, number)
 
     monkeypatch.setattr(budget, "draw_errors", interrupted)
-    code, _, err = polish_sim("calibrate", "budget", "--on", "here", "--out", "cut")
-    assert code == 130
-    assert "interrupted" in err
+    refused(polish_sim("calibrate", "budget", "--on", "here", "--out", "cut"), "interrupted", code=130)
     assert [path.name for path in tmp_path.iterdir()] == ["cut"] * (after > 0)
     if after:
         assert (tmp_path / "cut" / "rows.jsonl").read_bytes().count(b"\n") == after

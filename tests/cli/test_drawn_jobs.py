@@ -10,30 +10,22 @@ from benchmarks.drawn_jobs import inspect_faults, run_faults
 from benchmarks.random_bodies import BODIES
 from benchmarks.random_jobs import draw_job
 
-GOOD = {
-    "region_area_m2": 2.0,
-    "polished_area_m2": 1.5,
-    "left_out_area_m2": 0.5,
-    "left_out": {"at an edge": 0.5},
-}
+AREAS = {"region_area_m2": 2.0, "polished_area_m2": 1.5, "left_out_area_m2": 0.5}
+GOOD = {**AREAS, "left_out": {"at an edge": 0.5}}
 MEASURED = {"coverage_stepover": 0.9, "path_length_m": 1.0, "stepover_p5_m": 0.01, "self_crossings": 0}
 PLANNED = {"notes": ["read in mm"], "coverage": 0.75, **MEASURED, **GOOD}
 
 
 def answer(folder, code, text, figures):
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     (folder / "metrics.json").write_text(json.dumps(figures))
     return Call(folder, code, text, 1.0)
 
 
 def test_a_seed_draws_the_same_job_again_and_another_seed_another(tmp_path):
     one, again, other = (draw_job(seed, [], tmp_path) for seed in (20600, 20600, 20601))
-    assert (one.name, one.region, one.planned, one.cell) == (
-        again.name,
-        again.region,
-        again.planned,
-        again.cell,
-    )
+    for name in ("name", "region", "planned", "cell"):
+        assert getattr(one, name) == getattr(again, name)
     assert np.array_equal(one.mesh.triangles, again.mesh.triangles)
     assert one.planned != other.planned
 
@@ -55,12 +47,7 @@ def test_every_body_is_a_part_with_an_area(name):
         (0, "", {"polished_area_m2": 1.6}, "areas: "),
         (0, "", {"contact_lost_s": 0.02}, "contact lost"),
         (3, "", {"protective_stop": "torque"}, "stopped: torque"),
-        (
-            1,
-            " tangential error, max  mm  0.7  -  <= 0.65    NO ",
-            {},
-            "its plan did not say: tangential error",
-        ),
+        (1, " tangential error, max  mm  0.7  -  <= 0.65  NO ", {}, "its plan did not say: tangential error"),
         (1, "bad: 1 of 9 cm^2 are left out.", {}, "its plan did not say: bad"),
         (1, "", {}, "exit 1 without a reason"),
     ],
@@ -72,14 +59,11 @@ def test_what_is_wrong_with_a_run_is_found_and_nothing_else(tmp_path, code, text
     assert all(fault in line for line in found)
 
 
-def test_a_run_may_fall_short_where_its_plan_says_so(tmp_path):
+def test_a_run_may_fall_short_where_its_plan_says_so_other_figures_by_inspect_are_faults(tmp_path):
     notes = ["on other arms and parts this may fail run --check: tangential error"]
     plan = answer(tmp_path / "plan", 0, "bad: 1 of 9 cm^2 are left out.", {**PLANNED, "notes": notes})
     text = "bad: 1 of 9 cm^2 are left out.\n tangential error, max  mm  0.7  -  <= 0.65    NO"
     assert not list(run_faults(answer(tmp_path / "run", 1, text, GOOD), plan))
-
-
-def test_figures_that_inspect_measures_otherwise_are_faults(tmp_path):
     plan = answer(tmp_path / "plan", 0, "", PLANNED)
     assert not list(inspect_faults(answer(tmp_path / "same", 0, "", PLANNED), plan))
     (fault,) = inspect_faults(answer(tmp_path / "other", 0, "", {**PLANNED, "path_length_m": 1.1}), plan)

@@ -6,25 +6,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import assert_refused, done, metrics_of
+from tests.cli.conftest import assert_refused, done, metrics_of, refused
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
-KEYS = {
-    "coverage",
-    "exposure_cv",
-    "stepover_p5_m",
-    "stepover_p95_m",
-    "max_axis_rate_rad_m",
-    "unreachable_area_m2",
-}
+SPACING = {"stepover_p5_m", "stepover_p95_m", "max_axis_rate_rad_m"}
+KEYS = {"coverage", "exposure_cv", "unreachable_area_m2", *SPACING}
 
 
 def write_raster(file: Path, height: float = 20.0) -> None:
-    lines = [
-        f"{x},{y},{height},0,0,1"
-        for k, y in enumerate(range(-95, 96, 10))
-        for x in ((-100, 100)[:: (-1) ** k])
-    ]
+    ends = [(x, y) for k, y in enumerate(range(-95, 96, 10)) for x in ((-100, 100)[:: (-1) ** k])]
+    lines = [f"{x},{y},{height},0,0,1" for x, y in ends]
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -55,10 +46,10 @@ def test_the_help_gives_no_part_and_no_step_over_as_the_default(polish_sim):
     assert "neighbouring turns (mm). --overlap" in words
 
 
-def test_options_reach_the_figures(polish_sim):
+def test_options_reach_the_figures_and_a_plan_beside_a_path_that_was_cut_is_named_with_what_to_do(polish_sim):
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
-    assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
+    done(polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen"))
     metrics = metrics_of("seen")
     assert metrics["stepover_expected_m"] == pytest.approx(0.012)
     assert metrics["overlap"] == pytest.approx(1.0 - 10.0 / 30.0)
@@ -67,10 +58,13 @@ def test_options_reach_the_figures(polish_sim):
     assert 4190.0 / 20.0 < metrics["motion_time_s"] < metrics["cycle_time_s"] < 1.1 * 4190.0 / 20.0
     # One equal to the default counts where it is given.
     Path("mine.toml").write_text("[plan]\nstepover_m = 0.008\n")
-    assert (
-        polish_sim("inspect", "raster.csv", "--part", "plate", "--config", "mine.toml", "--out", "8")[0] == 0
-    )
+    done(polish_sim("inspect", "raster.csv", "--part", "plate", "--config", "mine.toml", "--out", "8"))
     assert metrics_of("8")["stepover_expected_m"] == 0.008
+    write_raster(Path("path.csv"))
+    for text in ('{"part": {"na', "[1]"):
+        Path("path.json").write_text(text)
+        refused(polish_sim("inspect", "path.csv", "--part", "plate", "--out", "cut"), "'path.json'", "again")
+        assert not Path("cut").exists()
 
 
 BAD = {
@@ -88,14 +82,3 @@ def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim, case):
     write_raster(Path("deep.csv"), 16.0)
     words, message = BAD[case]
     assert_refused(polish_sim("inspect", *words), message, "raster.csv", "deep.csv")
-
-
-def test_a_plan_beside_a_path_that_was_cut_is_named_with_what_to_do(polish_sim):
-    write_raster(Path("path.csv"))
-    for text in ('{"part": {"na', "[1]"):
-        Path("path.json").write_text(text)
-        call = polish_sim("inspect", "path.csv", "--part", "plate", "--out", "seen")
-        assert call.code == 2
-        assert "'path.json'" in call.err
-        assert "again" in call.err
-        assert not Path("seen").exists()

@@ -18,13 +18,10 @@ import typer
 from polish_sim.cli import console, progress, start
 from polish_sim.cli.boundary import execute
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, Started, metrics_of
+from tests.cli.conftest import PROGRAM, Started, done, metrics_of
 from tests.kept import plate_file
 
-
-def _at_work(out: Path) -> Path:
-    """Where a command writes: its draft, or the folder of its rows."""
-    return out / "cut" if (out / "cut/rows.jsonl").exists() else out / ".cut.polish-sim-part"
+NOTHING = "error: interrupted; nothing was recorded yet.\n"
 
 
 def interrupted(
@@ -34,9 +31,9 @@ def interrupted(
     then_s: float,
     signals: Sequence[signal.Signals] = (signal.SIGINT,),
 ) -> str:
-    """What a command says when Ctrl-C or other ``signals`` come a while after it is ready, by its draft
-    folder and what it has said; it ends with 130. It says every 0.1 s how far it is.
-    """
+    """What a command says when Ctrl-C or other ``signals`` come a while after it is ready, by its draft, or
+    the folder of its rows, and what it has said; it ends with 130. It says every 0.1 s how far it is."""
+    out, draft = folder / "out/cut", folder / "out/.cut.polish-sim-part"
 
     def talk() -> None:
         progress.QUIET_S = 0.1
@@ -46,7 +43,7 @@ def interrupted(
         tempfile.NamedTemporaryFile() as said,
         Started(*words, "--out", "out/cut", folder=folder, err=said.fileno(), begin=talk) as run,
     ):
-        while not ready(_at_work(folder / "out"), Path(said.name).read_text()):
+        while not ready(out if (out / "rows.jsonl").exists() else draft, Path(said.name).read_text()):
             assert run.poll() is None, Path(said.name).read_text()
             time.sleep(0.02)
         time.sleep(then_s)
@@ -74,15 +71,10 @@ def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words, tmp_pat
 def test_ctrl_c_while_the_program_is_loaded_is_one_line():
     loading = "import builtins; real = builtins.__import__\n"
     loading += "def load(name, *rest):\n  if name == 'polish_sim.cli.main': raise KeyboardInterrupt\n"
-    loading += (
-        "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
-    )
+    loading += "  return real(name, *rest)\nbuiltins.__import__ = load\n"
+    loading += "from polish_sim.cli import start; start()"
     run = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout, run.stderr) == (
-        130,
-        "",
-        "error: interrupted; nothing was recorded yet.\n",
-    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", NOTHING)
 
 
 def dropped() -> None:
@@ -128,19 +120,17 @@ def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(command, caps
     app = typer.Typer()
     app.command()(command)
     assert execute(app, ["--"]) == 130
-    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
+    assert capsys.readouterr().err == NOTHING
 
 
-def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path):
+def test_ctrl_c_however_often_and_a_closed_terminal_keep_what_a_run_recorded(tmp_path, monkeypatch):
     arc = ["run", "arc", "--feed", "0.5"]
     err = interrupted(arc, tmp_path, lambda _, said: "simulate: " in said, 0.0, 20 * [signal.SIGINT])
     assert "kept" in err
     assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
     assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
-
-
-def test_a_run_whose_terminal_is_closed_keeps_what_was_recorded(tmp_path, monkeypatch):
+    # A closed terminal does as well.
     ours, its = pty.openpty()
     monkeypatch.setenv("TERM", "xterm")
 
@@ -174,18 +164,15 @@ def test_streams_that_are_closed_or_lack_a_sign_fail_no_command(monkeypatch, tmp
 
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path, polish_sim):
     many = ["run", "arc", "--seeds", "5", "--set", "process.max_feed_s=0.5"]
-    err = interrupted(
-        [*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0
-    )
+    second = lambda folder, _: (folder / "seed-0001").exists()  # noqa: E731
+    err = interrupted([*many, "--workers", "1"], tmp_path, second, 0.0)
     assert err.splitlines()[-1].endswith("the same command with --out out/cut resumes.")
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
     assert 1 <= len(kept) < 5
-    assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [
-        f"seed-{s:04d}" for s in kept
-    ]
+    assert {folder.name for folder in Path("out/cut").glob("seed-*")} == {f"seed-{s:04d}" for s in kept}
     begun = (tmp_path / "out/cut/rows.jsonl").read_bytes()
     assert (tmp_path / "out/cut/seed-0000/log.npz").is_file()
-    assert polish_sim(*many, "--on", "here", "--out", "out/cut").code == 0
+    done(polish_sim(*many, "--on", "here", "--out", "out/cut"))
     assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(5))
     assert (tmp_path / "out/cut/rows.jsonl").read_bytes().startswith(begun)
     assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in

@@ -32,11 +32,13 @@ from tests.cli.conftest import PROGRAM, Started, in_browser
 WITH_VISER = importlib.util.find_spec("viser") is not None
 served = pytest.mark.skipif(not WITH_VISER, reason="no viser: pip install 'polish-sim[view]'")
 SHORT = ["process.hold_s=1"]
+LIVE = ("run", "force", "--live", "--set", "process.approach_speed_m_s=0.05", "--out", "out")
 
 
-def same(one: RunLog, other: RunLog) -> bool:
+def same(one: RunLog, other: RunLog, rows: int | None = None) -> bool:
+    """Whether all rows are alike, or the first ones."""
     return one.names == other.names and all(
-        one[name].tobytes() == other[name].tobytes() for name in one.names
+        one[name][:rows].tobytes() == other[name][:rows].tobytes() for name in one.names
     )
 
 
@@ -84,22 +86,7 @@ def test_pages_of_other_servers_are_refused():
     page.close("")
 
 
-def test_only_the_servers_own_pages_may_use_it():
-    for origin, host, may in (
-        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
-        ("http://localhost:8080", "localhost:8080", True),
-        ("http://[::1]:8080", "[::1]:8080", True),
-        (None, "127.0.0.1:8080", True),
-        ("http://127.0.0.1:9090", "127.0.0.1:8080", False),
-        ("null", "127.0.0.1:8080", False),
-        ("http://rebound.example:8080", "rebound.example:8080", False),
-        (None, "rebound.example:8080", False),
-        (None, "", False),
-    ):
-        assert allowed(origin, host) is may, (origin, host)
-
-
-def test_this_computer_alone_is_served_unless_an_address_is_named():
+def test_this_computer_alone_is_served_unless_an_address_is_named_and_only_to_its_own_pages():
     if WITH_VISER:
         assert asked_address({"--live-host": None, "--live-port": None}) == Address("127.0.0.1")
     with socket.socket() as taken:
@@ -112,6 +99,18 @@ def test_this_computer_alone_is_served_unless_an_address_is_named():
             free_address(Address("127.0.0.1", PORT))
     with pytest.raises(InputError, match=r"no page can be served at '192\.0\.2\.1'"):
         free_address(Address("192.0.2.1"))
+    for origin, host, may in (
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
+        ("http://localhost:8080", "localhost:8080", True),
+        ("http://[::1]:8080", "[::1]:8080", True),
+        (None, "127.0.0.1:8080", True),
+        ("http://127.0.0.1:9090", "127.0.0.1:8080", False),
+        ("null", "127.0.0.1:8080", False),
+        ("http://rebound.example:8080", "rebound.example:8080", False),
+        (None, "rebound.example:8080", False),
+        (None, "", False),
+    ):
+        assert allowed(origin, host) is may, (origin, host)
 
 
 def test_what_cannot_be_shown_is_said_before_anything_starts(polish_sim, monkeypatch, tmp_path):
@@ -158,9 +157,8 @@ class Tab:
                     raise
         raise AssertionError(f"{text!r} does not show after {button!r}")
 
-    def paused_in_contact(self) -> float:
-        """Let the run wait once the tool presses; the simulated time then [s]."""
-        self.wait_for("of 20 N")
+    def paused(self) -> float:
+        """Let the run wait; the simulated time then [s]."""
         self.press("pause")
         self.wait_for("(paused)")
         return self.clock()
@@ -187,18 +185,12 @@ class Tab:
 class Running:
     """A command that serves a page."""
 
-    def __init__(self, folder: Path, *words: object, anew: bool) -> None:
+    def __init__(self, folder: Path, *words: object) -> None:
         self.url = f"http://127.0.0.1:{(port := free_port())}"
         self._said = folder / "said"
-        self.process: Started | subprocess.Popen[bytes]
         words = (*words, "--live-port", str(port))
         with self._said.open("w") as stream:
-            if anew:
-                program = [*PROGRAM, *words]
-                heard = os.environ | {"PYTHONUNBUFFERED": "1"}
-                self.process = subprocess.Popen(program, cwd=folder, env=heard, stdout=stream, stderr=stream)
-            else:
-                self.process = Started(*words, folder=folder, out=stream.fileno(), err=stream.fileno())
+            self.process = Started(*words, folder=folder, out=stream.fileno(), err=stream.fileno())
         self.until(lambda: f"open {self.url} in a browser" in self.said)
 
     @property
@@ -219,13 +211,12 @@ class Running:
 
 
 @pytest.fixture
-def start(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Callable[..., Running]]:
-    """Start a command in an empty folder, in a new Python beside a browser: what drives that one was not made
-    to be forked. The command does not outlive the test."""
+def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start a command in an empty folder; it does not outlive the test."""
     started = []
 
     def begin(*words: str) -> Running:
-        started.append(Running(tmp_path, *words, anew="browser" in request.fixturenames))
+        started.append(Running(tmp_path, *words))
         return started[-1]
 
     yield begin
@@ -240,7 +231,7 @@ def test_moments_keep_reaching_who_looks_on(start):
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
 
-    run = start("run", "force", "--live", "--set", "process.hold_s=60", "--out", "out")
+    run = start(*LIVE, "--set", "process.hold_s=60")
     run.until(lambda: "\nsimulate" in run.said)
     protocol = [Subprotocol(f"viser-v{viser.__version__}")]
     with connect(
@@ -255,23 +246,12 @@ def test_moments_keep_reaching_who_looks_on(start):
 
 @served
 @in_browser
-def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(start, tmp_path, request):
-    run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
-    tab = Tab(request.getfixturevalue("browser"), run.url)  # only now: the run was forked
-    stood = tab.paused_in_contact()
-    assert run.interrupted() == 130
-    assert "Traceback" not in run.said
-    tab.wait_for("The run is over")
-    assert read_record(tmp_path / "out").metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
-    assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
-
-
-@served
-@in_browser
-def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(browser, start, tmp_path):
-    run = start("run", "force", "--live", "--set", "process.hold_s=12", "--out", "out")
+def test_ctrl_c_while_a_run_waits_keeps_it_with_what_was_changed_in_the_page(start, tmp_path, request):
+    run = start(*LIVE, "--set", "process.hold_s=600")
+    browser = request.getfixturevalue("browser")  # only now: the run was forked
     tab = Tab(browser, run.url)
-    stood = tab.paused_in_contact()
+    tab.wait_for("of 20 N")
+    stood = tab.paused()
     tab.press("step")
     run.until(lambda: tab.clock() > stood)
     stepped = tab.clock()
@@ -292,14 +272,20 @@ def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(browse
     run.until(lambda: float(np.mean(first != tab.picture())) > 0.02)
     tab.press("fastest")
     tab.press("resume")
+    run.until(lambda: tab.clock() > stepped + 1.0)
+    stood = tab.paused()
+    assert run.interrupted() == 130
+    assert "Traceback" not in run.said
     tab.wait_for("The run is over")
-    assert run.process.wait(60) == 0
     tab.close()
+    assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
     record = read_record(tmp_path / "out")
+    assert record.metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
     change, _, at = record.scenario.process.changes.partition("@")
     assert (change, float(at)) == ("force_n=26", pytest.approx(stepped, abs=0.0051))
     assert record.scenario.faults.events.startswith("friction-jump@")
-    assert same(record.log, run_experiment(load_scenario(tmp_path / "out/config.toml", Scenario())).log)
+    again = override(load_scenario(tmp_path / "out/config.toml", Scenario()), [f"process.hold_s={stood}"])
+    assert same(run_experiment(again).log, record.log, len(record.log))
 
 
 def test_a_saved_run_is_served_as_its_page_and_to_its_own_pages_alone(polish_sim, start, tmp_path):

@@ -70,20 +70,7 @@ def asked(out: Path | str | None, overwrite: bool = False) -> dict[str, object]:
     return {"--out": out, "--overwrite": overwrite}
 
 
-def test_without_out_files_appear_at_the_end_in_a_new_dated_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    finals = set()
-    for _ in range(3):
-        with claimed(asked(None), "run-force") as folder:
-            (folder.draft / "log.npz").touch()
-            assert not folder.final.exists()
-        assert folder.final.parent == Path("results/run-force")
-        assert files(folder.final) == {"log.npz"}
-        finals.add(folder.final)
-    assert len(finals) == 3
-
-
-def test_a_folder_that_exists_or_cannot_be_made_is_refused_first(tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_made_is_refused_and_without_out_a_dated_one_made(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("out").mkdir()
     Path("taken").touch()
@@ -95,6 +82,16 @@ def test_a_folder_that_exists_or_cannot_be_made_is_refused_first(tmp_path, monke
         with pytest.raises(InputError, match=said), claimed(options, "run-force"):
             pytest.fail("the work must not start")
     assert files(tmp_path) == {"out", "taken"}
+    # Without --out files appear at the end.
+    finals = set()
+    for _ in range(3):
+        with claimed(asked(None), "run-force") as folder:
+            (folder.draft / "log.npz").touch()
+            assert not folder.final.exists()
+        assert folder.final.parent == Path("results/run-force")
+        assert files(folder.final) == {"log.npz"}
+        finals.add(folder.final)
+    assert len(finals) == 3
 
 
 def fill(out: Path, error: BaseException | None) -> None:

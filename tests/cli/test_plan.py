@@ -35,14 +35,13 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim):
     """Round the small sphere at 100 mm/s: by the tool's limits alone it would take 8% less."""
     ideal = ("--set", "robot.arm=ideal", *UNPROVEN)  # an elastic wrist would be slowed further
     words = ("--stepover", "12", "--feed", "100", *ideal)
-    assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
-    assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run")[0] == 0
-    planned, ran = metrics_of("plan"), metrics_of("run")
+    done(polish_sim("plan", "sphere_50", *words, "--out", "plan"))
+    done(polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run"))
+    done(polish_sim("inspect", "plan", "--feed", "100", "--out", "inspect"))
+    planned, ran, by_tool = map(metrics_of, ("plan", "run", "inspect"))
     assert planned["motion_time_s"] == pytest.approx(ran["motion_time_s"], rel=1e-6)
     assert planned["cycle_time_s"] == pytest.approx(ran["cycle_time_s"], rel=0.02)
-    assert polish_sim("inspect", "plan", "--feed", "100", "--out", "inspect")[0] == 0
-    tool_alone = metrics_of("inspect")["cycle_time_s"]
-    assert tool_alone < 0.94 * ran["cycle_time_s"]
+    assert by_tool["cycle_time_s"] < 0.94 * ran["cycle_time_s"]
 
 
 @pytest.mark.pictures
@@ -59,19 +58,16 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
 
 def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_sim):
     words = ("--stepover", "40", "--part-pose", "0,-950,400,0,0,0", "--out", "plan")
-    code, out, err = polish_sim("plan", "saddle", *words)
-    assert code == 3
-    assert "out of reach" in out
-    assert "--part-pose 0.001,-499.862,80,0,0,0" in err
-    refused(
-        polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0"),
-        "mm of the part",
-        "--part-pose",
-    )
+    call = polish_sim("plan", "saddle", *words)
+    refused(call, "--part-pose 0.001,-499.862,80,0,0,0", code=3)
+    assert "out of reach" in call.out
+    run = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
+    refused(run, "mm of the part", "--part-pose")
     assert not Path("results").exists()
 
 
 PLATE = workpiece_path("plate").read_bytes()[:5000]
+NARROW = "narrower than half the pad: 20 mm across, the pad 50 mm"
 BAD: dict[str, tuple[bytes | trimesh.Trimesh, str, str]] = {
     "step-over beyond the part": (b"", "plan plate --stepover 300", "300 mm"),
     "unknown pattern": (b"", "plan plate --pattern star", "Did you mean 'raster'? Known: "),
@@ -82,11 +78,7 @@ BAD: dict[str, tuple[bytes | trimesh.Trimesh, str, str]] = {
     "in metres": (trimesh.creation.box((1.2, 1.2, 0.2)), "run surface --part bad.stl", "--units m"),
     "in inches": (trimesh.creation.box((6.299, 4.0, 0.3)), "plan bad.stl", "--units inch makes it 160 mm"),
     "thin": (trimesh.creation.box((150, 1.5, 1.5)), "run surface --part bad.stl", "pad"),
-    "narrow": (
-        trimesh.creation.box((100.0, 20.0, 10.0)),
-        "plan bad.stl --pad-diameter 50",
-        "narrower than half the pad: 20 mm across, the pad 50 mm",
-    ),
+    "narrow": (trimesh.creation.box((100, 20, 10)), "plan bad.stl --pad-diameter 50", NARROW),
 }
 """What the file holds, if one is needed, the command and what it says."""
 
@@ -116,11 +108,11 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         shutil.rmtree("run")
     Path("run").mkdir()
     Path("link").symlink_to("plan")
-    planned = ("run", "surface", "--set", "plan.file=link")
-    for words, out in zip(
-        (("run", "surface", "--path", "plan"), ("smooth", "plan/path.json"), ("inspect", "link"), planned),
-        ("run/../plan", "link", Path("plan").resolve(), "plan"),
-        strict=True,
+    for words, out in (
+        (("run", "surface", "--path", "plan"), "run/../plan"),
+        (("smooth", "plan/path.json"), "link"),
+        (("inspect", "link"), Path("plan").resolve()),
+        (("run", "surface", "--set", "plan.file=link"), "plan"),
     ):
         refused(polish_sim(*words, "--out", out, "--overwrite"), f"'{out}'", "--out")
     assert metrics_of("plan") == metrics
@@ -171,7 +163,7 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
     assert metrics_of("seen")["coverage"] == metrics["coverage"]
 
 
-def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim):
+def test_a_plan_says_how_much_of_the_part_its_region_is_and_turns_are_a_whole_number_apart(polish_sim):
     cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
     cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
     cap.export("cap.stl")
@@ -183,13 +175,9 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim):
     assert "more than 46 deg" in err
     areas = f"{1e4 * figures['region_area_m2']:.1f} / {1e4 * figures['part_area_m2']:.1f}"
     assert areas in out
-
-
-def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim):
-    # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
-    _, out, err = done(polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan"))
-    apart = 1e3 * metrics_of("plan")["stepover_mean_m"]
+    _, out, err = done(polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "ring"))
+    apart = 1e3 * metrics_of("ring")["stepover_mean_m"]
     assert 11.5 < apart < 14.0
     assert f" / {apart:.2f} / " in next(line for line in out.splitlines() if "step-over," in line)
     assert "more than 46 deg" not in err
@@ -209,15 +197,12 @@ def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(polish_sim, mo
     area = metrics_of(folder)["unreachable_area_m2"]
     assert area > 0.0
     assert metrics_of("seen")["unreachable_area_m2"] == pytest.approx(area)
-    dry = polish_sim("run", "surface", "--path", folder, *UNPROVEN, "--dry-run")
-    assert dry.code == 0
+    dry = done(polish_sim("run", "surface", "--path", folder, *UNPROVEN, "--dry-run"))
     assert "fixture" in dry.err + dry.out
     monkeypatch.chdir(tmp_path)
     wall(30.0).export("fixture.stl")
     changed = polish_sim("inspect", folder, "--out", "seen")
-    assert changed.code == 2
-    assert "made with the fixture 'fixture.stl'" in changed.err
-    assert "--fixture" in changed.err
-    assert polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen").code == 0
+    refused(changed, "made with the fixture 'fixture.stl'", "--fixture")
+    done(polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen"))
     Path("fixture.stl").unlink()
     assert polish_sim("run", "surface", "--path", folder, "--dry-run").code == 2

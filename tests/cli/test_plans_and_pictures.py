@@ -15,38 +15,20 @@ from polish_sim.cli import film, run
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, done, metrics_of, refused
+from tests.cli.conftest import PROGRAM, UNPROVEN, assert_refused, done, metrics_of, refused
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
-CONTROLLER = '''
-"""A law of one's own: hold the nominal path, as stiff as it is."""
-
+CONTROLLER = """
 import numpy as np
-
-
-class Mine:
-    def reset(self, dt):
-        self.steps = 0
-
-    def step(self, measurement, target):
-        self.steps += 1
-        return np.zeros(6)
-
-
-class Broken:
-    def reset(self, dt):
-        pass
-
-    def step(self, measurement, target):
-        raise ValueError("no idea")
-
-
 class Half:
-    def reset(self, dt):
-        pass
-'''
+    def reset(self, dt): pass
+class Mine(Half):
+    def step(self, measurement, target): return np.zeros(6)
+class Broken(Half):
+    def step(self, measurement, target): raise ValueError("no idea")
+"""
 
 
 @pytest.mark.parametrize("command", [("plan",), ("run", "surface")])
@@ -63,10 +45,8 @@ def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothi
     words += " --axis-smoothing 15 --axis-deviation 2 --feature-angle 25 --edge-margin 3 --stepover 20"
     out = done(polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")).out
     assert "through the air, leads included" in out
-    out = done(
-        polish_sim("run", "surface", "--part", "sphere_50", *words.split(), *UNPROVEN, "--dry-run")
-    ).out
-    assert "within reach" in out
+    run = ("run", "surface", "--part", "sphere_50", *words.split())
+    assert "within reach" in done(polish_sim(*run, *UNPROVEN, "--dry-run")).out
     assert [path.name for path in Path().iterdir()] == ["plan"]
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
     assert (plan["order"], plan["direction"], plan["lead_in"]) == ("outward", "climb", "arc")
@@ -92,13 +72,8 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     assert figures["path_done"] < 1.0
     config = Path("run/config.toml").read_text()
     assert f'file = "{mine}"' in config
-    for word in (
-        "stepover_m = 0.04",
-        "contact_force_n = 12.0",
-        "feed_m_s = 0.008",
-        "pose = [0.0, -0.6, 0.2,",
-    ):
-        assert f"\n{word} " in config
+    settings = "stepover_m = 0.04", "contact_force_n = 12.0", "feed_m_s = 0.008", "pose = [0.0, -0.6, 0.2,"
+    assert all(f"\n{setting} " in config for setting in settings)
     done(polish_sim("run", "surface", "--config", "run/config.toml", "--out", "again"))
     assert Path("again/config.toml").read_text() == config
     document = json.loads(Path("plan/path.json").read_text())
@@ -111,10 +86,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     for name, edited in (("up", {"up": [0, 0, 0]}), ("key", {"plan": {"foo": 1}}), ("null", {"part": None})):
         Path(f"{name}.json").write_text(json.dumps(document | edited))
     for more, said in (
-        (
-            ["--lead-in", "arc", "--overlap", "60"],
-            "--overlap, --lead-in would change nothing on a finished plan",
-        ),
+        (["--lead-in", "arc", "--overlap", "60"], "--overlap, --lead-in would change nothing on a finished"),
         (["--part", "plate"], "another file than 'plate'"),
         (["--set", "plan.pattern = raster", "--units", "mm"], "--set plan.pattern would change nothing"),
         (["--path", "up.json"], "'up' in 'up.json'"),
@@ -164,8 +136,7 @@ def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_pa
     frames = frames_of(tmp_path / "run/video.mp4")
     time = read_log(tmp_path / "run/log.npz")["time_s"]
     assert 4 * len(frames) == pytest.approx(FRAMES_PER_S * (time[-1] - time[0]), abs=8)
-    height, width = CELL.height, CELL.width
-    cell, curve = frames[:, :, :width], frames[:, height // 2 :, width:]
+    cell, curve = frames[:, :, : CELL.width], frames[:, CELL.height // 2 :, CELL.width :]
     assert np.abs(cell[-1] - cell[0]).max() > 50.0
     blue = (curve[..., 2] - curve[..., 0] > 60.0).sum(axis=(1, 2))
     assert blue[0] < blue[len(blue) // 2] < blue[-1]
@@ -180,27 +151,22 @@ def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch
     monkeypatch.setattr(film, "check_film", lambda: None)
     monkeypatch.setattr(run, "save_cell_picture", lambda *_: True)
     monkeypatch.setattr(film, "_frames", interrupted)
-    code, _, err = polish_sim("run", "arc", *QUICK, "--video", "--out", "run")
-    assert code == 130
-    assert "but no film" in err
+    refused(polish_sim("run", "arc", *QUICK, "--video", "--out", "run"), "but no film", code=130)
     assert {"log.npz", "arc.png"} <= {file.name for file in (tmp_path / "run").iterdir()}
     assert not list((tmp_path / "run").glob("*video*"))
 
 
 @pytest.mark.parametrize(("missing", "said"), [("ffmpeg", "polish-sim[video]"), ("OpenGL", "MUJOCO_GL")])
-def test_a_film_that_cannot_be_made_is_refused_before_the_run(
-    polish_sim, tmp_path, monkeypatch, missing, said
-):
+def test_a_film_that_cannot_be_made_is_refused_before_the_run(polish_sim, monkeypatch, missing, said):
     def no_renderer(*_: object) -> None:
         raise RuntimeError("no display")
 
     if missing == "ffmpeg":
         monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setattr("mujoco.Renderer", no_renderer)
-    code, _, err = polish_sim("run", "arc", "--video", "--out", "run")
-    assert (code, err.count("\n")) == (2, 1)
-    assert said in err
-    assert not (tmp_path / "run").exists()
+    call = polish_sim("run", "arc", "--video", "--out", "run")
+    assert_refused(call, said)
+    assert call.err.count("\n") == 1
 
 
 def test_without_a_display_view_is_told_so_and_the_run_goes_on(polish_sim, tmp_path, monkeypatch):

@@ -6,13 +6,7 @@ import sys
 from numba import njit
 
 from polish_sim.cli import progress
-from polish_sim.cli.progress import (
-    FIRST_START,
-    CompileProgress,
-    ProgressObserver,
-    compiling_shown,
-    now_and_then,
-)
+from polish_sim.cli.progress import FIRST_START, compiling_shown, now_and_then
 
 
 def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
@@ -20,16 +14,13 @@ def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: False, raising=False)
-    with ProgressObserver.shown(said.append, ()) as observer:
+    with progress.ProgressObserver.shown(said.append, ()) as observer:
         observer.stage("plan the path")
         for second in range(50):
             now[0] = 100.0 + second
             observer.progress(second, 50.0)
-    assert said == [
-        "plan the path",
-        "plan the path: 40%, about 30 s left",
-        "plan the path: 80%, about 10 s left",
-    ]
+    shares = "", ": 40%, about 30 s left", ": 80%, about 10 s left"
+    assert said == [f"plan the path{share}" for share in shares]
 
 
 def test_compiling_is_told_once_and_only_when_it_happens():
@@ -45,14 +36,14 @@ def test_compiling_is_told_once_and_only_when_it_happens():
     with compiling_shown(now_and_then(said.append)):
         assert double(4) == 8
     assert said == [FIRST_START]
-    CompileProgress(said.append)._listen(["1/57\n", "a line of something else\n", "2/57\n"])  # ahead
+    progress.CompileProgress(said.append)._listen(["1/57\n", "a line of something else\n", "2/57\n"])  # ahead
     assert said[1:] == ["1/57", "2/57"]
 
 
 def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone():
     command = [sys.executable, "-m", "polish_sim.cli.progress", "hybrid-pi"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.wait() == 0
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        process.stdin.close()
-        assert process.wait() == 1
+    for gone in (False, True):
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            if gone:
+                process.stdin.close()
+            assert process.wait() == gone

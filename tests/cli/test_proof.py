@@ -11,23 +11,17 @@ from polish_sim.experiments import proof_record
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Call, Tool, done, metrics_of
+from tests.cli.conftest import done, metrics_of
 from tests.kept import plate_file
 
 WORDS = ("--stepover", "50", "--feed", "40", "--edge-margin", "40")
 BEHIND = 200  # [mm]
 
 
-@pytest.fixture
-def plan(polish_sim: Tool) -> Call:
+def test_a_proven_plan_is_not_played_again(polish_sim, monkeypatch):
     """A coarse path on a plate, proven on the part as drawn."""
-    made: Call = polish_sim("plan", plate_file(), "--up", "z", *WORDS, "--proof", "nominal", "--out", "plan")
-    assert made.code == 0, made.err
-    return made
-
-
-def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
-    assert "prove in the cell" in plan.err
+    words = ("--up", "z", *WORDS, "--proof", "nominal", "--out", "plan")
+    assert "prove in the cell" in done(polish_sim("plan", plate_file(), *words)).err
     assert metrics_of("plan")["proven"] == 1
     # Smoothed, it lies where it was proven, on that arm.
     placed = "stands at " + place_in_mm([row[3] for row in metrics_of("plan")["T_base_work"][:3]])
@@ -39,13 +33,10 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
     del document["sum"]
     Path("far.json").write_text(json.dumps(document))
     assert "--feed 40 keeps it" in done(polish_sim("smooth", "far.json", "--rate", 20, "--out", "far")).err
-    assert np.allclose(
-        metrics_of("far")["T_base_work"], from_pose([0.0, -1.0, 0.2, 0.0, 0.0, 0.0]), atol=1e-9
-    )
+    assert np.allclose(metrics_of("far")["T_base_work"], from_pose(document["proof"]["pose"]), atol=1e-9)
     run = ("run", "surface", "--path", "plan")
     monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
-    whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")
-    assert whole.code == 0, whole.err
+    whole = done(polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole"))
     assert "prove in the cell" not in whole.err
     assert "note: the sensor drifts" in whole.err
     harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
@@ -61,8 +52,7 @@ def test_a_proven_plan_is_not_played_again(plan, polish_sim, monkeypatch):
         assert (refused.code, Path("none").exists()) == (2, False)
         assert words[0] in refused.err
 
-    rest = polish_sim(*run, "--from", BEHIND, "--proof", "none", "--out", "rest")
-    assert rest.code == 0, rest.err
+    done(polish_sim(*run, "--from", BEHIND, "--proof", "none", "--out", "rest"))
     assert metrics_of("rest")["left_out_area_m2"] > 0.0
     before = "it was polished before (--from)"
     assert before in metrics_of("rest")["left_out"]

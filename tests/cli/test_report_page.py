@@ -44,17 +44,11 @@ class Made(NamedTuple):
     record: RunRecord
     model: Any
 
-    @property
-    def end(self) -> float:
-        """Its last moment [s]."""
-        return float(self.record.log["time_s"][-1])
-
 
 class Keep(Silent):
     """Keeps the model of the cell."""
 
     def frame(self, model: Any, data: Any) -> None:
-        """Keep it."""
         self.model = model
 
 
@@ -62,9 +56,8 @@ def made(experiment: str, *changes: str) -> Made:
     keep = Keep()
     result = run_experiment(override(default_scenario(experiment), list(changes)), None, keep)
     figures = {**result.figures, "versions": {"numpy": np.__version__}}
-    return Made(
-        RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal), keep.model
-    )
+    made = RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal)
+    return Made(made, keep.model)
 
 
 @pytest.fixture(scope="module")
@@ -142,12 +135,6 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[O
         context.close()
 
 
-@pytest.fixture(scope="module")
-def played(opened: Open, surface: Made) -> Tab:
-    """The page of the run on a surface."""
-    return opened(surface)
-
-
 def assert_clean(tab: Tab) -> None:
     """One request, the file itself; no error."""
     assert [url.partition(":")[0] for url in tab.requests] == ["file"]
@@ -166,16 +153,22 @@ def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
         assert np.abs(joints[:, at : at + 6] - column_of(log, column)).max() < 3e-4
     rows = np.linspace(0, len(log) - 1, 60).astype(int)
     head = next(k - 1 for k in range(run.model.nbody) if str(run.model.body(k).name).endswith("head"))
-    poses = np.array(
-        [list(tab("([t, k]) => Array.from(window.page.bodies(t)[k])", [time[row], head])) for row in rows]
-    )
-    poses = poses.reshape(-1, 3, 4)
+    script = "([times, k]) => times.map((t) => Array.from(window.page.bodies(t)[k]))"
+    poses = np.array(tab(script, [time[rows].tolist(), head])).reshape(-1, 3, 4)
     tip = poses[:, :, 3] + column_of(log, "pad_travel_m")[rows, None] * poses[:, :, 2]
     assert np.linalg.norm(tip - column_of(log, "tcp_position_m")[rows], axis=1).max() < 2e-4
 
 
 @in_browser
-def test_a_page_plays_the_run_back_and_colours_what_was_removed(played, surface):
+def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_one_clicks(opened, surface):
+    # Names and notes are text wherever they stand.
+    scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
+    figures = {**surface.record.metrics, "protective_stop": HOSTILE}
+    record = replace(surface.record, scenario=scenario, metrics=figures)
+    played = opened(surface._replace(record=record), notes=(HOSTILE,))
+    assert played("document.title") != "taken"
+    assert played("document.body.innerText").count(HOSTILE) >= 3
+    assert played("document.querySelectorAll(':not(figcaption) > b').length") == 0
     assert_follows_the_log(played, surface, ("q_rad",))
     assert_clean(played)
     log, removal = surface.record.log, surface.record.removal
@@ -190,11 +183,7 @@ def test_a_page_plays_the_run_back_and_colours_what_was_removed(played, surface)
         grown = removal.areas @ removed(float(np.interp(share * total[-1], total, time)))
         assert grown / (removal.areas @ removal.relative) == pytest.approx(share, abs=0.02)
     assert removed(0.0).max() == 0.0
-
-
-@in_browser
-def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played, surface):
-    tab, end, first = played, surface.end, played.tab.locator("figure canvas").first
+    tab, end, first = played, float(time[-1]), played.tab.locator("figure canvas").first
     first.scroll_into_view_if_needed()
     box = first.bounding_box()
     tab.tab.mouse.click(box["x"] + 46 + 0.5 * (box["width"] - 54), box["y"] + 30)
@@ -207,8 +196,7 @@ def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played, surface):
     tab.tab.mouse.click(view["x"] + 0.5 * view["width"], view["y"] + 0.62 * view["height"])
     moment = tab("window.page.now()")
     assert 0.0 < moment < end
-    columns = (column_of(surface.record.log, name) for name in ("time_s", "normal_force_n"))
-    assert np.interp(moment, *columns) > 10.0  # there the pad was on the part
+    assert np.interp(moment, time, column_of(log, "normal_force_n")) > 10.0  # there the pad was on the part
     for ends in ([-25.0, 45.0], [0.0, 25.0], [-1e-3, 1.9], [-3.9, 3.9], [12.1, 12.3]):
         assert 2 <= len(tab("ends => ticks(...ends, 3)", ends)) <= 7
 
@@ -240,18 +228,6 @@ def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened):
     tab = opened(one, width=390)
     assert tab.picture().std() > 10.0
     assert tab("document.documentElement.scrollWidth") <= 390
-    assert_clean(tab)
-
-
-@in_browser
-def test_names_and_notes_are_text_wherever_they_stand(opened, surface):
-    scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
-    figures = {**surface.record.metrics, "protective_stop": HOSTILE}
-    record = replace(surface.record, scenario=scenario, metrics=figures)
-    tab = opened(surface._replace(record=record), notes=(HOSTILE,))
-    assert tab("document.title") != "taken"
-    assert tab("document.body.innerText").count(HOSTILE) >= 3
-    assert tab("document.querySelectorAll(':not(figcaption) > b').length") == 0
     assert_clean(tab)
 
 
@@ -310,7 +286,7 @@ def test_the_command_of_a_case_runs_its_very_scenario():
         assert override(usual, words[4::2]) == scenario
 
 
-def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
+def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(surface, tmp_path, harder):
     save_page(tmp_path, page_of(surface.record, surface.model))
     page = read_page(tmp_path / PAGE)
     log, removal = surface.record.log, surface.record.removal
@@ -326,17 +302,12 @@ def test_a_page_is_read_back_as_it_was_written(surface, tmp_path):
     time = clock(RunLog(MappingProxyType(twice)))
     assert (np.diff(time) > 0.0).all()
     assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
-
-
-def test_the_page_of_a_run_notes_what_the_terminal_does(surface):
+    # Its notes are those of the terminal.
     record = surface.record
     bare = replace(record, metrics={**record.metrics, "unpolished_share": 0.1, "faults_missed": ["a@9"]})
     notes = run_page(bare, surface.model).notes
     assert any("the pad did not touch" in note for note in notes)
     assert any(note.startswith("a@9 did not happen") for note in notes)
-
-
-def test_many_seeds_have_bands_from_the_least_to_the_largest(surface, harder):
     records = [surface.record, harder.record]
     page = seeds_page(records, runs_table(records), ["a note"])
     assert page.notes == ["a note"]

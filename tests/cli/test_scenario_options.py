@@ -11,24 +11,18 @@ from polish_sim.cli.options import OWN, build_scenario, config_keys, named_optio
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
-from polish_sim.experiments.registry import (
-    default_scenario,
-    experiment,
-    refuse_idle_options,
-    run_experiment,
-)
+from polish_sim.experiments import run_experiment
+from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
 from polish_sim.scenario_file import leaves, merge, override
 
 KEYS = config_keys(Scenario())
 
 
-def built(words: dict[str, Any], base: Scenario | None = None, **more: Any) -> Scenario:
+def built(words: dict[str, Any], **more: Any) -> Scenario:
     """The scenario of options as a user writes them."""
-    given = {
-        name: value if isinstance(value, list) else {**KEYS, **OWN}[name].read(str(value))
-        for name, value in words.items()
-    }
-    return build_scenario(base or Scenario(), given | more)
+    read = {**KEYS, **OWN}
+    given = {name: read[name].read(str(value)) for name, value in words.items()}
+    return build_scenario(Scenario(), given | more)
 
 
 def test_every_option_lands_in_its_key_in_si():
@@ -108,17 +102,15 @@ def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit():
         assert "[" not in str(raised.value)
 
 
-def refuse(row, *options):
-    refuse_idle_options(row, {option: option for option in options})
+def test_of_the_options_of_a_path_those_pass_that_change_something_and_others_are_refused_as_they_were_said():
+    def refuse(row, *options):
+        refuse_idle_options(row, {option: option for option in options})
 
-
-def test_of_the_options_of_a_path_those_pass_that_change_something():
     refuse(experiment("surface"), "--stepover", "--overlap", "--order", "--lead-in", "--start")
     assert "--direction" not in named_options({"--set": ["guide.direction=x"]})
     # Two robots cover a region where an even removal is asked for.
-    with pytest.raises(
-        InputError, match="--stepover would change nothing without --even-removal or --removal"
-    ):
+    without = "--stepover would change nothing without --even-removal or --removal"
+    with pytest.raises(InputError, match=without):
         refuse(experiment("dual"), "--stepover")
     for asked in ("--even-removal", "--removal"):
         refuse(experiment("dual"), asked, "--stepover")
@@ -126,9 +118,6 @@ def test_of_the_options_of_a_path_those_pass_that_change_something():
     with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
         refuse_idle_on_path(PlanConfig(), {"--axis-deviation": 3.0})
     refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), {"--axis-deviation": 3.0})
-
-
-def test_keys_set_by_name_that_change_nothing_are_refused_as_they_were_said():
     for name, word in (
         ("arc", "plan.stepover_m"), ("arc", "part.motion_m"), ("force", "plan.stepover_m"),
         ("surface", "drag.follow"), ("smooth", "controller.force_p_m_sn"), ("dual", "hand.distance_m"),
@@ -139,11 +128,14 @@ def test_keys_set_by_name_that_change_nothing_are_refused_as_they_were_said():
 
 @pytest.mark.parametrize(
     ("name", "short"),
-    [("arc", "process.max_feed_s=0.5"), ("force", "process.hold_s=1.0"), ("teach", "guide.duration_s=1.0")],
+    [
+        ("arc", "process.max_feed_s=0.5"),
+        ("force", "process.hold_s=1.0"),
+        ("teach", "guide.duration_s=1.0 guide.mode=inertia guide.direction=x"),
+    ],
 )
 def test_of_a_section_that_is_called_idle_no_number_changes_a_run(name, short):
-    usual = override(default_scenario(name), [short])
-    changed = usual
+    changed = usual = override(default_scenario(name), short.split())
     for section in experiment(name).idle:
         table = getattr(usual, section)
         numbers = {f.name: f for f in fields(table) if type(getattr(table, f.name)) is float}

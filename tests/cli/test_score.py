@@ -1,25 +1,21 @@
 """`polish-sim score` as a user calls it, on a small part of the battery."""
 
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from polish_sim.row_file import read_json
 from polish_sim.scoring import score
 from polish_sim.scoring.border import Rest
 from polish_sim.scoring.score import Row, Task
-from tests.cli.conftest import Started, metrics_of
+from tests.cli.conftest import Started, assert_refused, done, metrics_of, refused
 
 HERE = ["--on", "here"]
 ONE = ["--case", "approach-20", "--seed", "500", "--seeds", "1", *HERE]
 SHORT = ["--set", "process.hold_s=1.5"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
-
-
-def read(file: Path) -> dict[str, Any]:
-    return dict(json.loads(file.read_text()))
 
 
 @pytest.mark.pictures
@@ -30,7 +26,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
     assert out.splitlines()[-1] == "folder: s"
     assert "worst case of hybrid-pi" in out
     assert "never" in out  # position does not come within 1 N
-    score = read(Path("s/score.json"))
+    score = read_json(Path("s/score.json"))
     assert score["controllers"] == ["hybrid-pi", "position"]
     assert (score["first_seed"], score["seeds"]) == (500, 1)
     assert set(score) >= {"cases", "worst_case", "rows", "versions", "definitions"}
@@ -42,9 +38,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
     assert Path("s/score.png").stat().st_size > 10_000
 
     lines = Path("s/rows.jsonl").read_text()
-    code, again, _ = polish_sim("score", *ONE, "--against", "position", "--out", "s")
-    assert code == 0
-    assert again == out
+    assert done(polish_sim("score", *ONE, "--against", "position", "--out", "s")).out == out
     assert Path("s/rows.jsonl").read_text() == lines
 
 
@@ -66,16 +60,15 @@ def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim, tm
 
     with monkeypatch.context() as patch:
         patch.setattr(score, "_measure", interrupted)
-        code, out, err = polish_sim(*words, "--seeds", "60", "--out", "cut")
-    assert code == 130, err
-    assert "--out cut" in err
-    assert "worst case of hybrid-pi with --set" in out
+        call = polish_sim(*words, "--seeds", "60", "--out", "cut")
+    refused(call, "--out cut", code=130)
+    assert "worst case of hybrid-pi with --set" in call.out
     figures = metrics_of(tmp_path / "cut")
     assert (figures["runs"], figures["runs_missing"]) == (2, 58)
     for name in ("killed", "whole"):
-        code, _, err = polish_sim(*words, "--seeds", "3", "--out", name)
-        assert code == 0, err
-    assert read(tmp_path / "killed/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
+        done(polish_sim(*words, "--seeds", "3", "--out", name))
+    killed, whole = (read_json(Path(name, "score.json"))["rows"] for name in ("killed", "whole"))
+    assert killed == whole
 
 
 def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
@@ -83,27 +76,26 @@ def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
     Path("mine.py").write_text(source)
     words = ["score", "--controller", "mine.py:Down", *HERE, "--out", "s"]
     first = [*words, "--case", "step-10", "--seeds", "1"]
-    assert polish_sim(*first)[0] == 0
-    score = read(Path("s/score.json"))
+    done(polish_sim(*first))
+    score = read_json(Path("s/score.json"))
     assert score["controllers"] == ["mine.py:Down"]
     assert score["rows"][0]["duration"] > 3.0
     whole = {file.name: file.read_bytes() for file in Path("s").iterdir()}
 
-    def refused(*asked: str) -> str:
-        code, out, err = polish_sim(*asked)
-        assert (code, out) == (2, "")
+    for asked, said in (
+        ([*words, "--case", "step-10", "--seeds", "2"], "seeds are 1, not 2"),
+        ([*words, "--case", "approach-20", "--seeds", "1"], "cases are step-10, not approach-20"),
+        ([*first, "--controller", "position"], "controllers are mine.py:Down, not position"),
+        ([*first, "--border"], "--seeds, --case would"),
+        ([*words, "--border"], "a score, not a border"),
+        ([*words, "--worst", "30"], "a score, not a search of the worst"),
+        (first, "have changed"),
+    ):
+        if asked is first:
+            Path("mine.py").write_text(source.replace("t.twist", "0.5 * t.twist"))
+        assert_refused(polish_sim(*asked), said, "mine.py", "s")
         assert {file.name: file.read_bytes() for file in Path("s").iterdir()} == whole
-        return err
-
-    assert "seeds are 1, not 2" in refused(*words, "--case", "step-10", "--seeds", "2")
-    assert "cases are step-10, not approach-20" in refused(*words, "--case", "approach-20", "--seeds", "1")
-    assert "controllers are mine.py:Down, not position" in refused(*first, "--controller", "position")
-    assert "--seeds, --case would" in refused(*first, "--border")
-    assert "a score, not a border" in refused(*words, "--border")
-    assert "a score, not a search of the worst" in refused(*words, "--worst", "30")
-    Path("mine.py").write_text(source.replace("t.twist", "0.5 * t.twist"))
-    assert "have changed" in refused(*first)
-    assert polish_sim(*first, "--overwrite")[0] == 0
+    done(polish_sim(*first, "--overwrite"))
     assert Path("s/score.json").read_bytes() != whole["score.json"]
 
 
@@ -123,9 +115,7 @@ def pressed(_bench: object, scenario: Any) -> Rest:
 @pytest.mark.parametrize(
     ("how", "file"), [(["--worst", "100"], "metrics.json"), (["--border"], "border.json")]
 )
-def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
-    how, file, polish_sim, monkeypatch
-):
+def test_an_interrupted_search_resumes_to_the_table_of_a_whole_one(how, file, polish_sim, monkeypatch):
     words, left = ["score", *how, "--set", "sensor.force_noise_n=0.1", *HERE, "--out"], [40]
 
     def counted(measure: Any) -> Any:
@@ -141,21 +131,19 @@ def test_a_search_that_was_interrupted_goes_on_to_the_table_of_one_that_was_not(
     monkeypatch.setattr("polish_sim.scoring.border.press_bench", counted(pressed))
     monkeypatch.setattr("polish_sim.scoring.border.build_bench", lambda _: None)
     monkeypatch.setattr("polish_sim.scoring.border.longest_stable", lambda _: 0.03)
-    code, out, err = polish_sim(*words, "cut")
-    assert code == 130
-    assert "interrupted: what follows is of the runs done so far" in err
-    assert "--out cut resumes" in err.splitlines()[-1]
+    cut = polish_sim(*words, "cut")
+    refused(cut, "interrupted: what follows is of the runs done so far", code=130)
+    assert "--out cut resumes" in cut.err.splitlines()[-1]
     if file == "border.json":  # the shortest five of eight latencies are done: 0.03 s is the next
-        assert [line.split()[:4] for line in out.splitlines() if " x " in line][:1] == [
-            ["0.2", "x", ">=", "20"]
-        ]
+        line = next(line for line in cut.out.splitlines() if " x " in line)
+        assert line.split()[:4] == ["0.2", "x", ">=", "20"]
     assert Path("cut/rows.jsonl").read_bytes().count(b"\n") == 40
     again = polish_sim(*words, "cut")
     measured = 40 - left[0]
     whole = polish_sim(*words, "whole")
     assert (again.code, whole.code) == (0, 0)
     assert again.out.replace("cut", "whole") == whole.out
-    assert read(Path("cut") / file) == read(Path("whole") / file)
+    assert read_json(Path("cut") / file) == read_json(Path("whole") / file)
     rows = [Path(folder, "rows.jsonl").read_text().splitlines() for folder in ("cut", "whole")]
     assert rows[0] == rows[1]
     assert measured == 41 + len(rows[1]) - 40 - 21 * (file == "border.json")  # none a second time

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from tests.cli.conftest import assert_refused, done, metrics_of, ran
+from tests.cli.conftest import assert_refused, done, metrics_of
 
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
@@ -17,16 +17,9 @@ FILES = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of one smoothed path, beside the path, made once."""
-    place = tmp_path_factory.mktemp("smoothed")
-    (place / "path.csv").write_text(ZIGZAG)
-    ran("smooth", place / "path.csv", "--out", place / "one")
-    return place / "one"
-
-
-def test_spline_keeps_tolerances_and_limits(smoothed):
+def test_spline_keeps_tolerances_and_limits_and_is_sampled_evenly_with_the_speeds_of_its_joints(polish_sim):
+    Path("path.csv").write_text(ZIGZAG)
+    done(polish_sim("smooth", "path.csv", "--out", smoothed := Path("one")))
     metrics = metrics_of(smoothed)
     assert {file.name for file in smoothed.iterdir()} == FILES
     assert (metrics["rule"], metrics["segments"]) == ("spline", 4)
@@ -44,9 +37,6 @@ def test_spline_keeps_tolerances_and_limits(smoothed):
         assert len(peak["tip_m"]) == 3
     again = load_limits(smoothed / "limits.toml")
     np.testing.assert_allclose(again.table, SmoothingLimits().table, rtol=1e-6)
-
-
-def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed):
     archive = np.load(smoothed / "trajectory.npz")
     time, count = archive["time_s"], len(archive["time_s"])
     shapes = {"tip_m": (count, 3), "axis": (count, 3), "q_rad": (count, 6), "qd_rad_s": (count, 6)}
@@ -65,7 +55,7 @@ def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed
     assert np.abs(table - columns).max() <= 0.5e-9 * (1.0 + 1e-6)
 
 
-def test_the_tool_alone_needs_no_robot(polish_sim):
+def test_the_tool_alone_needs_no_robot_and_no_tolerance_means_exact_stops(polish_sim):
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n2000,0,0,0,0,1\n2000,500,0,0,0,1\n")
     words = ("--no-joints", "--rate", 20, "--against", "joint-acceleration", "--out", "out")
     out = done(polish_sim("smooth", "far.csv", *words)).out
@@ -76,18 +66,14 @@ def test_the_tool_alone_needs_no_robot(polish_sim):
     assert metrics["joint_jerk_ratio_max"] is None
     assert metrics["cycle_time_s"] >= 2.5 / 0.05
     assert "q_rad" not in np.load("out/trajectory.npz")
-
-
-def test_no_tolerance_means_exact_stops(polish_sim):
     Path("path.csv").write_text(HEAD + "0,0,0,0,0,1\n5,0,0,0,0,1\n5,5,0,0,0,1\n")
     words = ("--tolerance", 0, "--axis-tolerance", 0, "--no-joints")
-    assert polish_sim("smooth", "path.csv", *words, "--out", "out")[0] == 0
-    metrics = metrics_of("out")
+    done(polish_sim("smooth", "path.csv", *words, "--out", "stops"))
+    metrics = metrics_of("stops")
     assert metrics["tip_deviation_vertex_max_m"] < 1e-12
     # Twice 5 mm: acceleration is reached, speed is not (paper 4's limits).
-    assert metrics["cycle_time_s"] == pytest.approx(
-        2 * (0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)), rel=1e-9
-    )
+    each = 0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)
+    assert metrics["cycle_time_s"] == pytest.approx(2 * each, rel=1e-9)
 
 
 def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim):
@@ -108,9 +94,8 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim):
 
 
 LIMITS = "[tip]\nspeed_mm_s = {}\nacceleration_mm_s2 = 500\n{}\n"
-UNORDERED = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n" + "".join(
-    f"{s},{s},0,0,0,0,1,0,process\n" for s in (0, 2, 1)
-)
+UNORDERED = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n"
+UNORDERED += "".join(f"{s},{s},0,0,0,0,1,0,process\n" for s in (0, 2, 1))
 BAD = {
     "one point": (HEAD + "0,0,0,0,0,1\n", "", "it has one point"),
     "always the same point": (HEAD + "0,0,0,0,0,1\n0,0,0,0,0,1\n", "", "all points are the same"),

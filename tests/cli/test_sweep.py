@@ -11,11 +11,11 @@ from polish_sim.cli.sweep import check_values
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
-from tests.cli.conftest import UNPROVEN, Started, metrics_of, refused
+from tests.cli.conftest import UNPROVEN, Started, done, metrics_of, refused
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
-HERE, ONE = ("--on", "here"), ("--workers", "1")
+HERE, ONE, OUT = ("--on", "here"), ("--workers", "1"), ("--out", "s")
 MINE = """
 class Mine:
     ranges = {"gain": (0.0, 1.0)}
@@ -40,67 +40,61 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
 
 def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     Path("mine.py").write_text(MINE)
-    vary = (
-        "sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT,
-        *ONE,
-    )  # fmt: skip
-    dry = polish_sim(*vary, "--out", "s", "--dry-run")
-    assert dry.code == 0
+    vary = [
+        "sweep",
+        "arc",
+        "--controller",
+        "mine.py:Mine",
+        "--vary",
+        "controller.own.gain=0:1:lin2",
+        "--out",
+        "s",
+    ]
+    assert "about" in done(polish_sim(*vary, *SHORT, *ONE, "--dry-run")).out
     assert not Path("s").exists()
-    assert "about" in dry.out
-    done = polish_sim(*vary, "--out", "s")
-    assert done.code == 0, done.err
-    assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= {
-        f.name for f in Path("s").iterdir()
-    }
+    made = done(polish_sim(*vary, *SHORT, *ONE))
+    files = {file.name for file in Path("s").iterdir()}
+    assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= files
     assert (metrics_of("s")["runs"], metrics_of("s")["failed"]) == (2, 0)
     before = rows_of(Path("s"))
     study = Path("s/study.toml")
     study.write_text(study.read_text().replace("seeds = 1", "seeds = 2"))
-    more = polish_sim("sweep", "s", *HERE)
-    assert more.code == 0, more.err
+    done(polish_sim("sweep", "s", *HERE))
     after = rows_of(Path("s"))
     assert len(after) == 4
     assert {key: after[key] for key in before} == before
     with Path("s/rows.jsonl").open("ab") as rows:
         rows.write(b'{"key": "half')  # of a sweep that is at work
     begun = Path("s/rows.jsonl").read_bytes()
-    dry = polish_sim("sweep", "s", "--dry-run")
-    assert (dry.code, Path("s/rows.jsonl").read_bytes()) == (0, begun)
-    assert polish_sim("sweep", "s", *HERE).code == 0
+    done(polish_sim("sweep", "s", "--dry-run"))
+    assert Path("s/rows.jsonl").read_bytes() == begun
+    done(polish_sim("sweep", "s", *HERE))
     assert rows_of(Path("s")) == after
-    assert "hello" not in done.out
+    assert "hello" not in made.out
     study.write_text(study.read_text().rstrip())  # as an editor may leave it
-    assert polish_sim("sweep", "s", "--dry-run").code == 0
+    done(polish_sim("sweep", "s", "--dry-run"))
     study.write_text(study.read_text().rpartition("\n")[0] + "\n")
     refused(polish_sim("sweep", "s", *HERE), "'s/study.toml' was cut", "# end")
     assert rows_of(Path("s")) == after
 
 
 def test_a_sweep_along_a_plan_goes_on_by_its_file_and_does_damaged_runs_again(polish_sim):
-    assert (
-        polish_sim("plan", "plate", "--stepover", 40, "--pad-diameter", 80, *UNPROVEN, "--out", "plan").code
-        == 0
-    )
+    done(polish_sim("plan", "plate", "--stepover", 40, "--pad-diameter", 80, *UNPROVEN, "--out", "plan"))
     # A force and a pad that are the usual ones count over the plan's.
     sets = ("process.max_feed_s=0.05", "process.contact_force_n=20", "pad.radius_m=0.025")
     words = ("--path", "plan", *(word for each in sets for word in ("--set", each)))
-    begun = polish_sim("sweep", "surface", *words, "--logs", *HERE, "--out", "s")
-    assert begun.code == 0, begun.err
+    done(polish_sim("sweep", "surface", *words, "--logs", *HERE, "--out", "s"))
     (run,) = Path("s/runs").iterdir()
     before, log = rows_of(Path("s")), (run / "log.npz").read_bytes()
     (run / "path.npz").unlink()
-    again = polish_sim("sweep", "s", *HERE)
-    assert again.code == 0, again.err
-    assert "done again: " in again.err
+    assert "done again: " in done(polish_sim("sweep", "s", *HERE)).err
     assert (run / "log.npz").read_bytes() == log
     rows = [json.loads(line) for line in Path("s/rows.jsonl").read_text().splitlines()]
     assert {row["key"] for row in rows} == set(before)
     # A file that names its plan alone has the plan's settings.
-    Path("mine.toml").write_text(
-        'experiment = "surface"\n[settings]\nplan.file = "plan"\nprocess.max_feed_s = 0.05'
-    )
-    assert polish_sim("sweep", "mine.toml", *HERE, "--out", "mine").code == 0
+    settings = 'plan.file = "plan"\nprocess.max_feed_s = 0.05'
+    Path("mine.toml").write_text(f'experiment = "surface"\n[settings]\n{settings}')
+    done(polish_sim("sweep", "mine.toml", *HERE, "--out", "mine"))
     assert '"plan.stepover_m" = 0.04' in Path("mine/study.toml").read_text()
     Path("idle.toml").write_text('experiment = "arc"\n[vary]\n"plan.stepover_m" = [0.01, 0.02]')
     refused(polish_sim("sweep", "idle.toml", "--dry-run"), "--vary plan.stepover_m", "run arc")
@@ -108,8 +102,7 @@ def test_a_sweep_along_a_plan_goes_on_by_its_file_and_does_damaged_runs_again(po
 
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin8", *SHORT]
-    rows, begin = tmp_path / "s" / "rows.jsonl", [*asked, "--out", "s"]
-    said = tmp_path / "err"
+    rows, begin, said = tmp_path / "s" / "rows.jsonl", [*asked, "--out", "s"], tmp_path / "err"
     for ended_by, least, where in ((signal.SIGKILL, 2, ONE), (signal.SIGINT, 4, HERE)):
         with said.open("ab") as err, Started(*begin, *where, folder=tmp_path, err=err.fileno()) as command:
             while not rows.exists() or rows.read_bytes().count(b"\n") < least:
@@ -118,8 +111,8 @@ def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim, tmp_path):
             command.send_signal(ended_by)
             assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)
     assert metrics_of(tmp_path / "s")["runs"] < 8
-    assert polish_sim(*asked, *HERE, "--out", "s").code == 0
-    assert polish_sim(*asked, *HERE, "--out", "t").code == 0
+    for folder in "st":
+        done(polish_sim(*asked, *HERE, "--out", folder))
     assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
     assert len(rows_of(tmp_path / "s")) == 8
     assert "Warning" not in said.read_text()

@@ -14,30 +14,25 @@ SHORT = ("--set", "hand.off_s=2")
 
 @pytest.mark.pictures
 def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
-    out = done(
-        polish_sim(
-            "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
-        )
-    ).out
-    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {
-        file.name for file in Path("out").iterdir()
-    }
+    words = ("--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out")
+    out = done(polish_sim("run", "teach", *words)).out
+    files = {file.name for file in Path("out").iterdir()}
+    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= files
     metrics = metrics_of("out")
     assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
     assert metrics["moves"] == ["assist_x_0p8s"]
     log = np.load("out/log.npz")
     assert log["hand_force_n"].shape == (len(log["time_s"]), 3)
     assert "hand force" in out
-    assert polish_sim("report", "out", "out", "--out", "beside")[0] == 0
+    done(polish_sim("report", "out", "out", "--out", "beside"))
     Path("out/metrics.json").write_text(json.dumps(metrics | {"moves": [1]}))
     refused(polish_sim("report", "out", "--out", "edited"), "'moves'", "'out/metrics.json'")
 
 
 def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
     words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
-    code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
-    assert code == 3
-    assert "protective stop: classical x fast: " in err
+    call = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
+    refused(call, "protective stop: classical x fast: ", code=3)
     assert metrics_of("out")["protective_stop"]
     assert len(np.load("out/log.npz")["time_s"]) > 100
 

@@ -15,7 +15,7 @@ COMMANDS = sorted(info.name for info in commands.registered_commands if info.nam
 FLANGED = "--set head.flange.bandwidth_hz=20 --set controller.name=position"
 
 
-def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(polish_sim):
+def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
     for command in COMMANDS:
         code, out, err = polish_sim(command, "--help")
         assert (code, err) == (0, "")
@@ -24,6 +24,16 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
     assert (code, err) == (0, "")
     assert all(f"  {command}" in out for command in COMMANDS)
     assert polish_sim("--version") == (0, f"polish-sim {__version__}\n", "")
+    code, out, _ = polish_sim("list")
+    assert code == 0
+    for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):
+        assert name in out
+    lists = {kind: polish_sim("list", kind).out.splitlines() for kind in KINDS}
+    told = {kind: dict(line.split(maxsplit=1) for line in lines) for kind, lines in lists.items()}
+    assert all(text and not text.endswith(".") for texts in told.values() for text in texts.values())
+    assert told["faults"].keys() == known_faults().keys() == PAIR_FAULTS.keys()
+    assert "20 mm/s" in told["faults"]["part-high"]
+    assert polish_sim("config", "calibrate-payload").out.startswith('experiment = "calibrate-payload"')
 
 
 @pytest.mark.parametrize(
@@ -188,35 +198,15 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
         ("job init plate --out mine.toml/job.toml", "cannot write 'mine.toml/job.toml'"),
         ("sweep arc --out other", "holds something that is not a sweep"),
         ("score --out other", "is not a score"),
+        ("sweep arc --vary nothing", "'--vary nothing' is not KEY=VALUES"),  # a folder that is no study
     ],
 )
 def test_a_file_of_something_else_is_named_and_left_alone(polish_sim, words, said):
     Path("mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
     Path("empty.csv").touch()
     Path("binary.csv").write_bytes(bytes(range(256)))
-    Path("other").mkdir()
+    for folder in ("other", "arc"):
+        Path(folder).mkdir()
     Path("other/notes.txt").touch()
-    assert_refused(polish_sim(*words.split()), said, "mine.toml", "empty.csv", "binary.csv", "other")
+    assert_refused(polish_sim(*words.split()), said, "mine.toml", "empty.csv", "binary.csv", "other", "arc")
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
-
-
-def test_a_folder_named_as_an_experiment_is_no_study(polish_sim):
-    Path("arc").mkdir()
-    assert_refused(
-        polish_sim("sweep", "arc", "--vary", "nothing"), "'--vary nothing' is not KEY=VALUES", "arc"
-    )
-
-
-def test_list_says_what_ships_and_what_each_is(polish_sim):
-    code, out, _ = polish_sim("list")
-    assert code == 0
-    for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):
-        assert name in out
-    told = {
-        kind: dict(line.split(maxsplit=1) for line in polish_sim("list", kind).out.splitlines())
-        for kind in KINDS
-    }
-    assert all(text and not text.endswith(".") for texts in told.values() for text in texts.values())
-    assert told["faults"].keys() == known_faults().keys() == PAIR_FAULTS.keys()
-    assert "20 mm/s" in told["faults"]["part-high"]
-    assert polish_sim("config", "calibrate-payload").out.startswith('experiment = "calibrate-payload"')

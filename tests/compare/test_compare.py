@@ -6,34 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.compare.figures import (
-    compare_steps,
-    delay,
-    fit_friction,
-    friction_curve,
-    from_contact,
-    measure_step,
-    ripple,
-)
-from polish_sim.compare.replay import (
-    SCENARIO,
-    CarriedPayload,
-    commands_of,
-    compare_joints,
-    replay,
-    rigid_torques,
-    warm,
-)
+from polish_sim.compare import figures as measured
+from polish_sim.compare import replay
+from polish_sim.compare.replay import CarriedPayload, compare_joints
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.identification.estimate import torque_error
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
-from tests.cli.conftest import _undrawn, assert_refused, polish_sim
+from tests.cli.conftest import _undrawn, assert_refused, done, polish_sim
 from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv
 
 __all__ = ["_undrawn", "polish_sim"]
-UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]).robot)
+UR10E = replay.warm(override(replay.SCENARIO, ["robot.arm=ur10e"]).robot)
 NAMES = {
     "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
     "q_desired_rad": "target_q_{i}", "torque_nm": "actual_current_as_torque_{i}",
@@ -58,7 +43,7 @@ def sines(seconds: float, rate: float = 250.0) -> RobotRecording:
 def logged() -> dict[str, np.ndarray]:
     """What a recorder would have of a simulated run with a payload."""
     log = sines(4.0)
-    played = replay(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
+    played = replay.replay(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
     use_arm("ur5e")
     return {
         "time_s": 100.0 + log.time,
@@ -77,9 +62,8 @@ def test_a_simulated_log_is_its_own_replay_if_its_payload_is_named(logged, tmp_p
     assert max(found.figures["nrms"]) < 1e-3
     assert max(found.figures["motion_rms_rad"]) < 1e-6
     assert abs(found.figures["delay_s"]) < 1e-5
-    np.testing.assert_allclose(
-        found.figures["ripple_nm"], found.figures["simulated_ripple_nm"], rtol=0.05, atol=1e-3
-    )
+    ripples = (found.figures[f"{name}ripple_nm"] for name in ("", "simulated_"))
+    np.testing.assert_allclose(*ripples, rtol=0.05, atol=1e-3)
 
 
 def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path):
@@ -92,45 +76,36 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path):
     assert max(found.figures["nrms"]) < 0.1
 
 
-def test_a_log_of_two_samples_is_too_short_for_a_replay():
+def test_rigid_torques_hold_a_payload_at_its_lever_and_a_log_of_two_samples_is_too_short_for_a_replay():
     short = RobotRecording(np.array([0.0, 0.002]), {"q_rad": np.zeros((2, 6))}, 0.0, True)
     with pytest.raises(InputError, match=r"0\.002 s long: too short to be replayed"):
-        commands_of(short)
-
-
-def test_rigid_torques_hold_a_payload_at_its_lever():
+        replay.commands_of(short)
     still = np.zeros((1, 6))
-    with_load = rigid_torques(UR10E, still, still, still, CarriedPayload(5.0, (0.0, 0.0, 0.1)))
-    without = rigid_torques(UR10E, still, still, still, CarriedPayload())
+    loads = CarriedPayload(5.0, (0.0, 0.0, 0.1)), CarriedPayload()
+    with_load, without = (replay.rigid_torques(UR10E, still, still, still, load) for load in loads)
     lever = 1.18425  # all joints at zero: the flange is level with the shoulder, its z axis across the arm
     assert abs((with_load - without)[0, 1]) == pytest.approx(5.0 * 9.81 * lever, rel=2e-3)
 
 
-@pytest.mark.parametrize("cycles", [101.0, 202.0])
-def test_planted_ripple_is_found(cycles):
+def test_planted_ripple_friction_by_speed_and_load_delay_and_error_are_found():
     t = np.arange(0.0, 40.0, 0.01)
     q, qd = 2.0 * np.sin(0.3 * t), 0.6 * np.cos(0.3 * t)
     noise = np.random.default_rng(500).normal(0.0, 0.3, len(t))
-    line = ripple(t, q, qd, 0.7 * np.sin(cycles * q + 0.3) + noise)
-    assert line.cycles == pytest.approx(cycles, abs=0.3)
-    assert line.amplitude == pytest.approx(0.7, rel=0.1)
-
-
-def test_planted_friction_is_found_by_speed_and_load():
+    for cycles in (101.0, 202.0):
+        line = measured.ripple(t, q, qd, 0.7 * np.sin(cycles * q + 0.3) + noise)
+        assert line.cycles == pytest.approx(cycles, abs=0.3)
+        assert line.amplitude == pytest.approx(0.7, rel=0.1)
     t = np.arange(0.0, 60.0, 0.01)
     qd, rigid = 0.8 * np.cos(0.5 * t), 40.0 * np.sin(0.31 * t)
     share = np.where(rigid * qd > 0.0, 0.09, 0.04)
     torque = rigid + np.sign(qd) * (5.0 + 8.0 * np.abs(qd) + share * np.abs(rigid))
-    np.testing.assert_allclose(fit_friction(qd, torque, rigid), (5.0, 8.0, 0.09, 0.04), atol=1e-9)
-    curve = friction_curve(qd, torque, rigid)
+    np.testing.assert_allclose(measured.fit_friction(qd, torque, rigid), (5.0, 8.0, 0.09, 0.04), atol=1e-9)
+    curve = measured.friction_curve(qd, torque, rigid)
     assert 5.0 < curve[0] < curve[8] < 5.0 + 8.0 * 0.8 + 0.09 * 40.0
-
-
-def test_a_planted_delay_and_error_are_found():
     t = np.arange(0.0, 20.0, 0.004)
     a = np.sin(2.0 * t)[:, None] * np.ones(6)
     late = np.sin(2.0 * (t - 0.0123))[:, None] * np.ones(6)
-    assert delay(t, late, a) == pytest.approx(0.0123, abs=2e-4)
+    assert measured.delay(t, late, a) == pytest.approx(0.0123, abs=2e-4)
     np.testing.assert_allclose(torque_error(a + 0.02, a), 0.01, rtol=1e-3)
 
 
@@ -138,13 +113,13 @@ def test_a_step_is_measured_by_its_closed_form():
     """20 N (1 - exp(-t / 0.2 s) cos): the last time it leaves 10 N is where the envelope is 10 N."""
     t = np.arange(-1.0, 4.0, 0.001)
     force = np.where(t < 0.0, 0.0, 20.0 * (1.0 - np.exp(-t / 0.2)))
-    step = from_contact(t, force, 20.0)
-    found = measure_step(step)
+    step = measured.from_contact(t, force, 20.0)
+    found = measured.measure_step(step)
     contact = 0.2 * np.log(20.0 / 18.0)
     assert found["settling_s"] == pytest.approx(0.2 * np.log(2.0) - contact, abs=0.003)
     assert found["mean_error_n"] == pytest.approx(18.0 * 0.2 / 3.0, rel=0.01)
     assert found["lost_s"] == 0.0
-    same = compare_steps(step, step)
+    same = measured.compare_steps(step, step)
     assert same["force_rms_n"] == 0.0
     assert same["simulated_settling_s"] == same["settling_s"]
 
@@ -160,8 +135,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.pictures
 def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
-    code, said, err = polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", "out")
-    assert code == 0
+    _, said, err = done(polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", "out"))
     assert "ur10e" in said
     assert "pressed" not in err
     figures = json.loads((tmp_path / "out/compare.json").read_text())
@@ -172,16 +146,13 @@ def test_the_command_writes_figures_picture_and_page(log, polish_sim, tmp_path):
 
 
 @pytest.mark.parametrize("column", ["actual_TCP_force", "wrench_measured_tool"])  # a robot's, our own
-def test_a_log_of_a_tool_that_pressed_is_said_to_be_replayed_without_the_force(
-    logged, polish_sim, tmp_path, column
-):
+def test_a_log_of_a_tool_that_pressed_is_replayed_without_the_force(logged, polish_sim, tmp_path, column):
     wrench = np.zeros((len(logged["time_s"]), 6))
     wrench[:300, 2] = 20.0
     names = NAMES | {"wrench": column + "_{i}"}
     polished = write_csv(tmp_path / "pressed.csv", logged | {"wrench": wrench}, ",", names)
-    call = polish_sim("compare", polished, "--arm", "ur10e", "--out", "pressed")
-    assert call.code == 0
-    assert "above 5 N for 30% of the time, 20 N at most: its tool pressed on something" in call.err
+    err = done(polish_sim("compare", polished, "--arm", "ur10e", "--out", "pressed")).err
+    assert "above 5 N for 30% of the time, 20 N at most: its tool pressed on something" in err
 
 
 @pytest.mark.parametrize(

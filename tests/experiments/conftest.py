@@ -12,12 +12,6 @@ FREEFORM = ["plan.stepover_m=0.016", "plan.edge_margin_m=0.04", "process.max_fee
 
 
 @pytest.fixture(scope="session")
-def short_arc() -> RunResult:
-    """Four seconds of the circle."""
-    return run_experiment(override(default_scenario("arc"), ["process.max_feed_s=4"]))
-
-
-@pytest.fixture(scope="session")
 def freeform() -> RunResult:
     """Eight seconds of feed on the freeform part, every error on."""
     scenario = override(default_scenario("surface"), FREEFORM)
@@ -30,8 +24,3 @@ def cap() -> tuple[Scenario, PlanResult]:
     """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again."""
     scenario = override(default_scenario("surface"), ["part.file=sphere_50", "process.max_feed_s=2"])
     return scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
-
-
-@pytest.fixture(scope="session")
-def cap_run(cap: tuple[Scenario, PlanResult]) -> RunResult:
-    return run_experiment(*cap)

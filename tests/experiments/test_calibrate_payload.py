@@ -33,15 +33,14 @@ def calibrated() -> PayloadCalibration:
 
 def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log():
     """The log keeps wrenches and orientations in single precision, and the arm creeps by nanometres."""
-    figures = run_payload_calibration(
-        override(PAYLOAD_SCENARIO, ["robot.arm=ideal", "payload.poses=6", *IDEAL_SENSOR])
-    ).figures
+    ideal = override(PAYLOAD_SCENARIO, ["robot.arm=ideal", "payload.poses=6", *IDEAL_SENSOR])
+    figures = run_payload_calibration(ideal).figures
     assert figures["mass_error_relative"] < 1e-5
     assert figures["center_error_m"] < 1e-6
     assert figures["compensation_error_max_n"] < 1e-4
 
 
-def test_a_steady_drift_is_found_where_it_is_asked_for():
+def test_a_steady_drift_is_found_where_it_is_asked_for_and_a_saturated_sensor_named():
     """A walk of 0.1 N/sqrt(s): nothing else is that large, so the return to the first pose shows it."""
     scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "payload.poses=6", "sensor.force_drift_n_s=0.1"])
     found = run_payload_calibration(scenario, drift=True)
@@ -52,6 +51,8 @@ def test_a_steady_drift_is_found_where_it_is_asked_for():
     assert np.linalg.norm(found.figures["drift_return_n"]) > 0.3
     # With strokes a minute apart a tare before each holds it.
     assert found.figures["drift_600s_retared_rms_n"] < 0.5 * found.figures["drift_600s_rms_n"]
+    with pytest.raises(CalibrationError, match=r"torque . .*sensor\.torque_range_nm"):
+        run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
 
 
 @pytest.mark.parametrize("count", [6, 12])
@@ -81,7 +82,7 @@ def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated):
     np.testing.assert_allclose(readings.R_base_sensor, still, atol=2e-3)
 
 
-def test_the_belief_of_a_run_is_as_good_as_the_calibration():
+def test_the_belief_of_a_run_is_as_good_as_the_calibration_and_its_noise_does_not_hang_on_it():
     errors = []
     for seed in range(8):
         cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_stroke(HERE))
@@ -94,37 +95,7 @@ def test_the_belief_of_a_run_is_as_good_as_the_calibration():
     cell = cell_for(scenario, free_stroke(HERE))
     believe_tool(cell, np.random.default_rng(0))  # a planted error comes on top
     assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
-
-
-def test_a_run_believes_the_file_it_is_given(calibrated, tmp_path):
-    file = tmp_path / "calibration.toml"
-    write_calibration(file, calibrated.estimate)
-    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
-    believe_tool(cell, np.random.default_rng(0))
-    assert cell.state.payload.mass == calibrated.estimate.mass
-    np.testing.assert_array_equal(cell.state.payload.center, calibrated.estimate.center)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('kind = "tcp"\n', "kind = 'tcp'"),
-        ('kind = "payload"\nmass_kg = -2\ncenter_m = [0, 0, 0.1]\n', "mass_kg is -2"),
-        ('kind = "payload"\nmass_kg = "2"\ncenter_m = [0, 0, 0.1]\n', "mass_kg is '2'"),
-        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted 3 finite numbers"),
-        ("kind = \n", "not valid TOML"),
-    ],
-)
-def test_a_file_that_is_no_calibration_is_refused(tmp_path, text, said):
-    file = tmp_path / "calibration.toml"
-    file.write_text(text, encoding="utf-8")
-    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
-    with pytest.raises(InputError, match=said):
-        believe_tool(cell, np.random.default_rng(0))
-
-
-def test_the_noise_of_a_run_does_not_hang_on_its_calibration():
-    """A generator of its own: the sensor's bias and noise stay what they are."""
+    # A generator of its own: the sensor's bias and noise stay what they are.
     asked = [override(default_scenario("force"), [f"payload.poses={count}"]) for count in (4, 20)]
     one, two = (prepare_force(scenario)[1] for scenario in asked)
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
@@ -132,9 +103,23 @@ def test_the_noise_of_a_run_does_not_hang_on_its_calibration():
     assert one.state.payload.mass != two.state.payload.mass
 
 
-def test_a_saturated_sensor_is_named():
-    with pytest.raises(CalibrationError, match=r"torque . .*sensor\.torque_range_nm"):
-        run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
+def test_a_run_believes_the_file_it_is_given_if_it_is_a_calibration(calibrated, tmp_path):
+    file = tmp_path / "calibration.toml"
+    write_calibration(file, calibrated.estimate)
+    cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
+    believe_tool(cell, np.random.default_rng(0))
+    assert cell.state.payload.mass == calibrated.estimate.mass
+    np.testing.assert_array_equal(cell.state.payload.center, calibrated.estimate.center)
+    for text, said in (
+        ('kind = "tcp"\n', "kind = 'tcp'"),
+        ('kind = "payload"\nmass_kg = -2\ncenter_m = [0, 0, 0.1]\n', "mass_kg is -2"),
+        ('kind = "payload"\nmass_kg = "2"\ncenter_m = [0, 0, 0.1]\n', "mass_kg is '2'"),
+        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted 3 finite numbers"),
+        ("kind = \n", "not valid TOML"),
+    ):
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=said):
+            believe_tool(cell, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(("seed", "table"), [(1, "uncalibrated"), (2, "calibrated")])

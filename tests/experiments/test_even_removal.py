@@ -72,7 +72,7 @@ def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     assert check(Scenario()) == Scenario()
 
 
-def test_no_feed_nearby_is_better(plan):
+def test_no_feed_nearby_is_better_and_force_by_turns_does_not_make_it_worse(plan):
     """The optimum of a convex problem: small changes of the dwell at any knot lower neither deviation nor
     time without raising the other by more."""
     problem = _Problem(EVEN, plan)
@@ -89,9 +89,6 @@ def test_no_feed_nearby_is_better(plan):
     for _ in range(20):
         other = np.clip(slowness * rng.uniform(0.9, 1.1, len(slowness)), low, high)
         assert distance(other) > best
-
-
-def test_force_by_turns_does_not_make_it_worse(plan):
     both = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal_force=0.3)))
     assert both.figures["planned_removal_cv"] < plan.figures["planned_removal_cv"] + 1e-3
 
@@ -103,12 +100,9 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path):
     middle = path.process & (np.abs(path.positions_work[:, 1] - np.median(path.positions_work[:, 1])) < 0.03)
     slow, fast = (np.mean(path.feed[middle & some]) for some in (x > np.median(x), x < np.median(x)))
     assert fast > 1.2 * slow
-
-
-@pytest.mark.parametrize("change", [{"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}])
-def test_what_cannot_be_followed_is_refused(change):
-    with pytest.raises(PolishSimError):
-        plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))  # type: ignore[arg-type]
+    for change in ({"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}):  # cannot be followed
+        with pytest.raises(PolishSimError):
+            plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))  # type: ignore[arg-type]
 
 
 def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path):
@@ -156,16 +150,11 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     assert sum(note.startswith("removal planned") for note in again.notes) == 1
 
 
-def test_another_feed_in_the_same_process_is_planned_anew():
+def test_another_feed_in_the_same_process_is_planned_anew_and_a_changed_map_is_another_place(tmp_path):
     asked = replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.02))
-    slow, fast = (
-        planned(replace(asked, process=replace(asked.process, feed_m_s=feed)))[1].path.feed
-        for feed in (0.02, 0.04)
-    )
+    feeds = (replace(asked, process=replace(asked.process, feed_m_s=feed)) for feed in (0.02, 0.04))
+    slow, fast = (planned(scenario)[1].path.feed for scenario in feeds)
     assert slow.mean() < 0.7 * fast.mean()
-
-
-def test_a_changed_map_is_another_place(tmp_path):
     asked = replace(EVEN, plan=replace(EVEN.plan, removal=str(tmp_path / "map.ply")))
     keys = []
     for text in ("one", "two more"):
@@ -174,17 +163,14 @@ def test_a_changed_map_is_another_place(tmp_path):
     assert keys[0] != keys[1]
 
 
-def test_the_least_near_a_knot_is_that_of_all_pairs():
+def test_the_least_near_a_knot_is_that_of_all_pairs_in_memory_that_grows_with_the_path_not_its_square():
     rng = np.random.default_rng(3)
     knots, s = np.sort(rng.uniform(0.0, 1.0, 40)), np.sort(rng.uniform(0.0, 1.0, 60))
     values, apart = rng.uniform(1.0, 2.0, 60), 0.1
     pairs = np.where(np.abs(np.subtract.outer(knots, s)) <= apart, values, np.inf).min(axis=1)
     assert np.isfinite(pairs).all()
     np.testing.assert_array_equal(_least_near(knots, apart, s, values), pairs)
-
-
-def test_memory_for_an_even_removal_grows_with_the_path_not_with_its_square():
-    """A path of 13 m took 3.5 GB."""
+    # A path of 13 m took 3.5 GB.
     knots, s = np.linspace(0.0, 50.0, 4000), np.linspace(0.0, 50.0, 25_000)
     tracemalloc.start()
     _least_near(knots, 0.02, s, s)
@@ -193,7 +179,7 @@ def test_memory_for_an_even_removal_grows_with_the_path_not_with_its_square():
     assert peak < 50 * 8 * len(s)
 
 
-def test_a_strip_without_an_inside_says_no_figure_of_it(tmp_path):
+def test_a_strip_without_an_inside_says_no_figure_of_it_and_a_pad_that_does_not_slide_is_refused(tmp_path):
     """No place of it is a pad's radius from the border."""
     trimesh.creation.box((90, 44, 10)).export(tmp_path / "strip.stl")
     strip = replace(EVEN.part, file=str(tmp_path / "strip.stl"), unit="mm", up="z")
@@ -202,10 +188,7 @@ def test_a_strip_without_an_inside_says_no_figure_of_it(tmp_path):
     (note,) = (note for note in plan.notes if note.startswith(even_removal.PLANNED))
     assert "nan" not in note
     assert "at one feed" in note
-
-
-def test_a_pad_that_neither_turns_nor_slides_evens_nothing_out():
-    """Its sliding is the feed: what comes off follows from force and way, however slow it goes."""
+    # Its sliding is the feed: what comes off follows from force and way, however slow it goes.
     still = override(EVEN, ["spindle.speed_rpm=0"])
     with pytest.raises(PolishSimError, match="turns or slides"):
         check(still)

@@ -43,22 +43,19 @@ def plan(with_fixture: bool) -> PlanResult:
     return plan_part(of.part, of.plan, of.process, of.pad)
 
 
-def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_the_fixture_above_the_table():
+def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_it_above_the_table_and_run_beside_it():
     result = plan(True)
     low = [mesh.vertices[:, 2].min() for mesh in (result.mesh, result.standing[0])]
     assert low == pytest.approx([-0.02, -0.03])
     placing = PartPlacing(scenario(True), *result.standing, result.path)
     T = placing.reach().T_base_work
     assert apply(T, result.standing[0].vertices)[:, 2].min() > -1e-3
-
-
-def test_a_path_planned_with_the_fixture_is_run_beside_it():
     run = run_experiment(scenario(True), plan(True))
     assert run.stop_reason is None
     assert np.median(run.log["normal_force_n"][run.log.fed]) == pytest.approx(20.0, abs=1.0)
 
 
-def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_the_wall():
+def test_a_path_planned_without_it_is_refused_or_stopped_at_the_wall_and_a_fixture_where_it_is_not_seen():
     of = scenario(True)
     blind = measure_given_path(plan(False).path, of.part, of.plan, of.process, of.pad)
     with pytest.raises(PlanError, match="into the fixture"):
@@ -71,8 +68,5 @@ def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_t
     # The path begins 15 mm beside the wall, with a pad of 50 mm: it comes down on the wall, 10 mm high.
     assert place[0] == pytest.approx(0.065, abs=0.5e-3)
     assert place[2] == pytest.approx(0.010 + NEAR_M, abs=0.2e-3)
-
-
-def test_a_fixture_is_refused_where_it_would_not_be_seen():
     with pytest.raises(InputError, match=r"part\.fixture_file .*'run surface'"):
         check_settings(merge(scenario(True), {"experiment": "force"}, ""))

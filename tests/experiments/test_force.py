@@ -36,17 +36,11 @@ def test_springs_stiffer_than_drawn_do_not_make_it_swing():
 
 
 def test_half_the_physics_step_gives_the_same_response():
-    quiet = [
-        "sensor.force_noise_n=0",
-        "sensor.torque_noise_nm=0",
-        "sensor.force_drift_n_s=0",
-        "process.hold_s=1",
-    ]
-    asked = [
-        override(default_scenario("force"), [*quiet, f"simulation.timestep_s={dt}"]) for dt in (0.001, 0.0005)
-    ]
-    one, half = (run_experiment(scenario).trace for scenario in asked)
-    after = [trace.normal_force_n[int(np.argmax(trace.phase == TOUCH_PHASE)) :] for trace in (one, half)]
+    quiet = [f"sensor.{name}=0" for name in ("force_noise_n", "torque_noise_nm", "force_drift_n_s")]
+    quiet, after = override(default_scenario("force"), [*quiet, "process.hold_s=1"]), []
+    for dt in (0.001, 0.0005):
+        trace = run_experiment(override(quiet, [f"simulation.timestep_s={dt}"])).trace
+        after.append(trace.normal_force_n[int(np.argmax(trace.phase == TOUCH_PHASE)) :])
     n = min(len(after[0]), len(after[1]) // 2)
     np.testing.assert_allclose(after[0][:n], after[1][: 2 * n : 2], atol=0.6)
 
@@ -59,14 +53,10 @@ def pressed(*settings: str) -> RunResult:
 
 
 @pytest.mark.parametrize(
-    "extra",
-    [
-        ("sensor.payload_mass_error=0.2",),
-        ("seed=1", "spindle.speed_rpm=6000.0", "spindle.imbalance_m_s=0.0063"),
-    ],
+    "extra", ["sensor.payload_mass_error=0.2", "seed=1 spindle.speed_rpm=6000.0 spindle.imbalance_m_s=0.0063"]
 )
 def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra):
-    figures = pressed(*extra).figures
+    figures = pressed(*extra.split()).figures
     assert figures["settling_time_1n_s"] < 0.25
     assert figures["overshoot_n"] < 1.0
     assert figures["steady_std_n"] < 0.3
@@ -77,9 +67,8 @@ def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra):
     ("scale", "sensor", "command"), [(0.2, 0.005, 0.015), (5.0, 0.001, 0.001), (5.0, 0.005, 0.015)]
 )
 def test_springs_and_latency_it_was_not_told_of(scale, sensor, command):
-    result = pressed(
-        f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}"
-    )
+    late = f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}"
+    result = pressed(f"head.spring_scale={scale}", *late)
     assert result.stop_reason is None
     # Springs a fifth as stiff give by 20 mm: at 30 mm/s, which cannot strike on stiff ones, that takes 0.7 s.
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)

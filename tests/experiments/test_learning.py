@@ -51,28 +51,18 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("by", "change", "named"),
     [
-        ("seed=932", "seed"),
-        ("process.contact_force_n=15", "process.contact_force_n"),
-        ("plan.stepover_m=0.04", "the path"),
-        ("part.displacement_m=0.002", "part.displacement_m"),
-        ("part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
+        (run_experiment, "seed=932", "seed"),
+        (run_experiment, "process.contact_force_n=15", "process.contact_force_n"),
+        (run_experiment, "plan.stepover_m=0.04", "the path"),
+        (run_experiment, "part.displacement_m=0.002", "part.displacement_m"),
+        (run_experiment, "part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
+        (check_settings, "controller.name=hybrid-adaptive", "hybrid-adaptive"),
+        (check_settings, "process.learn=nowhere", "not a run folder"),
+        (check_settings, "experiment=arc", "run surface"),
     ],
 )
-def test_another_job_is_refused_by_what_differs(first, change, named):
+def test_another_job_is_refused_by_what_differs_and_what_cannot_learn_at_once(first, by, change, named):
     with pytest.raises(InputError, match=named):
-        run_experiment(scenario(f"process.learn={first}", change))
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ("controller.name=hybrid-adaptive", "hybrid-adaptive"),
-        ("process.learn=nowhere", "not a run folder"),
-        ("experiment=arc", "run surface"),
-    ],
-)
-def test_what_cannot_learn_is_refused_before_planning(first, change, named):
-    with pytest.raises(InputError, match=named):
-        check_settings(scenario(f"process.learn={first}", change))
+        by(scenario(f"process.learn={first}", change))

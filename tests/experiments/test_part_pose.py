@@ -46,10 +46,8 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
     reach, path = reached(scenario, plan), plan.path
     part = no_part()._replace(position=reach.T_base_work[:3, 3], rotation=reach.T_base_work[:3, :3].copy())
     model = build_scene(scenario, Drawn(plan.mesh, part), works_below(reach.T_base_work, path.axes_work))
-    poses = transform(
-        tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin),
-        apply(reach.T_base_work, path.positions_work),
-    )
+    turns = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
+    poses = transform(turns, apply(reach.T_base_work, path.positions_work))
     joints = track(poses, tool_on_flange(), reach.q_start)
     assert joints.first_unreachable is None
     assert joints.first_beyond_limit is None
@@ -78,7 +76,7 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault)
     assert reached(posed(scenario, fitting[1]), plan).smallest_singular_value > 0.08
 
 
-def test_a_path_that_is_not_pressed_in_is_followed_as_it_is():
+def test_a_path_not_pressed_in_is_followed_as_it_is_by_an_arm_that_is_not_in_the_part():
     scenario, plan = planned("auto")
     placed = scenario, plan.mesh, plan.surface, plan.path
     placings = [PartPlacing(*placed, pressed_in) for pressed_in in (False, True)]
@@ -88,10 +86,7 @@ def test_a_path_that_is_not_pressed_in_is_followed_as_it_is():
     # Reached in front of the robot the part stays there.
     in_front = transform(np.eye(3), np.array([0.0, -0.5, 0.12]))
     np.testing.assert_allclose(placings[0].reach().T_base_work, in_front, atol=2e-3)
-
-
-def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration():
-    scenario, plan = planned("auto")
+    # An arm whose forearm would be in the part takes another configuration.
     pose = posed(scenario, "300,-300,200,17,11,29")
     placing = PartPlacing(pose, plan.mesh, plan.surface, plan.path)
     T = from_pose(pose.part.pose)
@@ -117,13 +112,11 @@ def test_the_maps_value_is_the_least_determinant_along_the_path():
         T = found.pose(height, distance, turn)
         corners = apply(T, plan.mesh.vertices)
         assert corners[:, 2].min() == pytest.approx(HEIGHTS[height], abs=1e-9)
-        middle = apply(T, placing.positions)
-        assert 0.5 * (middle.min(axis=0) + middle.max(axis=0))[1] == pytest.approx(
-            -DISTANCES[distance], abs=0.02
-        )
-        poses = transform(tool_rotations(placing.axes @ T[:3, :3].T, SPINS[spin]), middle) @ inverse(
-            tool_on_flange()
-        )
+        places = apply(T, placing.positions)
+        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        assert middle[1] == pytest.approx(-DISTANCES[distance], abs=0.02)
+        poses = transform(tool_rotations(placing.axes @ T[:3, :3].T, SPINS[spin]), places)
+        poses = poses @ inverse(tool_on_flange())
         branches = np.array([inverse_all(np.ascontiguousarray(pose), 0.0) for pose in poses])
         angles = np.nan_to_num(branches)
         done = ~np.isnan(branches).any(axis=(0, 2))

@@ -11,7 +11,7 @@ import pytest
 from polish_sim.cell import Silent
 from polish_sim.cell.guards import FALLEN, LOW, NO_STOP
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, PlanError, ReachError
+from polish_sim.errors import PlanError, ReachError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, proof, run_experiment
 from polish_sim.experiments.proof import Proven, Work, _Prover, prove, prove_with_a_pad_that_fits
@@ -83,11 +83,15 @@ def runs_on_drawn_parts(proven: Proven) -> None:
         assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
 
 
-def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_without():
+def test_a_proof_names_force_and_feed_of_the_path_and_a_force_that_falls_is_no_surface_that_rises():
     path, scenario = straight((-0.02, 0.0), (0.02, 0.0)), pressing()
     own = replace(path, force=np.full(120, 30.0), feed=np.linspace(0.01, 0.02, 120))
     proof = prove(scenario, planned(scenario, own)).plan.proof
     assert (proof["contact_force_n"], proof["feed_m_s"]) == (30.0, pytest.approx(0.02))
+    # From 40 to 10 N the springs give way by 6 mm; the surface stays where it is.
+    scenario, path = pressing(), straight((0.0, 0.0), (0.06, 0.0))
+    path = replace(path, force=np.interp(path.s, [0.02, 0.05], [40.0, 10.0]))
+    assert run_experiment(scenario, planned(scenario, path)).stop_reason is None
 
 
 def test_a_tool_that_leans_lands_with_its_rim_on_a_part_that_is_not_higher_than_planned():
@@ -118,40 +122,29 @@ def test_where_the_corner_carries_a_share_of_the_force_it_is_pressed_with_that(c
     runs_on_drawn_parts(proven)
 
 
-@pytest.mark.parametrize(("removal", "shares"), [("", [0.5]), ("even", [0.5, 0.25])])
-def test_a_place_that_fails_is_eased_before_it_is_left_out(removal, shares):
-    """Also where the force comes down to a place that was eased before."""
-    scenario = pressing(f"plan.removal={removal}")
-    _, plan = across_the_plate()
-    prover = prover_of(scenario, plan)
-    prover.pressed[:] = 0.7
-    for _ in range(len(shares) + 1):
-        prover._mend([Failure("the surface has fallen away", 0.5 * plan.path.s[-1], FALLEN, False)])
-    assert [mend.what for mend in prover.mends] == [*len(shares) * [EASED], LEFT_OUT]
-    assert [mend.share for mend in prover.mends[:-1]] == shares
-
-
-@pytest.mark.parametrize(("lacking", "mended"), [(0.1, EASED), (1.0, LEFT_OUT)])
-def test_a_place_that_would_lose_contact_with_half_its_force_is_left_out(lacking, mended):
+def test_a_place_that_fails_is_eased_before_it_is_left_out_and_then_more_of_it_where_it_fails_again():
     scenario, plan = across_the_plate()
-    prover = prover_of(scenario, plan)
-    prover.share[:] = 0.25
-    half = 0.5 * scenario.process.contact_force_n
-    prover._mend(
-        [Failure("the force leaves its band", 0.5 * plan.path.s[-1], NO_STOP, False, lacking * half)]
-    )
-    assert [mend.what for mend in prover.mends] == [mended]
-
-
-@pytest.mark.parametrize(("aside_m", "wider"), [(0.0, 2.0), (0.008, 1.0)])
-def test_what_is_left_out_grows_where_the_same_place_fails_again_not_beside_another_lines_cut(aside_m, wider):
-    scenario, plan = across_the_plate()
-    prover = prover_of(scenario, plan)
-    fallen = Failure("the part is lower than planned", 0.5 * plan.path.s[-1], LOW, False)
-    alone = prover._remedy(fallen)[2].sum()
-    middle = plan.path.positions_work[prover._row(fallen)]
-    prover.mends.append(Mend(LEFT_OUT, "", 0.0, 0.001, middle[None] + [0.0, aside_m, 0.0]))
-    assert prover._remedy(fallen)[2].sum() == pytest.approx(wider * alone, abs=2.0)  # rows of the path
+    middle = 0.5 * plan.path.s[-1]
+    for removal, shares in (("", [0.5]), ("even", [0.5, 0.25])):  # also where a place was eased before
+        prover = prover_of(pressing(f"plan.removal={removal}"), plan)
+        prover.pressed[:] = 0.7
+        for _ in range(len(shares) + 1):
+            prover._mend([Failure("the surface has fallen away", middle, FALLEN, False)])
+        assert [mend.what for mend in prover.mends] == [*len(shares) * [EASED], LEFT_OUT]
+        assert [mend.share for mend in prover.mends[:-1]] == shares
+    for lacking, mended in ((0.1, EASED), (1.0, LEFT_OUT)):  # of half the force, with which contact is lost
+        prover = prover_of(scenario, plan)
+        prover.share[:] = 0.25
+        lost = lacking * 0.5 * scenario.process.contact_force_n
+        prover._mend([Failure("the force leaves its band", middle, NO_STOP, False, lost)])
+        assert [mend.what for mend in prover.mends] == [mended]
+    for aside_m, wider in ((0.0, 2.0), (0.008, 1.0)):  # not beside the cut of another line
+        prover = prover_of(scenario, plan)
+        fallen = Failure("the part is lower than planned", middle, LOW, False)
+        alone = prover._remedy(fallen)[2].sum()
+        cut = plan.path.positions_work[prover._row(fallen)] + [0.0, aside_m, 0.0]
+        prover.mends.append(Mend(LEFT_OUT, "", 0.0, 0.001, cut[None]))
+        assert prover._remedy(fallen)[2].sum() == pytest.approx(wider * alone, abs=2.0)  # rows of the path
 
 
 def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch):
@@ -222,41 +215,49 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     runs_on_drawn_parts(proven)
 
 
-@pytest.mark.parametrize("error", [ReachError("out of reach"), PlanError("too narrow")])
-def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypatch, error):
+def with_pads_that_fit(monkeypatch, much: float, answer) -> tuple[int, Proven]:
+    """How many pads are tried at the soft corner if proofs end with an answer, and the best of them."""
     scenario, plan = soft_corner()
     tried = []
 
-    def proven_with_the_first(scenario, plan, observer, work):
+    def proven(scenario, plan, observer, work):
         tried.append(scenario.pad.radius_m)
-        if len(tried) > 1:
+        return answer(len(tried), scenario, work)
+
+    monkeypatch.setattr(proof, "prove", proven)
+    monkeypatch.setattr(proof, "plan_removal", lambda scenario: plan)
+    monkeypatch.setattr(proof, "MUCH", much)
+    found = prove_with_a_pad_that_fits(scenario, plan)
+    return len(tried), found
+
+
+@pytest.mark.parametrize("error", [ReachError("out of reach"), PlanError("too narrow")])
+def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypatch, error):
+    def only_the_first(number, scenario, work):
+        if number > 1:
             raise error
         return proven_at_the_corner()
 
-    monkeypatch.setattr(proof, "prove", proven_with_the_first)
-    monkeypatch.setattr(proof, "plan_removal", lambda scenario: plan)
-    monkeypatch.setattr(proof, "MUCH", 0.0)
-    assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
-    assert len(tried) == 1 + proof.MOST_PADS
+    found = with_pads_that_fit(monkeypatch, 0.0, only_the_first)
+    assert found == (1 + proof.MOST_PADS, proven_at_the_corner())
+
+
+def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):
+    def late(number, scenario, work):
+        work.done_s, work.most_s = 2.0, 1.0
+        return proven_at_the_corner()
+
+    assert with_pads_that_fit(monkeypatch, 0.0, late) == (1, proven_at_the_corner())
 
 
 @pytest.mark.parametrize(("reason", "pads"), [(HOLLOW, 1 + proof.MOST_PADS), ("at the border", 1)])
 def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(monkeypatch, reason, pads):
-    scenario, plan = soft_corner()
     area = proven_at_the_corner().plan.area
     row = next(iter(area.left_out.values()))
-    found = replace(plan, area=replace(area, left_out={reason: row}))
-    tried = []
-
-    def proven_with_any(scenario, plan, observer, work):
-        tried.append(scenario.pad.radius_m)
-        return Proven(found, scenario)
-
-    monkeypatch.setattr(proof, "prove", proven_with_any)
-    monkeypatch.setattr(proof, "plan_removal", lambda scenario: plan)
-    monkeypatch.setattr(proof, "MUCH", 0.5 * row.area_m2 / area.region_m2)
-    prove_with_a_pad_that_fits(scenario, plan)
-    assert len(tried) == pads
+    plan = replace(soft_corner()[1], area=replace(area, left_out={reason: row}))
+    much = 0.5 * row.area_m2 / area.region_m2
+    found = with_pads_that_fit(monkeypatch, much, lambda number, scenario, work: Proven(plan, scenario))
+    assert found[0] == pads
 
 
 def five_minutes_in(strokes: int) -> PlanResult:
@@ -278,9 +279,7 @@ def five_minutes_in(strokes: int) -> PlanResult:
         (["sensor.model=axia80"], 2, []),
     ],
 )
-def test_a_sensor_that_drifts_by_more_than_counts_as_contact_is_to_be_zeroed_for_each_stroke(
-    settings, strokes, notes
-):
+def test_a_sensor_that_drifts_more_than_contact_takes_is_to_be_zeroed_by_stroke(settings, strokes, notes):
     found = drift_notes(pressing(*settings), five_minutes_in(strokes))
     assert len(found) == len(notes)
     assert all(part in text for part, text in zip(notes, found, strict=True))
@@ -308,9 +307,7 @@ def test_a_path_that_fails_everywhere_whatever_is_mended_is_refused_and_no_other
 
 
 @pytest.mark.parametrize(("tangential", "force"), [(0.7, 0.7), (0.8, 0.7), (0.7, 0.8), (0.8, 0.9)])
-def test_each_figure_so_near_its_limit_that_another_arm_may_miss_it_is_said_with_what_helps(
-    tangential, force
-):
+def test_each_figure_that_another_arm_may_miss_is_said_with_what_helps(tangential, force):
     """Of 110 and 163 runs of drawn plans the worst came 1.4 times as near as its proof."""
     shares = {"torque": 0.85, "tangential error": tangential, "force error": force}
     limits = {name: {"share": share, "at_m": 0.0} for name, share in shares.items()}
@@ -321,22 +318,7 @@ def test_each_figure_so_near_its_limit_that_another_arm_may_miss_it_is_said_with
         assert all(helps in note for note in said)
 
 
-def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):
-    scenario, plan = soft_corner()
-    tried = []
-
-    def proven_late(scenario, plan, observer, work):
-        tried.append(scenario.pad.radius_m)
-        work.done_s, work.most_s = 2.0, 1.0
-        return proven_at_the_corner()
-
-    monkeypatch.setattr(proof, "prove", proven_late)
-    monkeypatch.setattr(proof, "MUCH", 0.0)
-    assert prove_with_a_pad_that_fits(scenario, plan) is proven_at_the_corner()
-    assert len(tried) == 1
-
-
-def test_the_proofs_time_is_that_of_the_plan_as_made_and_what_any_pad_takes_counts(monkeypatch):
+def test_a_proofs_time_is_that_of_the_plan_and_used_up_it_keeps_no_margin_or_is_refused(monkeypatch):
     scenario, plan = across_the_plate()
     work = Work(plan)
     monkeypatch.setattr(Play, "play_on", lambda self, observer: [])
@@ -348,10 +330,7 @@ def test_the_proofs_time_is_that_of_the_plan_as_made_and_what_any_pad_takes_coun
         done.append(work.done_s)
     assert done[1] > 2.0 * done[0] > 0.0  # slowed it takes longer
     assert work.most_s == Work(plan).most_s
-
-
-def test_a_proof_whose_time_is_used_up_keeps_no_margin_before_it_leaves_anything_out(monkeypatch):
-    scenario, plan = across_the_plate()
+    # Used up, it keeps no margin before it leaves anything out; half as much again is refused.
     prover = prover_of(scenario, plan)
     prover.work.done_s = 1.4 * prover.work.most_s
     margins = []
@@ -368,13 +347,12 @@ def test_a_proof_whose_time_is_used_up_keeps_no_margin_before_it_leaves_anything
     assert margins == [0.2, 0.0]
     assert prover.mends == []
     assert prover._play(None).margin == 0.0
-
-
-def test_a_force_that_falls_along_the_path_is_no_surface_that_rises():
-    """From 40 to 10 N the springs give way by 6 mm; the surface stays where it is."""
-    scenario, path = pressing(), straight((0.0, 0.0), (0.06, 0.0))
-    path = replace(path, force=np.interp(path.s, [0.02, 0.05], [40.0, 10.0]))
-    assert run_experiment(scenario, planned(scenario, path)).stop_reason is None
+    prover = prover_of(scenario, plan)
+    middle = Failure("the force leaves its band: 9 N", 0.5 * plan.path.s[-1], NO_STOP, False)
+    prover.work.done_s = 1.51 * prover.work.most_s
+    monkeypatch.setattr(Play, "play_on", lambda self, observer: [middle])
+    with pytest.raises(PlanError, match=r"from \d+ of \d+ mm of the path on"):
+        prover.pass_through(None)
 
 
 def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning():
@@ -442,20 +420,8 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     assert run.stop_reason is None
 
 
-def test_a_proof_whose_time_is_used_up_and_half_as_much_again_is_refused(monkeypatch):
-    scenario, plan = across_the_plate()
-    prover = prover_of(scenario, plan)
-    middle = Failure("the force leaves its band: 9 N", 0.5 * plan.path.s[-1], NO_STOP, False)
-    prover.work.done_s = 1.51 * prover.work.most_s
-    monkeypatch.setattr(Play, "play_on", lambda self, observer: [middle])
-    with pytest.raises(PlanError, match=r"from \d+ of \d+ mm of the path on"):
-        prover.pass_through(None)
-
-
-def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused():
-    scenario, plan = soft_corner()
+def test_a_path_with_nothing_to_stand_on_is_refused():
+    scenario, _ = soft_corner()
     corner = planned(scenario, straight((0.0965, 0.0965), (0.0999, 0.0999)))
     with pytest.raises(PlanError, match="--pad-diameter"):
         prove(scenario, corner)
-    with pytest.raises(InputError, match="none, nominal, or the number"):
-        prove(override(scenario, ["safety.proof=always"]), plan)

@@ -64,14 +64,11 @@ def test_a_real_part_higher_than_the_band_is_still_met(tmp_path):
     np.testing.assert_allclose(below, -0.003, atol=1e-6)
 
 
-def test_the_drawing_given_as_the_real_part_changes_nothing():
+def test_the_drawing_given_as_the_real_part_changes_nothing_and_another_is_drawn_with_how_far_it_lies_off():
     short = ("process.hold_s=1", "process.approach_speed_m_s=0.05", "part.displacement_m=0.001")
     drawn = run_experiment(on_plate(*short))
     same = run_experiment(on_plate("part.real_file=plate", *short))
     np.testing.assert_allclose(same.log["normal_force_n"], drawn.log["normal_force_n"], atol=1e-3)
-
-
-def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies_from_the_drawing():
     scenario = on_plate("part.real_file=plate_ramp")
     model = prepare_force(scenario)[1].model
     data = mujoco.MjData(model)

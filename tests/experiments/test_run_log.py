@@ -5,11 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Silent, tool_on_flange
-from polish_sim.config import Scenario
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.log import COLUMNS, RunLog, read_log, write_log
+from polish_sim.log import COLUMNS, RunLog
 from polish_sim.motion import forward, jacobian
-from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 from tests.cell.cells import along_tool, cell_for, part_under, pressing_stroke, tool_pose, way_through
 from tests.cell.fields import plane
@@ -51,7 +49,7 @@ def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics():
     np.testing.assert_allclose(np.linalg.norm(twist[:, :3], axis=1), column(run, "tcp_speed_m_s"), atol=1e-6)
 
 
-def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform):
+def test_the_traces_errors_are_those_of_the_log_whose_wrenches_differ_by_weight_bias_and_noise_only(freeform):
     error = column(freeform, "target_position_m") - column(freeform, "tcp_position_m")
     tool, target = (
         Rotation.from_quat(column(freeform, f"{name}_quaternion_wxyz"), scalar_first=True)
@@ -69,10 +67,7 @@ def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform):
     np.testing.assert_allclose(trace.orientation_error_rad[rows], angle, atol=1e-6)
     np.testing.assert_allclose(trace.path_s_m[rows], column(freeform, "path_s_m"), atol=1e-6)
     np.testing.assert_array_equal(trace.tcp_position_m[rows], freeform.log["tcp_position_m"])
-
-
-def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freeform):
-    """The pad's travel carries the force through the head's spring; the turn of the path is counted."""
+    # The pad's travel carries the force through the head's spring; the turn of the path is counted.
     fed = freeform.log.fed
     travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
     assert travel.mean() * 20000.0 / 3.0 == pytest.approx(force.mean(), rel=0.01)
@@ -88,30 +83,17 @@ def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freef
     np.testing.assert_allclose((raw - weight - true[:, :3]).mean(axis=0), 0.0, atol=0.1)
 
 
-Cap = tuple[Scenario, PlanResult]
-
-
 def same(one: RunLog, other: RunLog) -> bool:
     return all(one[name].tobytes() == other[name].tobytes() for name in one.names)
 
 
-@pytest.fixture(scope="module")
-def short_force() -> RunResult:
-    """One second of pressing."""
-    return run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
-
-
-def test_the_same_seed_gives_the_same_bytes_another_others(cap, cap_run, tmp_path):
+def test_the_same_seed_gives_the_same_bytes_another_others(cap):
     scenario, plan = cap
-    other = run_experiment(override(scenario, ["seed=1"]), plan)
-    assert not same(cap_run.log, other.log)
-    assert other.figures["force_rms_error_n"] != cap_run.figures["force_rms_error_n"]
-    again = run_experiment(*cap)
-    assert same(cap_run.log, again.log)
-    assert all(np.array_equal(a, b) for a, b in zip(cap_run.trace, again.trace, strict=True))
-    for name, result in (("a", cap_run), ("b", again)):
-        write_log(tmp_path / name, result.log)
-    assert same(read_log(tmp_path / "a"), read_log(tmp_path / "b"))
+    run, again, other = (run_experiment(override(scenario, [f"seed={seed}"]), plan) for seed in (0, 0, 1))
+    assert not same(run.log, other.log)
+    assert other.figures["force_rms_error_n"] != run.figures["force_rms_error_n"]
+    assert same(run.log, again.log)
+    assert all(np.array_equal(a, b) for a, b in zip(run.trace, again.trace, strict=True))
 
 
 class Onlooker(Silent):
@@ -120,21 +102,18 @@ class Onlooker(Silent):
     frame_every_s = 0.011
 
 
-def test_who_looks_on_changes_nothing_also_when_strokes_follow_each_other(short_force):
+def test_who_looks_on_changes_nothing_and_rows_thinned_out_keep_least_and_largest_force_between_them():
+    short_force = run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
     assert same(short_force.log, run_experiment(short_force.scenario, observer=Onlooker()).log)
+    # Also when strokes follow each other.
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
-    strokes = (
-        pressing_stroke(hold=0.3, lift=0.005),
-        pressing_stroke(second, hold=0.3, lift=0.005)._replace(travel=way),
-    )
+    strokes = [pressing_stroke(*at, hold=0.3, lift=0.005) for at in ((), (second,))]
+    strokes[1] = strokes[1]._replace(travel=way)
     cells = [cell_for(default_scenario("force"), *strokes, part=part_under(plane())) for _ in range(2)]
     runs = [cell.run(who) for cell, who in zip(cells, (Silent(), Onlooker()), strict=True)]
     assert runs[0].stop_reason is None
     assert same(runs[0].log, runs[1].log)
-
-
-def test_rows_thinned_out_keep_the_least_and_largest_force_between_them(short_force):
     rates = {0: 1, 50: 20}
     asked = {rate: override(short_force.scenario, [f"simulation.log_rate_hz={rate}"]) for rate in rates}
     runs = {rate: run_experiment(scenario) for rate, scenario in asked.items()} | {250: short_force}

@@ -30,13 +30,11 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     knots = np.linspace(0.0, 0.1, 42)
     tilt = np.stack([np.interp(s, knots, math.radians(1.0) * rng.normal(size=42)) for _ in range(2)], axis=1)
     axes = -np.column_stack([tilt, np.ones(201)]) / np.sqrt(1.0 + np.sum(tilt**2, axis=1))[:, None]
-    stroke = StrokePath(
-        np.outer(s, [1.0, 0, 0]), rotation_to_axis(axes, np.array([1.0, 0, 0])), s, np.full(201, 0.02)
-    )
-    times = []
-    for noise in (NOISELESS, ScanNoise(5e-5, math.radians(1.0))):
-        motion = stroke_motion(within_noise(SmoothingConfig(), noise), stroke, None)
-        times.append(motion.duration)
+    x = np.array([1.0, 0.0, 0.0])
+    stroke = StrokePath(np.outer(s, x), rotation_to_axis(axes, x), s, np.full(201, 0.02))
+    noises = NOISELESS, ScanNoise(5e-5, math.radians(1.0))
+    asked = [within_noise(SmoothingConfig(), noise) for noise in noises]
+    times = [stroke_motion(each, stroke, None).duration for each in asked]
     assert within_noise(SmoothingConfig(), NOISELESS) == SmoothingConfig()
     least = 0.1 / 0.02  # at the feed
     assert times[1] - least < (times[0] - least) / 3.0
@@ -64,9 +62,8 @@ def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows(
     best = math.sqrt(0.6 * 0.003)
     slowest = sharp.speeds[(sharp.places > 0.045) & (sharp.places < 0.065)].min()
     assert 0.85 * best <= slowest <= 1.05 * best  # the tolerance lets the bend be a little wider than 3 mm
-    most = [
-        np.linalg.norm(np.gradient(one.velocities, one.spacing, axis=0), axis=1).max() for one in (sharp, fed)
-    ]
+    accelerations = (np.gradient(one.velocities, one.spacing, axis=0) for one in (sharp, fed))
+    most = [np.linalg.norm(each, axis=1).max() for each in accelerations]
     assert most[0] <= 0.6 * 1.01
     assert most[1] == pytest.approx(FEED**2 / 0.003, rel=0.2)
 
@@ -92,13 +89,11 @@ PLACE = np.array([0.0, -0.5, 0.08])
 REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
 
 
-@pytest.fixture(scope="module")
-def islands(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+def planned_islands(file: Path) -> PlanResult:
     """Two square islands 120 mm apart on a base, covered by a spiral each."""
     moved = trimesh.transformations.translation_matrix
     base = trimesh.creation.box((200.0, 100.0, 10.0), moved([0, 0, -5]))
     pads = [trimesh.creation.box((60.0, 60.0, 20.0), moved([x, 0, 5])) for x in (-60.0, 60.0)]
-    file: Path = tmp_path_factory.mktemp("islands") / "islands.stl"
     trimesh.boolean.union([base, *pads], engine="manifold").export(file)
     plan = PlanConfig(region="box:-100,-50,14,100,50,16", stepover_m=0.02, bridge_m=0.0)
     return plan_part(PartConfig(str(file), up="z"), plan)
@@ -109,7 +104,8 @@ def strokes(plan: PlanResult, force: np.ndarray | None = None, feed_s: float = 0
     return placed_strokes(Scenario(process=asked), path, placed_tool(path, REACH), 0.0, LIFT)
 
 
-def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(islands):
+def test_each_island_is_a_stroke_lifted_to_the_same_height_and_travel_joins_it_to_the_next(tmp_path):
+    islands = planned_islands(tmp_path / "islands.stl")
     first, second = strokes(islands)
     assert first.travel.duration == 0.0
     assert second.travel.places[-1] > 0.1
@@ -121,9 +117,7 @@ def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(is
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
     assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)
     assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
-
-
-def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands):
+    # Also where the path presses harder at its end.
     force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
     for stroke in strokes(islands, force):
         end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth

@@ -21,7 +21,7 @@ from tests.cell.cells import IDEAL_ARM, IDEAL_SENSOR
 Cap = tuple[Scenario, PlanResult]
 
 
-def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freeform):
+def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_is_mapped(freeform):
     assert freeform.stop_reason is None
     assert freeform.figures["force_max_deviation_n"] < 4.0
     assert freeform.figures["force_mean_n"] == pytest.approx(20.0, abs=0.3)
@@ -38,15 +38,25 @@ def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freefor
     off = (freeform.log["tcp_position_m"][feeding] - freeform.log["target_position_m"][feeding])[250:]
     band = butter(4, [8.0, 60.0], "band", fs=250.0, output="sos")
     assert np.sqrt((sosfiltfilt(band, off, axis=0) ** 2).sum(axis=1).mean()) < 12e-6
-
-
-def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform):
+    # Every touch was on the part where the log says it stood.
     T_base_work = np.array(freeform.figures["T_base_work"])
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
     prepared = prepare_surface(*planned(freeform.scenario))
     np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
     assert np.linalg.norm(tool - prepared.surface.closest(tool).positions, axis=1).max() < 0.006
+    # What is taken off is logged as it grows and mapped over the region.
+    removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
+    assert (np.diff(running) >= 0.0).all()
+    assert running[-1] == pytest.approx(
+        float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6
+    )
+    assert freeform.figures["removal_unplaced"] < 0.01
+    # The first seconds run along the part's edge, where the contact's springs fade out and the map's stay.
+    assert freeform.figures["pressure_field_ratio"] == pytest.approx(1.0, abs=0.1)
+    # A disc pressed flat slides at two thirds of its rim's speed on average, one on an edge near that.
+    rim = 628.3 * freeform.scenario.pad.radius_m
+    assert 0.3 < running[-1] / (freeform.trace.normal_force_n.sum() * 1e-3 * rim) < 0.9
 
 
 def test_with_the_spindle_off_the_force_is_held_as_well(cap):
@@ -98,27 +108,12 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, m
     assert way_there == pytest.approx(way, rel=1e-12)
 
 
-def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(freeform):
-    removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
-    assert (np.diff(running) >= 0.0).all()
-    assert running[-1] == pytest.approx(
-        float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6
-    )
-    assert freeform.figures["removal_unplaced"] < 0.01
-    # The first seconds run along the part's edge, where the contact's springs fade out and the map's stay.
-    assert freeform.figures["pressure_field_ratio"] == pytest.approx(1.0, abs=0.1)
-    # A disc pressed flat slides at two thirds of its rim's speed on average, one on an edge near that.
-    rim = 628.3 * freeform.scenario.pad.radius_m
-    assert 0.3 < running[-1] / (freeform.trace.normal_force_n.sum() * 1e-3 * rim) < 0.9
-
-
 # Force and feed that change along the path: held where the path says so.
 RISE_M = 0.06  #: Force and feed change over this length of the path [m]
 FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
 
 
-@pytest.fixture(scope="module")
-def rising(cap: Cap) -> RunResult:
+def rising_on(cap: Cap) -> RunResult:
     """Force from 12 to 24 N and feed from 6 to 18 mm/s over the first 60 mm, then both constant."""
     scenario, plan = cap
     s = plan.path.s
@@ -129,13 +124,10 @@ def rising(cap: Cap) -> RunResult:
     return run_experiment(longer, replace(plan, path=path))
 
 
-def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:
-    feeding = run.trace.fed
-    return feeding & (run.trace.time_s > run.trace.time_s[feeding][0] + after_s)
-
-
-def test_the_force_follows_the_path_s(rising):
-    rows = fed(rising)
+def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_local_force(cap):
+    rising = rising_on(cap)
+    feeding, time = rising.trace.fed, rising.trace.time_s
+    rows = feeding & (time > time[feeding][0] + 1.0)
     wanted = np.interp(rising.trace.path_s_m[rows], rising.path.s, rising.path.force)
     assert np.ptp(wanted) > 9.0
     assert np.abs(rising.trace.normal_force_n[rows] - wanted).max() < 2.0
@@ -143,18 +135,12 @@ def test_the_force_follows_the_path_s(rising):
     # Its error is measured against the local set point.
     assert rising.figures["force_rms_error_n"] < 1.0
     assert rising.figures["force_max_deviation_n"] < 4.0
-
-
-def test_the_feed_follows_the_path_s(rising):
-    rows = fed(rising)
     place, time = rising.trace.path_s_m[rows], rising.trace.time_s[rows]
     speed = np.gradient(place, time)
     fed_at_all = time < time[-1] - 0.15  # the target comes to rest before its time is over
     place, speed = place[fed_at_all], speed[fed_at_all]
     assert speed == pytest.approx(np.interp(place, rising.path.s, rising.path.feed), rel=0.02)
-
-
-def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising):
+    # By the local force over the stiffness.
     rows = rising.log.fed
     along = np.asarray(rising.log["path_s_m"][rows], dtype=float)
     T_base_work = np.array(rising.figures["T_base_work"])

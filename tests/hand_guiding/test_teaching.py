@@ -5,8 +5,8 @@ import pytest
 
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
-from polish_sim.geometry import Surface, fit_surface, load_part
-from polish_sim.hand_guiding.drag import Recording, simplified, teach_path
+from polish_sim.geometry import fit_surface, load_part
+from polish_sim.hand_guiding.drag import Recording, Taught, simplified, teach_path
 from polish_sim.models import workpiece_path
 from tests.planning.shapes import to_polyline
 
@@ -23,10 +23,9 @@ def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.02) -> Rec
     return Recording(t, positions)
 
 
-@pytest.fixture(scope="module")
-def plate() -> Surface:
-    """Level, its top at 20 mm."""
-    return fit_surface(load_part(workpiece_path("plate")))
+def taught_on_plate(record: Recording) -> Taught:
+    """On the shipped plate, level, its top at 20 mm."""
+    return teach_path(record, fit_surface(load_part(workpiece_path("plate"))), 4.0, 0.0003, 0.002)
 
 
 def off_circle(points: Array) -> Array:
@@ -34,9 +33,9 @@ def off_circle(points: Array) -> Array:
 
 
 @pytest.mark.parametrize("tremor", [0.0, 0.0005])
-def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate, tremor):
+def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(tremor):
     hand = circle(tremor)
-    taught = teach_path(hand, plate, 4.0, 0.0003, 0.002)
+    taught = taught_on_plate(hand)
     off = off_circle(taught.path.positions_work)[3:-3]
     rms = [np.sqrt(np.mean(gap**2)) for gap in (off, off_circle(hand.positions))]
     assert rms[0] < 0.2 * rms[1] if tremor else off.max() < 1e-4
@@ -44,10 +43,17 @@ def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate, tre
     assert np.diff(taught.path.s).max() < 0.0025
 
 
-def test_standing_still_at_the_ends_is_no_path(plate):
-    taught = teach_path(circle(still=3.0), plate, 4.0, 0.0003, 0.002)
+def test_standing_still_is_no_path_a_hand_that_hardly_moves_teaches_none_and_a_line_is_simplified():
+    taught = taught_on_plate(circle(still=3.0))
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=0.02)
     assert np.diff(taught.path.s).min() > 0.001
+    with pytest.raises(PlanError, match="too little to teach a path"):
+        taught_on_plate(circle()._replace(positions=0.01 * circle().positions))
+    # No point is further from the simplified line than asked.
+    points, tolerance = circle(tremor=0.0005).positions, 1e-3
+    corners = simplified(points, tolerance)
+    assert len(corners) < 0.02 * len(points)
+    assert to_polyline(points, points[corners]).max() <= tolerance + 1e-12
 
 
 def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals():
@@ -61,16 +67,3 @@ def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals():
     again = surface.closest(found.path.positions_work)
     np.testing.assert_allclose(again.positions, found.path.positions_work, atol=1e-9)
     np.testing.assert_allclose(np.sum(again.normals * found.path.axes_work, axis=1), 1.0, atol=1e-6)
-
-
-def test_no_point_is_further_from_the_simplified_line_than_asked():
-    points, tolerance = circle(tremor=0.0005).positions, 1e-3
-    corners = simplified(points, tolerance)
-    assert len(corners) < 0.02 * len(points)
-    assert to_polyline(points, points[corners]).max() <= tolerance + 1e-12
-
-
-def test_a_tool_that_was_hardly_moved_teaches_nothing(plate):
-    record = circle()
-    with pytest.raises(PlanError, match="too little to teach a path"):
-        teach_path(record._replace(positions=0.01 * record.positions), plate, 4.0, 0.0003, 0.002)

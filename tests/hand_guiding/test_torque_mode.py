@@ -29,16 +29,11 @@ def guide(
     positions = np.tile(T[:3, 3] + offset, (n, 1))
     servos = (np.arange(n) < held / 0.001).astype(float)
     motion = HandMotion(positions, np.zeros((n, 3)), np.tile(T[:3, :3], (n, 1, 1)), 1.0 - servos)
-    model = arm.torque_arm(scenario)
-    return run_guided(
-        arm.guided_arm(scenario, mode, model, arm.believe_arm(scenario), hand),
-        np.array(arm.HOME),
-        motion,
-        servos,
-    )
+    guided = arm.guided_arm(scenario, mode, arm.torque_arm(scenario), arm.believe_arm(scenario), hand)
+    return run_guided(guided, np.array(arm.HOME), motion, servos)
 
 
-def test_the_model_is_the_cell_s_with_motors_for_servos():
+def test_the_model_is_the_cell_s_with_motors_for_servos_and_a_part_before_it_weighs_on_nothing():
     model = arm.torque_arm(IDEAL)
     assert model.nu == 6
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
@@ -47,19 +42,16 @@ def test_the_model_is_the_cell_s_with_motors_for_servos():
     damping = model.dof_damping.reshape(model.nv, -1)[:6, 0]
     np.testing.assert_allclose(damping, [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
     assert not model.body_gravcomp.any()
-
-
-def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing():
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
     plate = arm.LaidPart(load_part(workpiece_path("plate")), T_base_part)
-    alone, beside = arm.torque_arm(IDEAL), arm.torque_arm(IDEAL, plate)
+    beside = arm.torque_arm(IDEAL, plate)
     np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
     assert beside.geom("part").contype == beside.geom("part").conaffinity == 0
     weights = []
-    for model in (alone, beside):
-        data = mujoco.MjData(model)
+    for either in (model, beside):
+        data = mujoco.MjData(either)
         data.qpos[:6] = arm.HOME
-        mujoco.mj_forward(model, data)
+        mujoco.mj_forward(either, data)
         assert data.ncon == 0
         weights.append(data.qfrc_bias.copy())
     np.testing.assert_array_equal(*weights)
@@ -97,19 +89,16 @@ def test_the_brakes_end_the_motion_in_every_mode(mode):
     assert np.isfinite(run.rows["torque"]).all()
 
 
-def test_links_that_touch_stop_the_arm_and_are_named():
+def test_links_that_touch_stop_the_arm_and_a_file_that_is_no_model_of_it_is_refused(tmp_path):
     """A soft hand pulls the tool home to the arm's foot; it is braked half a second after the touch."""
     run = guide(np.array([0.0, 0.6, -0.2]), 3.5, "inertia", Hand(200.0, 300.0, 0.0, 0.0))
     assert str(run.stop_reason).endswith("link_1_collision and tool_collision")
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
-
-
-PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
-
-
-def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path):
     file = tmp_path / "identified.xml"
     for rest, said in (("", "no MuJoCo model"), (PENDULUM, "no joint")):
         file.write_text("<mujoco>" + rest)
         with pytest.raises(InputError, match=f"identified.xml' .*{said}"):
             arm.chain_of_file(file)
+
+
+PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'

@@ -70,15 +70,12 @@ def test_mutated_files_are_read_or_refused_with_one_error(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["job.toml"]
 
 
-def test_files_are_named_from_the_jobs_folder(tmp_path):
+def test_files_are_named_from_the_jobs_folder_and_errors_in_them_with_their_line(tmp_path):
     (tmp_path / "corner.txt").write_text("0,0,0\n40,0,0\n40,40,0\n")
     zone = '[[setup.pass.zone]]\nregion = "polygon:corner.txt"\n'
     text = TEXT.replace('regions = ["auto"]', 'regions = ["polygon:corner.txt"]') + zone
     one = read(tmp_path, text).passes[-1]
     assert one.zones[0].region == one.scenario.plan.region == f"polygon:{tmp_path / 'corner.txt'}"
-
-
-def test_an_error_in_a_region_or_in_the_tools_file_names_its_line_before_anything_is_planned(tmp_path):
     text = TEXT + '[[setup.pass.zone]]\nregion = "faces:missing.txt"\n'
     with pytest.raises(PolishSimError, match=f"line {len(text.splitlines())}: "):
         check_regions(read(tmp_path, text))

@@ -17,6 +17,7 @@ from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import PassRow, job_figures, programs, run_job
 from polish_sim.log import read_removal
 from polish_sim.row_file import locked
+from tests.cli.conftest import interrupted
 from tests.kept import plate_file
 
 JOB = f"""
@@ -59,7 +60,7 @@ def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     return folder, list(run_job(job, folder, Silent()))
 
 
-def test_planned_and_simulated_time_agree_in_programme_and_figures(job, whole):
+def test_planned_and_simulated_time_agree_and_the_same_job_gives_the_same_bytes(job, whole, tmp_path):
     folder, rows = whole
     figures = job_figures(job, folder, rows)
     assert figures["planned_cycle_time_s"] == pytest.approx(figures["cycle_time_s"], rel=0.02)
@@ -70,6 +71,16 @@ def test_planned_and_simulated_time_agree_in_programme_and_figures(job, whole):
     assert number == 1
     assert text.count("on the table") == 1
     assert "grit 120" in text
+    # So does a pass that was thrown away.
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    shutil.rmtree(tmp_path / "setup_1/region_1/pass_1")
+    list(run_job(job, tmp_path, Silent()))
+
+    def digests(folder: Path) -> dict[str, str]:
+        files = sorted(file for file in folder.rglob("*") if file.is_file())
+        return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+    assert digests(tmp_path) == digests(whole[0])
 
 
 @pytest.mark.parametrize(("after", "pieces"), [(1.0, 1), (7.0, 2), (9.5, 2)])
@@ -115,18 +126,6 @@ def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do
         np.testing.assert_array_equal(removal(copy), wanted)
 
 
-def test_the_same_job_gives_the_same_bytes_and_so_does_a_pass_that_was_thrown_away(job, whole, tmp_path):
-    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
-    shutil.rmtree(tmp_path / "setup_1/region_1/pass_1")
-    list(run_job(job, tmp_path, Silent()))
-
-    def digests(folder: Path) -> dict[str, str]:
-        files = sorted(file for file in folder.rglob("*") if file.is_file())
-        return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
-
-    assert digests(tmp_path) == digests(whole[0])
-
-
 def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
     """URScript would press with the robot's force mode."""
     file = tmp_path / "job.toml"
@@ -143,58 +142,39 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
         read_job(file)
 
 
-@pytest.mark.parametrize(
-    ("gone", "told"),
-    [
-        ("plan/path.script", "plan/path.script"),
-        ("null plan/path.script", "plan/path.script"),
-        ("cut plan/path.script", "plan/path.script"),
-        ("run", "cycle_time_s"),
-        ("run/log.npz", "log.npz"),
-        ("run/metrics.json", "metrics.json"),
-        ("run/removal.npz", "removal.npz"),
-        ("damaged run/removal.npz", "run/removal.npz"),
-        ("damaged run/log.npz", "run/log.npz"),
-        ("damaged run/path.npz", "run/path.npz"),
-        ("cut run/config.toml", "run/config.toml"),
-        ("null run/config.toml", "run/config.toml"),
-        ("plan/pass.json", "plan/pass.json"),
-        ("null plan/pass.json", "plan/pass.json"),
-    ],
-)
-def test_a_pass_that_is_no_longer_whole_is_named(job, whole, tmp_path, gone, told):
-    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
-    here = tmp_path / "setup_1/region_1/pass_1"
-    if gone == "run":
-        figures = json.loads((here / "run/metrics.json").read_text())
-        del figures["cycle_time_s"]
-        (here / "run/metrics.json").write_text(json.dumps(figures))
-    elif gone.startswith("damaged"):
-        file = here / gone.split()[1]
-        content = file.read_bytes()
-        middle = len(content) // 2
-        file.write_bytes(content[:middle] + bytes(40) + content[middle + 40 :])
-    else:
-        if gone.endswith("pass.json"):
+SPOILT = {
+    "gone": ["plan/path.script", "plan/pass.json", "run/log.npz", "run/metrics.json", "run/removal.npz"],
+    "null": ["plan/path.script", "plan/pass.json", "run/config.toml"],
+    "cut": ["plan/path.script", "run/config.toml"],
+    "damaged": ["run/log.npz", "run/path.npz", "run/removal.npz"],
+    "cycle_time_s": ["run/metrics.json"],  # the figure that is missing
+}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_pass_that_is_no_longer_whole_is_named(job, whole, tmp_path, how):
+    for number, name in enumerate(SPOILT[how]):
+        folder = shutil.copytree(whole[0], tmp_path / str(number))
+        here = folder / "setup_1/region_1/pass_1"
+        content = (here / name).read_bytes()
+        middle, figures = len(content) // 2, json.loads((here / "run/metrics.json").read_text())
+        spoilt = {
+            "null": b'{"pose": null}',
+            "cut": content.rpartition(b"#")[0],
+            "damaged": content[:middle] + bytes(40) + content[middle + 40 :],
+            "cycle_time_s": json.dumps({k: figures[k] for k in figures.keys() - {how}}).encode(),
+        }
+        if name == "plan/pass.json":
             shutil.rmtree(here / "run")
-        if gone.startswith("null"):
-            (here / gone.split()[1]).write_text('{"pose": null}')
-        elif gone.startswith("cut"):
-            file = here / gone.split()[1]
-            file.write_text(file.read_text().rpartition("#")[0])
-        else:
-            (here / gone).unlink()
-
-    def resumed() -> list[object]:
-        return [*run_job(job, tmp_path, Silent()), *programs(job, tmp_path)]
-
-    with pytest.raises(InputError, match=f"delete '.*pass_1', and --resume .*{told}"):
-        resumed()
+        (here / name).unlink()
+        if how in spoilt:
+            (here / name).write_bytes(spoilt[how])
+        told = {"gone": name.removeprefix("run/"), "cycle_time_s": how}.get(how, name)
+        with pytest.raises(InputError, match=f"delete '.*pass_1', and --resume .*{told}"):
+            _ = [*run_job(job, folder, Silent()), *programs(job, folder)]
 
 
-def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_resuming(
-    tmp_path, capfd, monkeypatch
-):
+def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_path, capfd, monkeypatch):
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
     text = JOB.replace(str(plate_file()), str(part)).replace("0.02", "0.04")
 
@@ -203,9 +183,6 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
 
     def seconds() -> float:
         return float(json.loads((out / "job.json").read_text())["contact_time_s"])
-
-    def interrupted(*_words: object, **_more: object) -> None:
-        raise KeyboardInterrupt
 
     def tree(folder: Path) -> dict[Path, bytes]:
         return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}

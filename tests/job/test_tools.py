@@ -14,29 +14,21 @@ from polish_sim.scenario_file import merge
 from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 
 
-def test_every_shipped_tool_is_a_scenario_and_the_spindle_pad_that_of_run_surface():
+def test_every_shipped_tool_is_a_scenario_an_orbit_takes_off_evenly_and_a_worn_abrasive_half():
     usual = default_scenario("surface")
     scenarios = {name: merge(usual, tool.settings(), "") for name, tool in read_tools().items()}
     assert all(scenarios[name].pad.radius_m == tool.radius_m for name, tool in read_tools().items())
     assert (scenarios["spindle-pad"].head, scenarios["spindle-pad"].spindle) == (usual.head, usual.spindle)
-
-
-def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
-    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| over the orbit is w for a slow feed u."""
+    # On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| over the orbit is w for a slow feed u.
     tool = JobTool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
     slide, feed = tool.slide_m_s, 0.05
-    exact = (
-        quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)[0]
-        / math.tau
-    )
+    round_ = quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)
+    exact = round_[0] / math.tau
     nodes = level_nodes(0.001)
     pose = pressed_at(0.0)._replace(velocities=np.array([[feed, 0.0, 0.0]]), turning=np.zeros((1, 3)))
     found = exposure_rates(nodes, pose, R, STIFFNESS, slide).rates.toarray()[0]
     under = np.linalg.norm(nodes.positions[:, :2], axis=1) < 0.98 * R
     np.testing.assert_allclose(found[under], FORCE / (math.pi * R**2) * exact, rtol=0.02)
-
-
-def test_a_worn_abrasive_takes_off_half_after_its_wear():
     tool = JobTool(wear_nm=1000.0)
     assert tool.left(0.0) == 1.0
     assert tool.left(1000.0) == pytest.approx(0.5)

@@ -112,12 +112,28 @@ def test_flange_and_tool_are_where_the_dh_table_puts_them(model):
         np.testing.assert_allclose(site_pose(data, "pad"), site_pose(data, "tool") @ T_tool_pad, atol=1e-12)
 
 
-def test_home_is_elbow_up_with_the_tool_straight_down_over_the_table(model):
+def test_home_is_elbow_up_the_arm_carries_its_own_weight_alone_and_collides_where_it_is_folded(model):
     data = at_home(model)
     np.testing.assert_allclose(data.site("tool").xpos, [0.0, -0.5, 0.3], atol=1e-9)
     np.testing.assert_allclose(data.site("tool").xmat.reshape(3, 3)[:, 2], [0.0, 0.0, -1.0], atol=1e-9)
     assert data.body("link_2").xpos[2] > 0.5
     assert data.ncon == 0
+    # The tool's is left to the servos.
+    left_to_carry = data.qfrc_bias - data.qfrc_gravcomp
+    J = np.zeros((3, model.nv))
+    mount = model.body("tool_mount").id
+    mujoco.mj_jac(model, data, J, None, data.xipos[mount], mount)
+    np.testing.assert_allclose(left_to_carry, J.T @ [0, 0, 1.7 * 9.81], atol=1e-9)
+    # Folded it collides; links that touch in the drawing and the pad do not.
+    data = mujoco.MjData(model)
+    data.qpos[ARM] = [0, -1.2, 0, 0.3, 1.5, 0.2]
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+    data.qpos[ARM] = [0, -1.57, 2.9, 0.0, 1.57, 0.0]
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 0
+    touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    assert not np.any(model.geom_bodyid[touching] == model.body("head").id)
 
 
 def test_weight_velocity_torques_and_mass_matrix_agree_with_pinocchio_but_for_the_motors(model):
@@ -135,22 +151,10 @@ def test_weight_velocity_torques_and_mass_matrix_agree_with_pinocchio_but_for_th
         np.testing.assert_allclose(M - links, np.diag(model.dof_armature), atol=1e-9)
 
 
-def test_the_robot_carries_its_own_weight_but_not_the_tools(model):
-    data = at_home(model)
-    left_to_carry = data.qfrc_bias - data.qfrc_gravcomp
-    J = np.zeros((3, model.nv))
-    mount = model.body("tool_mount").id
-    mujoco.mj_jac(model, data, J, None, data.xipos[mount], mount)
-    np.testing.assert_allclose(left_to_carry, J.T @ [0, 0, 1.7 * 9.81], atol=1e-9)
-
-
-def test_limits_are_the_robots(model):
+def test_limits_are_the_robots_and_the_heads_end_stops_hold_both_ways(model):
     np.testing.assert_allclose(model.jnt_range[ARM], JOINT_LIMITS)
     np.testing.assert_allclose(model.actuator_forcerange[:, 1], TORQUE_LIMITS)
     np.testing.assert_allclose(model.actuator_forcerange[:, 0], -np.array(TORQUE_LIMITS))
-
-
-def test_the_heads_end_stops_hold_both_ways(model):
     for force, stop in ((220.0, 0.030), (-220.0, -0.001)):
         data = at_home(model)
         data.xfrc_applied[model.body("head").id, 2] = force
@@ -176,12 +180,8 @@ def follow(model, joint, amplitude, frequency, seconds=2.0):
 
 
 @pytest.mark.parametrize("joint", range(6))
-def test_friction_at_reversals_costs_less_than_a_twentieth_of_a_millimetre(model, joint):
+def test_friction_at_reversals_costs_less_than_a_twentieth_of_a_millimetre_and_a_step_dies_out(model, joint):
     assert follow(model, joint, amplitude=0.05, frequency=0.5).max() < 0.05e-3
-
-
-@pytest.mark.parametrize("joint", range(6))
-def test_a_step_dies_out_without_ringing(model, joint):
     data, home = at_home(model), at_home(model).qpos[ARM].copy()
     data.ctrl[2 * joint] = home[joint] + 1e-4
     speeds = []
@@ -190,15 +190,3 @@ def test_a_step_dies_out_without_ringing(model, joint):
         speeds.append(data.qvel[joint])
     late = np.abs(speeds[200:])
     assert late.max() < 0.02 * np.abs(speeds).max()
-
-
-def test_a_folded_arm_collides_links_that_touch_in_the_drawing_and_the_pad_do_not(model):
-    data = mujoco.MjData(model)
-    data.qpos[ARM] = [0, -1.2, 0, 0.3, 1.5, 0.2]
-    mujoco.mj_forward(model, data)
-    assert data.ncon == 0
-    data.qpos[ARM] = [0, -1.57, 2.9, 0.0, 1.57, 0.0]
-    mujoco.mj_forward(model, data)
-    assert data.ncon > 0
-    touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    assert not np.any(model.geom_bodyid[touching] == model.body("head").id)

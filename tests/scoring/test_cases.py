@@ -18,7 +18,7 @@ from polish_sim.scoring.score import Task, setup_key
 PI = scoring.Entry("hybrid-pi", "hybrid-pi")
 
 
-def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_case():
+def test_every_case_is_a_scenario_chosen_by_name_or_pattern_that_shares_its_set_up_where_it_may():
     for cases, asked in ((scoring.BATTERY, scoring.BATTERY_ASKED), (scoring.REACH_CASES, scoring.REACH)):
         names = [case.name for case in cases]
         assert len(set(names)) == len(names)
@@ -28,30 +28,11 @@ def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_c
             assert scenario.experiment == case.experiment
             assert case.text
         assert all(any(one.applies(name) for name in names) for one in asked)
-
-
-def test_latency_is_shared_one_to_three_as_in_the_default_cell():
-    for total_ms, shares in ((20, (0.005, 0.015)), (1, (0.001, 0.0))):
-        scenario = scoring.Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
-        assert (scenario.sensor.latency_s, scenario.robot.command_latency_s) == pytest.approx(shares)
-    assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
-
-
-def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order():
+    # In the battery's order.
     names = [case.name for case in scoring.choose_cases(scoring.BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
     assert scoring.choose_cases(scoring.BATTERY, []) == scoring.BATTERY
-
-
-def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range():
-    case = scoring.Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
-    feeds = [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
-    assert feeds == [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
-    assert len(set(feeds)) == 20
-    assert 0.01 <= min(feeds) < 0.02 < 0.05 < max(feeds) <= 0.06
-
-
-def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree():
+    # Rows share a set-up exactly when plan, part and seed agree.
     slow, fast = scoring.choose_cases(scoring.BATTERY, ["freeform-10", "freeform-30"])
     off = scoring.choose_cases(scoring.BATTERY, ["part-3mm"])[0]
     assert setup_key(Task(slow, PI, 1)) == setup_key(Task(fast, PI, 1))
@@ -60,6 +41,18 @@ def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree():
     soft = scoring.choose_cases(scoring.BATTERY, ["stiffness-0.2"])[0]
     drawn = replace(soft, settings=(*soft.settings, "head.spring_scale=1.0"))
     assert setup_key(Task(soft, PI, 1)) != setup_key(Task(drawn, PI, 1))
+
+
+def test_latency_is_shared_one_to_three_and_a_draw_depends_on_the_seed_alone():
+    for total_ms, shares in ((20, (0.005, 0.015)), (1, (0.001, 0.0))):
+        scenario = scoring.Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
+        assert (scenario.sensor.latency_s, scenario.robot.command_latency_s) == pytest.approx(shares)
+    assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
+    case = scoring.Case("x", "x", "surface", draws=(Draw("process.feed_m_s", 0.01, 0.06),))
+    feeds = [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
+    assert feeds == [case.scenario(PI, seed).process.feed_m_s for seed in range(20)]
+    assert len(set(feeds)) == 20
+    assert 0.01 <= min(feeds) < 0.02 < 0.05 < max(feeds) <= 0.06
 
 
 def test_the_worst_seed_decides_and_an_undefined_figure_never_passes():
@@ -80,7 +73,7 @@ FORCE = default_scenario("force")
 WAVES = (0.04, 0.15)
 
 
-def test_without_noise_and_latency_the_step_is_the_time_optimal_move():
+def test_without_noise_and_latency_the_step_is_the_time_optimal_move_and_drift_ends_as_a_kalman_filter():
     delays = [f"{name}_s=0" for name in ("sensor.latency", "robot.command_latency")]
     perfect = override(FORCE, ["sensor.force_noise_n=0", "sensor.rate_hz=10000", *delays])
     bound = step_bound(perfect, 1e-9, band=1e-9)
@@ -89,6 +82,10 @@ def test_without_noise_and_latency_the_step_is_the_time_optimal_move():
     detection = step_bound(FORCE, 0.02).detection  # of the ramp, at the stated separation
     ramp = 5000.0 * 0.02 * 0.001 * np.arange(1, round(1e3 * detection) + 1)
     assert math.sqrt(np.sum(ramp**2)) / 0.5 == pytest.approx(4.5, rel=0.15)
+    walk, noise, variance = 0.002**2 * 0.001, 0.5**2, 1.0
+    for _ in range(200_000):
+        variance = 1.0 / (1.0 / (variance + walk) + 1.0 / noise)
+    assert drift_bound(FORCE) == pytest.approx(math.sqrt(variance), rel=0.01)
 
 
 def test_a_filter_tuned_by_hand_does_not_beat_the_bound():
@@ -108,13 +105,6 @@ def test_a_filter_tuned_by_hand_does_not_beat_the_bound():
             if k > 1200:
                 errors.append(5000.0 * height[k + 2] - place - 2 * h * rate)
     assert bound < float(np.std(errors)) < 4.0 * bound
-
-
-def test_drift_bound_is_what_a_kalman_filter_ends_with():
-    walk, noise, variance = 0.002**2 * 0.001, 0.5**2, 1.0
-    for _ in range(200_000):
-        variance = 1.0 / (1.0 / (variance + walk) + 1.0 / noise)
-    assert drift_bound(FORCE) == pytest.approx(math.sqrt(variance), rel=0.01)
 
 
 def test_a_dying_swing_is_rest_and_a_lasting_one_is_not():

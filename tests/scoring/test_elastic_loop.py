@@ -10,16 +10,9 @@ from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, respo
 from polish_sim.cell.linear_arm import joints_about
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
+from polish_sim.scoring import loop_model
 from polish_sim.scoring.border import build_bench
-from polish_sim.scoring.loop_model import (
-    FORCE_POSE,
-    build_plant,
-    contour,
-    elastic_arm,
-    plant_response,
-    setup_of,
-    turns_about_minus_one,
-)
+from polish_sim.scoring.loop_model import elastic_arm, plant_response
 from tests.cell.elastic import NO_HYSTERESIS, REAL, SPRINGS_ONLY
 
 FORCE = override(default_scenario("force"), [REAL])
@@ -33,16 +26,24 @@ HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what
 ]  # fmt: skip
 
 
-def test_slow_motion_presses_head_and_arm_in_series():
+def test_slow_motion_presses_head_and_arm_in_series_and_hysteresis_is_elastic_in_small_swings():
     """The host's travel meets head and pad, 5000 N/m, in series with the gears and servos."""
-    setup = setup_of(override(FORCE, [NO_HYSTERESIS]))
-    plant, z = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
+    setup = loop_model.setup_of(override(FORCE, [NO_HYSTERESIS]))
+    plant, z = loop_model.build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
     stiffness = abs(plant_response(plant, plant.force, z) / plant_response(plant, plant.position, z))[0]
     arm = setup.arm
     softer = arm.tool @ np.linalg.solve(arm.stiffness, arm.tool)
     behind = arm.host @ np.linalg.solve(arm.stiffness, arm.tool)  # what the encoders see of it
     assert stiffness == pytest.approx(1.0 / (1.0 / 5000.0 + softer - behind), rel=1e-3)
     assert 10e-6 < softer < 60e-6
+    # It is gone in large ones.
+    (about,) = joints_about(FORCE, loop_model.FORCE_POSE[None])
+    stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
+    assert np.all(np.diff(stiff) < 0.0)
+    (lossless,) = joints_about(override(FORCE, [NO_HYSTERESIS]), loop_model.FORCE_POSE[None])
+    alone = float(np.trace(elastic_arm(lossless).stiffness))
+    assert stiff[-1] == pytest.approx(alone, rel=1e-3)
+    assert np.linalg.eigvalsh(elastic_arm(about, 1e-4).damping).min() > -1e-9
 
 
 @pytest.mark.parametrize("settings", [["controller.name=hybrid-pi"], [ADAPTIVE]])
@@ -53,8 +54,9 @@ def test_the_border_of_stability_is_where_the_linear_model_says(settings):
     one of two swings.
     """
     scenario = override(FORCE, [*SPRINGS_ONLY, *HELD, *settings])
-    response, bench = linear_loop(scenario, swing=1.0)(contour(0.001)), build_bench(scenario)
-    border = next(gain for gain in np.geomspace(0.1, 10.0, 461) if turns_about_minus_one(gain * response) > 0)
+    response, bench = linear_loop(scenario, swing=1.0)(loop_model.contour(0.001)), build_bench(scenario)
+    gains, turns = np.geomspace(0.1, 10.0, 461), loop_model.turns_about_minus_one
+    border = next(gain for gain in gains if turns(gain * response) > 0)
     below = press(bench, scenario, 0.92 * border)
     assert below.resting
     assert 16.0 < below.frequency / (2.0 * math.pi) < 20.0
@@ -79,13 +81,3 @@ def test_shipped_laws_have_margins_on_the_elastic_arm_whatever_it_swings_by(name
     assert found.gain > gain
     assert found.phase > math.radians(45.0)
     assert found.delay > 0.02
-
-
-def test_hysteresis_is_elastic_in_small_swings_and_gone_in_large_ones():
-    (about,) = joints_about(FORCE, FORCE_POSE[None])
-    stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
-    assert np.all(np.diff(stiff) < 0.0)
-    (lossless,) = joints_about(override(FORCE, [NO_HYSTERESIS]), FORCE_POSE[None])
-    alone = float(np.trace(elastic_arm(lossless).stiffness))
-    assert stiff[-1] == pytest.approx(alone, rel=1e-3)
-    assert np.linalg.eigvalsh(elastic_arm(about, 1e-4).damping).min() > -1e-9

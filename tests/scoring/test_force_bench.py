@@ -12,7 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.row_file import Rows
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import MODEL, Bench, Rest, build_bench, measure_border
+from polish_sim.scoring.border import MODEL, Rest, build_bench, measure_border
 from polish_sim.scoring.score import user_entry
 from polish_sim.workers import Here, Result, Runner
 
@@ -21,17 +21,13 @@ FORCE = override(default_scenario("force"), SETTINGS)
 """The loop of the model: a stiff arm. With a slower filter limits of speed bend the border first."""
 
 
-@pytest.fixture(scope="module")
-def bench() -> Bench:
-    return build_bench(FORCE)
+def test_gain_and_delay_margins_of_the_model_hold_in_the_cell_within_8_and_5_percent():
+    margins, bench = analytic_margins(FORCE), build_bench(FORCE)
 
+    def later(delay: float) -> Scenario:
+        latency = FORCE.robot.command_latency_s + delay
+        return replace(FORCE, robot=replace(FORCE.robot, command_latency_s=latency))
 
-def _later(delay: float) -> Scenario:
-    return replace(FORCE, robot=replace(FORCE.robot, command_latency_s=FORCE.robot.command_latency_s + delay))
-
-
-def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench):
-    margins = analytic_margins(FORCE)
     rest = press(bench, FORCE)
     assert rest.resting
     assert rest.offset == pytest.approx(0.0, abs=0.1)
@@ -39,17 +35,13 @@ def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench):
     beyond = press(bench, FORCE, 1.08 * margins.gain, friction=False)
     assert not beyond.resting
     assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
-
-
-def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench):
-    margins = analytic_margins(FORCE)
-    assert press(bench, _later(0.95 * margins.delay), friction=False).resting
-    beyond = press(bench, _later(1.05 * margins.delay), friction=False)
+    assert press(bench, later(0.95 * margins.delay), friction=False).resting
+    beyond = press(bench, later(1.05 * margins.delay), friction=False)
     assert not beyond.stable
     assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
 
 
-def test_border_of_the_cell_lies_on_the_border_of_the_model(tmp_path, monkeypatch):
+def test_border_of_the_cell_lies_on_that_of_the_model_and_a_lost_run_is_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     entry = user_entry("hybrid-pi", SETTINGS)
     border = measure_border([entry], Runner(Rows(tmp_path), Here()), (1.0, 3.0), (0.008, 0.06))
@@ -57,8 +49,6 @@ def test_border_of_the_cell_lies_on_the_border_of_the_model(tmp_path, monkeypatc
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
     assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]
 
-
-def test_a_run_of_the_border_whose_process_died_is_left_out_and_counted(tmp_path, monkeypatch):
     class Dying(Here):
         def results(self, tasks, work, group_of):
             for task in tasks:
@@ -68,7 +58,6 @@ def test_a_run_of_the_border_whose_process_died_is_left_out_and_counted(tmp_path
     def row(task):
         return {"longest_s": 0.02} if task.case.text == MODEL else Rest(True, True, 0.0, 0.0, 0.0)._asdict()
 
-    monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
     monkeypatch.setattr("polish_sim.scoring.border.border_row", row)
     runner = Runner(Rows(tmp_path), Dying())
     border = measure_border([user_entry("hybrid-pi")], runner, (1.0, 3.0), (0.008, 0.06))

@@ -78,13 +78,16 @@ def test_rows_are_the_same_whatever_the_number_of_processes(whole, tmp_path):
 )
 def test_a_score_goes_on_where_it_was_and_measures_only_what_is_missing(whole, tmp_path, left, counted):
     (tmp_path / ROWS).write_bytes(b"".join(left(whole[1].splitlines(keepends=True))))
+    refused = pytest.raises(InputError, match="another score is at work")
+    with locked(tmp_path / "rows.jsonl"), refused:
+        scored(tmp_path)
     again, measured = scored(tmp_path)
     assert measured == counted
     assert again.rows == whole[0].rows
     assert scored(tmp_path)[1] == [4]
 
 
-def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path):
+def test_a_row_counts_only_for_the_scenario_and_the_source_it_was_measured_with(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="return target.twist"))
     task = Task(SHORT, user_entry(f"{file}:Press"), 0)
@@ -94,9 +97,6 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path):
     assert len(set(keys_of([task, *others]).values())) == 3
     file.write_text(CONTROLLER.format(body="return 0 * target.twist"))
     assert keys_of([task])[task] != key
-
-
-def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path):
     copy = tmp_path / "polish_sim"
     for target, package in ((copy, polish_sim), (copy / "cli", cli), (copy / "models", models)):
         folder = Path(package.__file__).parent
@@ -114,7 +114,7 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         assert (source() != before) == counts, file
 
 
-def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(tmp_path):
+def test_a_failing_controller_and_a_case_out_of_reach_are_stops_and_half_the_feed_is_slow(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="raise ValueError('lost my gains')"))
     far = Case("far", "out of reach", "force", ("part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]",))
@@ -125,18 +125,6 @@ def test_a_failing_controller_and_a_case_out_of_reach_are_stops_without_figures(
         row = measure_row(task)
         assert said in row["protective_stop"]
         assert (row["stable"], row["settling_1n_s"], row["max_error_n"]) == (False, None, None)
-
-
-def test_two_scores_do_not_write_into_one_folder(tmp_path):
-    with (
-        locked(tmp_path / "x"),
-        pytest.raises(InputError, match="another score is at work"),
-        locked(tmp_path / "x"),
-    ):
-        pass
-
-
-def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
     (flat,) = choose_cases(BATTERY, ["flat-30"])

@@ -10,10 +10,8 @@ from polish_sim.scoring.figures import Asked
 from polish_sim.scoring.plot import plot_ablation, plot_score
 
 A, B = scoring.Entry("alpha", "hybrid-pi"), scoring.Entry("beta", "position")
-HOLD, PATH = (
-    scoring.Case("approach-20", "a hold", "force", ("process.hold_s=2",)),
-    scoring.Case("freeform-60", "a path", "surface"),
-)
+HOLD = scoring.Case("approach-20", "a hold", "force", ("process.hold_s=2",))
+PATH = scoring.Case("freeform-60", "a path", "surface")
 
 
 def row(case: scoring.Case, entry: scoring.Entry, seed: int, **changed: Any) -> dict[str, Any]:
@@ -40,7 +38,7 @@ BOTH = score_of(
 )  # fmt: skip
 
 
-def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short():
+def test_tables_and_page_say_each_case_never_where_settling_is_defined_and_the_worst():
     _, headings, rows, *_ = scoring.overview(scoring.summarize(BOTH), means=False)
     settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
@@ -48,9 +46,6 @@ def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_tha
     assert [line[-1] for line in rows] == ["2/2", "1/2", "2/2", "2/2"]
     _, _, asked, *_ = scoring.verdict_table(B, scoring.judge(scoring.BATTERY_ASKED, BOTH.rows_of(B)))
     assert (asked[0][4], asked[0][-2:]) == ("never", ["approach-20, seed 1", "NO"])
-
-
-def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
     summaries = scoring.summarize(BOTH)
     worst = scoring.worst_case(summaries, B)
     assert (worst["case"], worst["seed"], worst["stable"]) == ("approach-20", 1, False)
@@ -60,23 +55,27 @@ def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error():
     (line,) = scoring.breaking(summaries, B)
     assert line.startswith("approach-20: 1 of 2 runs, contact lost for 0.75 s")
     stopped = row(HOLD, A, 0, stable=False, protective_stop="force above the limit", max_error_n=None)
-    assert scoring.breaking(
-        scoring.summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,))), A
-    ) == ["approach-20: 1 of 1 runs, force above the limit"]
-
-
-def test_the_page_has_each_case_and_what_is_run_in_it():
+    summaries = scoring.summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,)))
+    assert scoring.breaking(summaries, A) == ["approach-20: 1 of 1 runs, force above the limit"]
+    # The page has each case and what is run in it.
     better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
-    page = scoring.markdown(
-        better, scoring.score_tables(better, [(A, scoring.judge(scoring.BATTERY_ASKED, better.rows_of(A)))])
-    )
+    judged = scoring.judge(scoring.BATTERY_ASKED, better.rows_of(A))
+    page = scoring.markdown(better, scoring.score_tables(better, [(A, judged)]))
     assert "## all cases, mean / worst seed" in page
     assert "| force | process.hold_s=2 |" in page
     assert "- worst case of beta: freeform-60 (seed 0, error up to 4 N)" in page
     assert "**stable**:" in page
 
 
-def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it():
+def test_each_law_is_left_out_once_and_worth_how_much_a_figure_grows_without_it():
+    own = ("controller.adaptive.crossover_rad_s=30",)
+    entries = scoring.ablations(scoring.Entry("hybrid-adaptive", "hybrid-adaptive", own))
+    scenarios = [HOLD.scenario(entry, 0) for entry in entries]
+    laws = [set(scenario.controller.adaptive.laws.split()) for scenario in scenarios]
+    whole = set().union(*laws)
+    assert len(entries) == len(whole) >= 3
+    assert [whole - left for left in laws] == [{entry.label.removeprefix("without ")} for entry in entries]
+    assert {scenario.controller.adaptive.crossover_rad_s for scenario in scenarios} == {30.0}
     without = scoring.Entry("without feed", "hybrid-adaptive")
     grown = row(PATH, without, 0, max_error_n=2.4, stable=False)
     score = score_of(row(HOLD, A, 0), row(PATH, A, 0), row(HOLD, without, 0), grown, entries=(A, without))
@@ -88,17 +87,15 @@ def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it():
     assert cells["unstable runs"] == "+1"
     ratios = scoring.ablation_ratios(score)["feed"]["max_error_n"]
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
-
-
-def test_each_law_of_the_composed_controller_is_left_out_once():
-    own = ("controller.adaptive.crossover_rad_s=30",)
-    entries = scoring.ablations(scoring.Entry("hybrid-adaptive", "hybrid-adaptive", own))
-    scenarios = [HOLD.scenario(entry, 0) for entry in entries]
-    laws = [set(scenario.controller.adaptive.laws.split()) for scenario in scenarios]
-    whole = set().union(*laws)
-    assert len(entries) == len(whole) >= 3
-    assert [whole - left for left in laws] == [{entry.label.removeprefix("without ")} for entry in entries]
-    assert {scenario.controller.adaptive.crossover_rad_s for scenario in scenarios} == {30.0}
+    # The picture names the case that grows most, clear of the edge.
+    grown = {
+        "touch-down": {"max_error_n": {"step-10": 30.0, "step-20": 2.0}},
+        "feed": {"max_error_n": {"step-10": 1.3}},
+    }
+    _, _, largest, _ = plot_ablation({**grown, "learning": {"max_error_n": {"step-10": 1.1}}}).axes
+    names = [(text.get_text(), text.xy, text.get_ha()) for text in largest.texts]
+    # A growth of a tenth is not worth a name.
+    assert names == [("step-10", (30.0, 0), "right"), ("step-10", (1.3, 1), "left")]
 
 
 def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross():
@@ -114,14 +111,3 @@ def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross():
     assert sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks) >= 3
     assert len(settling.lines) == 4  # not along the path
     assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
-
-
-def test_the_picture_of_an_ablation_names_the_case_that_grows_most_clear_of_the_edge():
-    grown = {
-        "touch-down": {"max_error_n": {"step-10": 30.0, "step-20": 2.0}},
-        "feed": {"max_error_n": {"step-10": 1.3}},
-    }
-    _, _, largest, _ = plot_ablation({**grown, "learning": {"max_error_n": {"step-10": 1.1}}}).axes
-    names = [(text.get_text(), text.xy, text.get_ha()) for text in largest.texts]
-    # A growth of a tenth is not worth a name.
-    assert names == [("step-10", (30.0, 0), "right"), ("step-10", (1.3, 1), "left")]

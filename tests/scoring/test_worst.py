@@ -43,13 +43,10 @@ class Planted:
 
     def row(self, drawn: Scenario) -> Row:
         part, process = drawn.part, drawn.process
-        keys = (
-            *(part.displacement_m, part.rotation_rad, drawn.robot.command_latency_s),
-            *(process.approach_speed_m_s, process.feed_m_s),
-        )
-        ends = [
-            RANGES[name] for name in RANGES if not name.startswith(("part.file", "head", "seed", "sensor"))
-        ]
+        keys = part.displacement_m, part.rotation_rad, drawn.robot.command_latency_s
+        keys += process.approach_speed_m_s, process.feed_m_s
+        others = "part.file", "head", "seed", "sensor"
+        ends = [RANGES[name] for name in RANGES if not name.startswith(others)]
         off, turn, late, fast, fed = ((v - a) / (b - a) for v, (a, b) in zip(keys, ends, strict=True))
         miss = abs(late - 0.3) + abs(fed - 0.3) + abs(turn - 0.3)
         return {
@@ -60,7 +57,7 @@ class Planted:
         }
 
 
-def test_a_search_finds_more_than_as_many_runs_spread_evenly():
+def test_a_search_finds_more_than_runs_spread_evenly_and_a_controller_no_run_starts_with_is_refused(tmp_path):
     entry, planted, runs = user_entry("hybrid-pi"), Planted(), 600
     rows = search_worst(entry, runs, planted)  # type: ignore[arg-type]
     low, high = np.array([*RANGES.values()]).T
@@ -69,20 +66,12 @@ def test_a_search_finds_more_than_as_many_runs_spread_evenly():
     assert len(rows) == runs
     for figure in FIGURES.values():
         assert max(row[figure] for row in rows.values()) > max(row[figure] for row in spread)
-
-
-def test_a_setting_of_the_controller_s_own_is_not_searched():
-    entry = user_entry("hybrid-pi", ["process.feed_m_s=0.02"])
-    assert {task.scenario.process.feed_m_s for task in first_tasks(entry)} == {0.02}
-
-
-def test_a_controller_no_run_can_be_set_up_with_is_refused_with_the_reason(tmp_path):
     entry = user_entry("hybrid-pi", ["part.pose=[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]"])
     with pytest.raises(InputError, match="no run could be set up: not run: the part cannot stand"):
         search_worst(entry, 2, Runner(Rows(tmp_path), Here()))
 
 
-def test_the_ends_of_the_ranges_are_scenarios():
+def test_the_ends_of_the_ranges_are_scenarios_and_a_setting_of_the_controller_s_own_is_not_searched():
     for end in (0, 1):
         x = np.array([bounds[end] for bounds in RANGES.values()])
         drawn = drawn_task(user_entry("hybrid-pi"), x).scenario
@@ -90,6 +79,8 @@ def test_the_ends_of_the_ranges_are_scenarios():
         assert drawn.part.displacement_m == RANGES["part.displacement_m"][end]
         assert drawn.process.feed_m_s == RANGES["process.feed_m_s"][end]
         assert drawn.seed >= 500
+    entry = user_entry("hybrid-pi", ["process.feed_m_s=0.02"])
+    assert {task.scenario.process.feed_m_s for task in first_tasks(entry)} == {0.02}
 
 
 def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_shipped_laws_strike():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.motion.rules.chain import chain_from_axes
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.rule import RULES
@@ -15,39 +15,28 @@ from polish_sim.smoothing.smooth import LENGTH
 from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
 
 
-@pytest.fixture(scope="module")
-def run() -> RunResult:
-    return run_experiment(override(default_scenario("smooth"), ["robot.arm=ideal"]))
-
-
-def test_each_rule_is_in_the_log_from_its_start_to_its_end(run):
-    assert run.figures["rules"] == list(RULES)
-    for k, rule in enumerate(RULES):
+def test_every_rule_is_played_whole_its_servos_follow_and_only_spline_keeps_the_joint_limits():
+    run = run_experiment(override(default_scenario("smooth"), ["robot.arm=ideal"]))
+    figures = run.figures
+    assert figures["rules"] == list(RULES)
+    assert {claim.figure for claim in CLAIMS} <= set(figures)
+    names, times, largest = [rule.replace("-", "_") for rule in RULES], {}, 0.0
+    for k, name in enumerate(names):
         rows = np.asarray(run.log["rule"]) == k
+        times[name] = figures[f"{name}_cycle_time_s"]
         assert run.log["time_s"][rows][0] == 0.0
-        assert run.log["time_s"][rows][-1] == pytest.approx(
-            run.figures[f"{rule.replace('-', '_')}_cycle_time_s"], abs=0.25
-        )
+        assert run.log["time_s"][rows][-1] == pytest.approx(times[name], abs=0.25)
         assert run.log["path_s_m"][rows][-1] == pytest.approx(LENGTH, abs=1e-5)
         ends = run.log["target_position_m"][rows]
         assert np.linalg.norm(ends[0] - ends[-1]) < 1e-6  # the trial's path is closed
-
-
-def test_the_servos_follow_within_two_tenths_of_a_milliradian(run):
-    for rule in RULES:
-        errors = np.array(run.figures[f"{rule.replace('-', '_')}_tracking_error_max_rad"])
+        errors = np.array(figures[f"{name}_tracking_error_max_rad"])
         assert errors.shape == (6,)
         assert np.all((errors > 0.0) & (errors < 2e-4))
+        largest = max(largest, errors.max())
     logged = np.abs(run.log["target_q_rad"] - run.log["q_rad"].astype(float)).max()
-    largest = max(max(run.figures[f"{rule.replace('-', '_')}_tracking_error_max_rad"]) for rule in RULES)
     assert logged == pytest.approx(largest, rel=0.05)
-
-
-def test_the_slowest_rule_is_played_as_before_and_only_spline_keeps_the_joint_limits(run):
-    figures = run.figures
-    assert {claim.figure for claim in CLAIMS} <= set(figures)
-    times = {rule.replace("-", "_"): figures[f"{rule.replace('-', '_')}_cycle_time_s"] for rule in RULES}
-    slowest = max(times, key=lambda rule: times[rule])
+    # The slowest rule is played at the equal time as before.
+    slowest = max(times, key=lambda name: times[name])
     assert figures["equal_time_s"] == times[slowest]
     same = figures[f"{slowest}_tracking_error_max_rad_at_equal_time"]
     assert same == pytest.approx(figures[f"{slowest}_tracking_error_max_rad"], rel=1e-6)
@@ -81,7 +70,6 @@ def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap, jerk):
     assert overlap < 0.1 or 2.5 < peaks.times[2, 0] < 2.6
 
 
-LIMITS = np.full(6, 10.0)
 WAY = 0.1
 
 
@@ -97,22 +85,20 @@ def played(rule: str, duration: float, heights: dict[int, float], jerk: float = 
     return PlayedRule(rule, time, place, error, jerks)
 
 
-def test_a_jerk_peak_is_found_once_and_only_where_the_limit_breaks():
+def test_a_jerk_peak_is_found_once_where_the_limit_breaks_and_the_largest_reduction_names_its_joint():
     play = played("joint-acceleration", 4.0, {2: 1e-4})
     np.testing.assert_allclose(play.time[jerk_peaks(play, 2, 10.0)], [2.0], atol=0.002)
     calm = played("joint-acceleration", 4.0, {2: 1e-4}, jerk=8.0)
     assert len(jerk_peaks(calm, 2, 10.0)) == 1  # none breaks it: the largest counts
-
-
-def test_the_largest_reduction_names_its_joint_and_rises_are_told():
     reference = played("joint-acceleration", 4.0, {0: 1e-4, 3: 1e-4, 5: 1e-4})
     other = played("spline", 6.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})  # at the same place, later
-    places = [peak.place for peak in at_peaks(other, reference, LIMITS)]
+    limits = np.full(6, 10.0)
+    places = [peak.place for peak in at_peaks(other, reference, limits)]
     assert places == pytest.approx([0.5 * WAY] * 3, abs=1e-4)
     found = measure_tracking(reference)  # of the whole path
     assert found["tracking_error_max_rad"][3] == pytest.approx(1.01e-4, rel=1e-3)
     assert found["tracking_error_rms_rad"][1] == pytest.approx(1e-6)
-    figures = compare_tracking(other, reference, LIMITS)
+    figures = compare_tracking(other, reference, limits)
     assert figures["jerk_peaks"] == 3
     assert figures["reduction_largest_joint"] == 4
     assert figures["reduction_largest"] == pytest.approx(0.79, abs=0.01)

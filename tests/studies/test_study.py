@@ -43,7 +43,7 @@ class Here:
                 yield Result(task, work(task), None)
 
 
-def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists():
+def test_an_axis_is_a_range_or_values_and_a_grid_every_combination_with_every_seed():
     assert read_axis("a.b=0.001:10:log5").values == (0.001, 0.01, 0.1, 1.0, 10.0)
     assert read_axis("a.b=0:1:lin5").values == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert read_axis("a=1, 2.5,true,word").values == (1, 2.5, True, "word")
@@ -52,9 +52,9 @@ def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists():
     assert read_axis("a=[[1, 2], [3, 4]]").values == ((1, 2), (3, 4))
     axis = Axis("a", "", ("x", "y", "z"))  # of a sample
     assert [axis.at(u) for u in (0.0, 0.33, 0.34, 0.66, 0.67, 0.999)] == ["x", "x", "y", "y", "z", "z"]
-
-
-def test_a_grid_is_every_combination_with_every_seed():
+    for text in ("a", "a=1,,2", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"):
+        with pytest.raises(PolishSimError, match="--vary"):
+            read_axis(text)
     made = list(study(f"{NOISE}=0.1,0.5", "process.feed_m_s=0.1:0.3:lin3", seeds=4).runs())
     assert len(made) == len(set(made)) == 2 * 3 * 4
     assert {run.seed for run in made} == {0, 1, 2, 3}
@@ -62,9 +62,8 @@ def test_a_grid_is_every_combination_with_every_seed():
 
 @pytest.mark.parametrize("sample", ["random", "sobol", "lhs"])
 def test_samples_stay_in_their_ranges_and_come_again(sample):
-    asked = study(
-        f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b", sample=sample, count=24
-    )
+    axes = f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b"
+    asked = study(*axes, sample=sample, count=24)
     points = asked.points()
     assert points == asked.points()
     assert len(set(points)) == 24
@@ -92,16 +91,9 @@ def test_a_study_no_run_can_be_made_of_is_refused(axes, more, told):
         study(*axes, **more).check()
 
 
-@pytest.mark.parametrize("text", ["a", "a=1,,2", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"])
-def test_what_is_no_axis_is_refused(text):
-    with pytest.raises(PolishSimError, match="--vary"):
-        read_axis(text)
-
-
 def test_a_study_s_file_gives_back_the_same_runs(tmp_path):
-    asked = study(
-        f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2
-    )
+    axes = f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]"
+    asked = study(*axes, seeds=2)
     asked = replace(asked, base=replace(asked.base, seed=7))
     (tmp_path / "study.toml").write_text(study_text(asked))
     again = read_study(tmp_path / "study.toml")
@@ -165,25 +157,23 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     assert dict(page.tables["Ended"])[DONE] == "2"
 
 
-def test_a_torn_line_of_any_length_is_cut_off_and_no_whole_one_is(tmp_path):
+def test_a_torn_line_of_any_length_is_cut_off_and_a_row_edited_or_of_another_work_does_not_count(tmp_path):
     table = RunTable(tmp_path)
     table.add("a", {"config_hash": "a", "seed": 0, "outcome": DONE, "text": "x" * (17 << 20)})
     whole = table.path.read_bytes()
     table.path.write_bytes(whole + whole[:-1])
     with locked(table.path):
         assert table.path.read_bytes() == whole
-
-
-def test_a_row_that_was_edited_or_is_of_another_work_does_not_count(tmp_path):
-    table = RunTable(tmp_path)
+    (other := tmp_path / "other").mkdir()
+    table = RunTable(other)
     for name in "abc":
         table.add(name, {"config_hash": name, "seed": 0, "outcome": DONE, "force_mean_n": 20.0})
     table.path.write_text(table.path.read_text().replace("20.0", "[20.0]", 1))
-    Rows(tmp_path).add("d", {"case": "step-20"})
-    again = RunTable(tmp_path)
+    Rows(other).add("d", {"case": "step-20"})
+    again = RunTable(other)
     assert set(again.known) == {"b", "c"}
     again.write()
-    assert read_rows(tmp_path)["force_mean_n"] == [20.0, 20.0]
+    assert read_rows(other)["force_mean_n"] == [20.0, 20.0]
 
 
 def test_the_front_is_the_points_none_beats_in_both():

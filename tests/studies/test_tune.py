@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import pytest
@@ -15,9 +14,8 @@ from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import load_scenario
 from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.score import Row, Task
+from polish_sim.studies import tune
 from polish_sim.studies.tune import (
-    BROKEN,
-    HELD_OUT_SEED,
     Goal,
     Search,
     judge_tuned,
@@ -25,7 +23,6 @@ from polish_sim.studies.tune import (
     read_goal,
     read_over,
     search_best,
-    training_cases,
 )
 
 pytest.importorskip("optuna")
@@ -55,19 +52,17 @@ class Planted:
     def _row(self, task: Task) -> Row:
         gains = task.scenario.controller
         p, i = math.log(gains.force_p_m_sn / BEST_P), math.log(gains.force_i_m_s2n / BEST_I)
-        seen = task.seed < HELD_OUT_SEED
+        seen = task.seed < tune.HELD_OUT_SEED
         error = 0.1 + p * p + i * i if seen or not self.lucky_seeds else 0.1 - p * p - i * i
         return {**dict.fromkeys((*FIGURES, "peaks_error_n", "slowed"), 0.0), "case": task.case.name,
                 "rms_error_n": error, "stable": gains.force_p_m_sn < 0.012}  # fmt: skip
 
 
 def search(**more: Any) -> Search:
-    seen, held_out = training_cases(["step-20", "flat-30"])
+    seen, held_out = tune.training_cases(["step-20", "flat-30"])
     over = read_over("hybrid-pi", ["force_p", "force_i"])
-    usual = Search(
-        "hybrid-pi", over, read_goal("worst:rms_error_n"), (read_condition("stable"),), seen, held_out, 2
-    )
-    return replace(usual, **more)
+    goal, conditions = read_goal("worst:rms_error_n"), (read_condition("stable"),)
+    return replace(Search("hybrid-pi", over, goal, conditions, seen, held_out, 2), **more)
 
 
 def silent(_number: int, _text: str) -> None:
@@ -85,23 +80,18 @@ def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(samp
     holds, paths = (sum(task.case.moving == moving for task in scorer.asked) for moving in (False, True))
     assert holds == 2 * 60
     assert 0 < paths < holds
-    seen, seeds, cases = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
-    assert seen.better
-    assert seeds.better
-    assert cases.better
-    assert cases.rows == 3 * len(search().held_out)
+    judged = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
+    assert [verdict.better for verdict in judged] == [True, True, True]
+    assert judged[2].rows == 3 * len(search().held_out)
 
 
-def test_a_search_that_was_interrupted_makes_the_same_trials_again_and_then_the_others():
+def test_an_interrupted_search_makes_the_same_trials_again_and_gains_of_seen_seeds_alone_are_worse():
     begun, whole = Planted(), Planted()
     search_best(search(), 8, begun, silent)  # type: ignore[arg-type]
     search_best(search(), 16, whole, silent)  # type: ignore[arg-type]
     asked = [[(t.case.name, t.seed, t.entry.settings) for t in scorer.asked] for scorer in (begun, whole)]
     assert asked[1][: len(asked[0])] == asked[0]
     assert len(asked[1]) > len(asked[0])
-
-
-def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse():
     scorer = Planted(lucky_seeds=True)
     best = search_best(search(), 20, scorer, silent)  # type: ignore[arg-type]
     seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
@@ -112,7 +102,7 @@ def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse():
 def test_a_condition_counts_more_than_any_goal():
     rows = [{"case": "step-20", "rms_error_n": 9.0, "stable": True, "settling_1n_s": None},
             {"case": "flat-30", "rms_error_n": 1.0, "stable": False, "settling_1n_s": None}]  # fmt: skip
-    assert search().judge(rows) == BROKEN * 1.5
+    assert search().judge(rows) == tune.BROKEN * 1.5
     assert search(conditions=()).judge(rows) == 9.0
     assert search(conditions=(), goal=Goal("mean", "rms_error_n")).judge(rows) == 5.0
     assert search(conditions=(), goal=Goal("worst", "settling_1n_s")).judge(rows[1:]) != 0.0
@@ -134,7 +124,7 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path):
     ("read", "texts", "said"),
     [
         (
-            partial(read_over, "hybrid-pi"),
+            lambda text: read_over("hybrid-pi", [text]),
             ["force", "forse_p", "name", "force_p=1:2", "force_p=a"],
             "tune|--over",
         ),
@@ -145,7 +135,7 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path):
 def test_a_parameter_goal_or_condition_that_is_none_is_refused(read, texts, said):
     for text in texts:
         with pytest.raises(PolishSimError, match=said):
-            read([text] if isinstance(read, partial) else text)
+            read(text)
 
 
 def test_the_file_of_tuned_values_runs_them(tmp_path):
