@@ -63,6 +63,7 @@ def test_a_damaged_log_or_a_file_of_other_arrays_is_refused_by_name_and_objects_
             messages.append(str(error))
     assert len(messages) > 200
     assert all("log.npz" in message for message in messages)
+    path.unlink()
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
     columns = dict(from_rows(rows % 100).columns)

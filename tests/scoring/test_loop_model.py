@@ -35,14 +35,6 @@ class PiLaw(NamedTuple):
         return np.zeros_like(z)
 
 
-def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
-    """The law of ``control.loops.force_pi`` within its limits; states: the filtered reading and its sum."""
-    blend = 1.0 - math.exp(-2.0 * math.pi * filter_hz * dt)
-    A = np.array([[1.0 - blend, 0.0], [dt * (1.0 - blend), 1.0]])
-    B, C = np.array([blend, dt * blend]), np.array([-p, -i])
-    return PiLaw(A, B, C @ A, float(C @ B))
-
-
 def closed_loop(setup: loop_model.LoopSetup, law: PiLaw) -> tuple[Array, Array]:
     """One step of the closed loop as a matrix, its eigenvalues the poles, and what noise of the reading adds.
 
@@ -62,11 +54,14 @@ def closed_loop(setup: loop_model.LoopSetup, law: PiLaw) -> tuple[Array, Array]:
     return np.column_stack([step(unit) for unit in units]), step(0.0 * units[0], 1.0)
 
 
-def _loop(*changes: str) -> tuple[loop_model.LoopSetup, PiLaw]:
-    """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass)."""
-    scenario = override(FORCE, list(changes))
-    setup, gains = loop_model.setup_of(scenario), scenario.controller
-    return setup, pi_law(gains.force_p_m_sn, gains.force_i_m_s2n, gains.force_filter_hz, setup.dt)
+def _loop() -> tuple[loop_model.LoopSetup, PiLaw]:
+    """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass) within its limits; the law's states
+    are the filtered reading and its sum."""
+    setup, gains = loop_model.setup_of(FORCE), FORCE.controller
+    blend = 1.0 - math.exp(-2.0 * math.pi * gains.force_filter_hz * setup.dt)
+    A = np.array([[1.0 - blend, 0.0], [setup.dt * (1.0 - blend), 1.0]])
+    B, C = np.array([blend, setup.dt * blend]), -np.array([gains.force_p_m_sn, gains.force_i_m_s2n])
+    return setup, PiLaw(A, B, C @ A, float(C @ B))
 
 
 def test_slow_motion_presses_springs_in_series_servos_swing_over_at_25_hz_and_noise_has_its_rms():
