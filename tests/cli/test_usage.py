@@ -160,7 +160,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
         ("run teach --duration 0.5", "joint_speed_limit_rad_s ... --duration 0.508 or longer"),
         ("run teach --follow gone.csv", "gone.csv"),
         ("run teach --set robot.real.encoder_rad=4.8e-5", "too coarse for --mode assist"),
-        ("run teach --set guide.model_file=gone.xml", "'gone.xml' is not a robot's MJCF"),
+        ("run teach --set guide.model_file=gone.xml", "cannot read the robot model 'gone.xml'"),
         ("run dual --master-path gone.csv", "cannot read the poses 'gone.csv'"),
         ("calibrate payload --set sensor.force_range_n=5", "is at the end of its range in pose 1"),
         (
@@ -183,7 +183,7 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
         ("plan plate --region faces:/dev/null", "Not a regular file"),
         ("run force --config /dev/null", "Not a regular file"),
         ("calibrate tcp --data /dev/null", "Not a regular file"),
-        ("run teach --set guide.model_file=/dev/null", "Not a regular file"),
+        ("run teach --set guide.model_file=/dev/null", "cannot read the robot model '/dev/null'"),
         ("compare /dev/null", "Not a regular file"),
         ("compare binary.csv", "is not a text file"),
         ("compare other", "no whole ROS bag"),
