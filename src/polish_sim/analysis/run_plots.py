@@ -52,8 +52,7 @@ def plot_arc(record: RunRecord) -> Figure:
     speed = figure.add_subplot(grid[0, 0])
     error = figure.add_subplot(grid[1, 0])
     process = record.log.fed
-    time = column_of(record.log, "time_s")[process]
-    positions = column_of(record.log, "tcp_position_m")[process]
+    time, positions = record.fed("time_s"), record.fed("tcp_position_m")
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
@@ -90,9 +89,7 @@ def plot_arc_runs(records: Records) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
-        process = record.log.fed
-        error = distance_to_circle(column_of(record.log, "tcp_position_m")[process], PAPER_ARC)
-        return column_of(record.log, "path_s_m")[process], error * 1e6
+        return record.fed("path_s_m"), distance_to_circle(record.fed("tcp_position_m"), PAPER_ARC) * 1e6
 
     return compare_runs(
         records,
@@ -129,9 +126,8 @@ def compare_runs(
 
 
 def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
-    process = record.log.fed
     feed = record.scenario.process.feed_m_s * 1e3
-    value = column_of(record.log, "tcp_speed_m_s")[process] * 1e3
+    value = record.fed("tcp_speed_m_s") * 1e3
     smooth = moving_average(time, value, 0.05)
     offset = len(value) - len(smooth)
     axes.plot(time, value, color=GREY, lw=0.5, alpha=0.5, label="every sample")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import AREAS
+from polish_sim.analysis.metrics import AREAS, column_of
 from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
@@ -64,6 +64,10 @@ class RunRecord:
     log: RunLog
     path: ToolPath | None  #: The path that was run; None for experiments without a part
     removal: RemovalMap | None = None  #: What the run took off the part, if that was measured
+
+    def fed(self, name: str) -> Array:
+        """A column of the log while the tool is fed, in double precision, shape (n,) or (n, k)."""
+        return column_of(self.log, name)[self.log.fed]
 
 
 Records = Sequence[RunRecord]

@@ -13,7 +13,6 @@ from polish_sim.analysis.metrics import (
     FLAT_1_M,
     SHARP_1_M,
     WINDOW_M,
-    column_of,
     curvature_peaks,
 )
 from polish_sim.analysis.run_plots import plot_force
@@ -118,15 +117,12 @@ def plot_surface_runs(records: Records) -> Figure:
 
 def process_force(record: RunRecord) -> tuple[Array, Array]:
     """Place on the path [m] and exact force [N] of the logged rows of the process, each shape (n,)."""
-    process = record.log.fed
-    return column_of(record.log, "path_s_m")[process], column_of(record.log, "normal_force_n")[process]
+    return record.fed("path_s_m"), record.fed("normal_force_n")
 
 
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
-    process = record.log.fed
     place, force = process_force(record)
-    low = column_of(record.log, "normal_force_min_n")[process]
-    high = column_of(record.log, "normal_force_max_n")[process]
+    low, high = (record.fed(f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
     axes.plot(place, force, color=color, lw=0.7, label=label)
 

@@ -308,15 +308,13 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         """Rows of the scorecard of the episode so far, one for every set force; ``whole``: it went to its
         end."""
         steps = self._recorder.trace[: self.steps]
-        if self.moving:
-            trace = trace_from(steps)
-            wanted = self._stage.place.path.force_at(trace.path_s_m, self._set[0][1])
-            return [measure_score(trace, wanted, True, whole)]
         edges = [*(first for first, _ in self._set), len(steps)]
-        return [
-            measure_score(trace_from(steps[a:b]), np.full(b - a, force), False, whole)
-            for (a, b), (_, force) in zip(pairwise(edges), self._set, strict=True)
-        ]
+        rows = []
+        for (a, b), (_, force) in zip(pairwise(edges), self._set, strict=True):
+            trace = trace_from(steps[a:b])
+            wanted = self._stage.place.path.force_at(trace.path_s_m, force)
+            rows.append(measure_score(trace, wanted, self.moving, whole))
+        return rows
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture of the cell, (480, 640, 3), with ``render_mode="rgb_array"``."""

@@ -142,12 +142,11 @@ def _words(direction: str, pace: str) -> str:
 def plot_taught(record: RunRecord) -> Figure:
     """Draw the taught path of a run from above, and its distance from what was meant along it."""
     assert record.path is not None  # without one there is nothing to draw
-    moving = record.log.fed
     T_base_work = np.array(record.metrics["T_base_work"])
     R = T_base_work[:3, :3]
     origin = T_base_work[:3, 3]
-    meant = (column_of(record.log, "target_position_m")[moving] - origin) @ R
-    recorded = (column_of(record.log, "tcp_position_m")[moving] - origin) @ R
+    meant = (record.fed("target_position_m") - origin) @ R
+    recorded = (record.fed("tcp_position_m") - origin) @ R
     taught = record.path.positions_work
     figure = new_figure(11.0, 4.8)
     above, along = figure.subplots(1, 2, width_ratios=(1.0, 1.2))

@@ -155,11 +155,11 @@ class RobotController:
             return
         self._safety = robot.safety
         self.changed_at = robot.ticks
-        self._tell(SAFETY_MODE, struct.pack(">iiBII", 0, 0, robot.safety, 0, 0))
+        self._tell(SAFETY_MODE, struct.pack(">8xB8x", robot.safety))
         if robot.safety == PROTECTIVE:
             self._stopped_at = robot.ticks
             self.note(f"protective stop: {robot.stop_reason}")
-            self._tell(ERROR, struct.pack(">iiiII", PROTECTIVE_CODE, 0, WARNING, 0, 0))
+            self._tell(ERROR, struct.pack(">i4xi8x", PROTECTIVE_CODE, WARNING))
             if robot.runtime == PLAYING:
                 robot.runtime = PAUSED
 
@@ -319,7 +319,7 @@ class RobotController:
     def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
         """Show a message on the pendant; the dashboard closes a blocking one (``Machine.close_popup``)."""
         self.popups += 1
-        head = struct.pack(">IB???B", self.popups, 0, warning, error, blocking, len(title.encode()[:255]))
+        head = struct.pack(">Ix???B", self.popups, warning, error, blocking, len(title.encode()[:255]))
         self._tell(POPUP, head + title.encode()[:255] + text.encode())
 
     def started(self, name: str) -> None:
@@ -333,7 +333,7 @@ class RobotController:
 
     def _key(self, title: str, name: str) -> None:
         self.note(f"{title} {name}")
-        self._tell(KEY, struct.pack(">iiB", 0, 0, len(title)) + title.encode() + name.encode())
+        self._tell(KEY, struct.pack(">8xB", len(title)) + title.encode() + name.encode())
 
     def runtime_exception(self, line: int, column: int, text: str) -> None:
         """A programme was refused, or failed while it ran."""

@@ -33,59 +33,45 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
     parts = [
         _part(
             0,
-            ">Q7?bB3db",
+            ">Q3?x3?bx3dx",
             int(1e6 * r.time_s),
             True,
             True,
             controller.powered,
-            False,
             stopped,
             playing == 2,
             playing == 4,
             r.mode,
-            0,
             r.speed_fraction,
             float(playing == 2),
             1.0,
-            0,
         ),
         _joints(controller),
-        _part(2, ">BBddfBffB", 0, 0, 0.0, 0.0, 48.0, r.tool_voltage, 0.0, 30.0, controller.joint_mode),
+        _part(2, ">18xfB4xfB", 48.0, r.tool_voltage, 30.0, controller.joint_mode),
         _part(
             3,
-            ">iiBBddbbddffffBBbIBBB",
+            ">ii18x2b2d3f4xB9x",
             r.digital_in,
             r.digital_out,
-            0,
-            0,
-            0.0,
-            0.0,
             *r.analog_domain,
             *r.analog_out,
             30.0,
             48.0,
             0.5,
-            0.0,
             r.safety,
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
         ),
         _part(4, ">12d", *r.actual_tcp_pose, *r.tcp_offset),
-        _part(7, ">7d", *r.tcp_force, 0.0),
-        _part(8, ">BBBB", 0, 0, 0, 0),
+        _part(7, ">6d8x", *r.tcp_force),
+        _part(8, ">4x"),
     ]
     if configuration:
         theta, d, a, alpha = NOMINAL
-        parts.append(_part(5, ">6I24dI", *range(6), *theta, *a, *d, *alpha, 0))
+        parts.append(_part(5, ">6I24d4x", *range(6), *theta, *a, *d, *alpha))
         limits = np.column_stack([np.full(6, np.pi), np.full(6, 40.0)])
         parts.append(
             _part(
                 6,
-                ">12d12d5d24d4i2h",
+                ">12d12d5d24d4x3i4x",
                 *JOINT_LIMITS.ravel(),
                 *limits.ravel(),
                 1.05,
@@ -97,12 +83,9 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
                 *d,
                 *alpha,
                 *theta,
-                0,
                 BOX,
                 used_arm().type_number,
                 SUB_TYPE,
-                0,
-                0,
             )
         )
     return framed(ROBOT_STATE, b"".join(parts))
