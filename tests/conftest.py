@@ -22,7 +22,7 @@ LOOPS = (
     "cell/test_scene.py",
     "cell/test_sequence.py",
     "cell/test_real_arm.py",
-    "cell/test_course.py",
+    "cell/test_contact.py",
     "cell/test_wrist_sensor.py",
     "control/adaptive/test_adaptive_laws.py",
     "control/adaptive/test_path_laws.py",

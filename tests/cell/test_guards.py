@@ -75,21 +75,6 @@ def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
     return in_the_air(cells.tool_pose(0.0, -0.5, 0.2), cells.tool_pose(0.1, -0.5, 0.2), feed=0.02, part=part)
 
 
-def test_a_shaft_or_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it():
-    """At a low wall before the housing is over it: between pad and housing there is only the shaft of 9 mm
-    radius."""
-    assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
-    low = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
-    assert low.log["tcp_position_m"][cells.stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
-    cell = past_a_wall(wall(0.08), -0.5, 0.0)
-    run = cell.run()
-    assert low.stop_reason == run.stop_reason == guards.REASONS[guards.CRASH]
-    mujoco.mj_kinematics(cell.model, cell.data)
-    housing = cells.meshes_of(cell.model, "tool_mount")
-    deepest = max(cells.drawn_vertices(cell.model, cell.data, k)[:, 0].max() for k in housing) - 0.08
-    assert -0.001 < deepest < 0.005
-
-
 def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot():
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
     left; or the arm is stretched."""
@@ -102,8 +87,20 @@ def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robo
     assert np.abs(stretched.log["qd_rad_s"]).max() < JOINT_SPEED
 
 
-def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named():
-    """The tool goes down beside the part, its housing onto the table."""
+def test_what_touches_a_shaft_or_housing_is_seen_whether_part_or_table():
+    """At a low wall before the housing is over it: between pad and housing there is only the shaft of 9 mm
+    radius."""
+    assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
+    low = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
+    assert low.log["tcp_position_m"][cells.stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
+    cell = past_a_wall(wall(0.08), -0.5, 0.0)
+    run = cell.run()
+    assert low.stop_reason == run.stop_reason == guards.REASONS[guards.CRASH]
+    mujoco.mj_kinematics(cell.model, cell.data)
+    housing = cells.meshes_of(cell.model, "tool_mount")
+    deepest = max(cells.drawn_vertices(cell.model, cell.data, k)[:, 0].max() for k in housing) - 0.08
+    assert -0.001 < deepest < 0.005
+    # The tool goes down beside the part, its housing onto the table.
     part, runs = no_part()._replace(position=np.array([-0.3, -0.6, 0.1])), []
     model = build_scene(cells.ideal("arc", cells.EVERY_STEP), Drawn(load_part(part_path("plate")), part))
     for look_every_s in (5.0, 0.003):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun, Silent
-from polish_sim.cell.observer import interrupts_noted, results_kept
 from polish_sim.errors import InputError
 from polish_sim.log import RETRACT_PHASE
 from tests.cell.cells import Law, on_plane
@@ -132,35 +131,3 @@ def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch, again):
     assert (run.interrupted, run.stop_reason, run.steps) == (True, None, 102)
     assert signal.getsignal(signal.SIGINT) is before
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
-
-
-def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written():
-    class Impatient(Silent):
-        def progress(self, done: float, total: float) -> None:
-            for _ in range(2):
-                signal.raise_signal(signal.SIGINT)
-
-    before = signal.getsignal(signal.SIGINT)
-    with results_kept() as again:
-        run = on_plane().run(Impatient())
-        assert run.interrupted
-        assert not again.seen
-        signal.raise_signal(signal.SIGINT)  # while results are written
-        assert again.seen
-        with interrupts_noted() as next_run:
-            assert next_run.seen
-    assert signal.getsignal(signal.SIGINT) is before
-    with interrupts_noted() as afterwards:
-        assert not afterwards.seen
-    with results_kept() as again, pytest.raises(KeyboardInterrupt):  # nothing was recorded yet
-        signal.raise_signal(signal.SIGINT)
-    assert not again.seen
-    # Once they are kept one Ctrl-C ends the drawing, and no other is raised.
-    with results_kept(waits=False) as again:
-        again.waits = True
-        on_plane().run()
-        again.waits = False
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-        assert again.seen

@@ -160,7 +160,7 @@ def played(scenario: Scenario, targets: JointTargets) -> PlayedBack:
     return play_joints(build_scene(scenario), scenario.robot, scenario.seed, targets)
 
 
-def test_a_smooth_swing_is_followed_and_links_that_would_touch_are_refused():
+def test_a_smooth_swing_is_followed_and_with_rigid_gears_as_the_ideal_arm_does():
     """The error grows with the acceleration."""
     errors = [np.abs(played(IDEAL, swing(a)).q - swing(a).q).max() for a in (0.0, 0.05, 0.2)]
     assert errors[0] < 5e-5
@@ -170,10 +170,7 @@ def test_a_smooth_swing_is_followed_and_links_that_would_touch_are_refused():
     folded[2] = 3.1  # the elbow closed
     with pytest.raises(ReachError, match="would touch"):
         played(IDEAL, JointTargets(np.tile(folded, (50, 1)), np.zeros((50, 6))))
-
-
-def test_played_with_rigid_gears_it_moves_as_the_ideal_arm_does():
-    """And its motors give what the ideal arm's servos and its weight's compensation give together."""
+    # And its motors give what the ideal arm's servos and its weight's compensation give together.
     scenario = override(IDEAL, ["simulation.timestep_s=2.5e-4"])
     targets = swing(0.2, 2.5e-4)
     ideal, again = (played(scenario, targets) for _ in range(2))

@@ -38,7 +38,7 @@ def top_of(sheet: Surface) -> Surface:
     return sheet.restrict(np.flatnonzero(np.all(heights > -1e-9, axis=1)).astype(np.int32))
 
 
-def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the_normal():
+def test_displacement_and_form_error_have_their_size_direction_and_shortest_wave():
     normal, center, along = np.array([0.6, 0.0, 0.8]), np.array([0.05, -0.02, 0.1]), []
     for seed in range(200):
         T = displacement_of(PartConfig(), normal, center, np.random.default_rng(seed))
@@ -49,9 +49,6 @@ def test_the_displacement_has_its_size_and_at_least_seven_tenths_of_it_along_the
     assert np.abs(along).min() >= 0.7
     assert np.abs(along).min() < 0.72
     assert 60 < np.sum(np.array(along) > 0.0) < 140
-
-
-def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_shortest_wave():
     rng, h = np.random.default_rng(1), 1e-4
     points = np.column_stack([rng.uniform(-0.1, 0.1, (3000, 2)), np.zeros(3000)])
     crossed = (points[:5, None] + points[5:9]).reshape(-1, 3)

@@ -206,7 +206,7 @@ def block() -> Polished:
     return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", TRACK, R_NODES)
 
 
-def test_areas_sum_to_the_region_however_fine_the_nodes_and_those_lie_on_the_bent_surface(block):
+def test_areas_sum_to_the_region_on_its_bent_surface_and_beside_it_lies_all_that_the_pad_comes_to(block):
     coarse, fine = (block.place(PartConfig(), edge)[1] for edge in (2.0 * removal.EDGE, removal.EDGE))
     assert len(fine.mesh.vertices) > 2 * len(coarse.mesh.vertices)
     for nodes in (coarse, fine):
@@ -219,9 +219,6 @@ def test_areas_sum_to_the_region_however_fine_the_nodes_and_those_lie_on_the_ben
     assert np.abs(distances).max() < 1e-4
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert (normals[:, 2] > 0.9).all()
-
-
-def test_beside_the_region_lies_all_that_the_pad_comes_to(block):
     beside = removal.surroundings(*block, removal.EDGE * R_NODES)
     x, y = beside.positions[:, 0], beside.positions[:, 1]
     assert np.abs(beside.positions[:, 2]).max() == pytest.approx(0.0, abs=1e-12)

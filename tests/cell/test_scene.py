@@ -26,16 +26,6 @@ def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
     return build_scene(Scenario(), Drawn(load_part(workpiece_path(name)), part))
 
 
-def test_head_pad_and_step_are_the_scenarios():
-    head = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
-    model = build_scene(override(Scenario(), [*head, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"]))
-    slide, body, usual = model.joint("head_slide"), model.body("head"), build_scene(Scenario()).body("head")
-    found = slide.stiffness[0], slide.damping[0], slide.range[1], body.mass[0], model.geom("head_pad").size[0]
-    assert found == pytest.approx((4000.0, 33.0, 0.02, 0.5, 0.03))
-    assert model.opt.timestep == 0.0005
-    np.testing.assert_allclose(body.inertia / usual.inertia, 0.5 / 0.3, rtol=1e-6)
-
-
 @pytest.mark.parametrize("name", ["plate_two_holes", "freeform", "wheel_hub_rim"])
 def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
     model, placed = standing(name), load_part(workpiece_path(name)).vertices + [0.0, -0.5, 0.15]
@@ -48,7 +38,14 @@ def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name):
     np.testing.assert_allclose(drawn.max(axis=0), placed.max(axis=0), atol=1e-6)
 
 
-def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_room_between_them():
+def test_head_pad_step_table_and_stand_are_the_scenarios_and_the_drawn_part_does_not_collide():
+    head = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
+    model = build_scene(override(Scenario(), [*head, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"]))
+    slide, body, usual = model.joint("head_slide"), model.body("head"), build_scene(Scenario()).body("head")
+    found = slide.stiffness[0], slide.damping[0], slide.range[1], body.mass[0], model.geom("head_pad").size[0]
+    assert found == pytest.approx((4000.0, 33.0, 0.02, 0.5, 0.03))
+    assert model.opt.timestep == 0.0005
+    np.testing.assert_allclose(body.inertia / usual.inertia, 0.5 / 0.3, rtol=1e-6)
     model, lowest = standing("plate"), load_part(workpiece_path("plate")).vertices[:, 2].min()
     assert model.geom("part").contype == model.geom("part").conaffinity == 0
     assert model.geom("table").contype == 1

@@ -140,14 +140,11 @@ def swing(t: float) -> float:
     return math.sin(2.0 * math.pi * 18.0 * t) if t > 0.0 else 0.0
 
 
-def test_contact_is_found_at_2_newton_and_by_a_shaken_arm_beyond_its_swing():
+def test_contact_is_found_at_2_newton_beyond_a_swing_and_not_by_one_noisy_reading_high_up():
     assert contact_time(lambda t: 100.0 * max(t - 1.0, 0.0)) == pytest.approx(1.02, abs=0.0015)
     assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
     assert 1.0 < contact_time(lambda t: 3.0 * swing(t) + 100.0 * max(t - 1.0, 0.0)) < 1.15
-
-
-def test_one_reading_of_a_noisy_sensor_is_no_contact_high_above_the_part():
-    """5 mm above the surface, 0.6 s after the start, it is."""
+    # 5 mm above the surface, 0.6 s after the start, it is.
     assert contact_time(lambda t: 7.0 * (0.3 < t < 0.302)) == pytest.approx(0.301, abs=0.001)
     assert contact_time(lambda t: 7.0 * (0.3 < t < 0.302), floor=6.0) == math.inf
     assert contact_time(lambda t: 7.0 * (t > 0.3), floor=6.0) == pytest.approx(0.32, abs=0.002)

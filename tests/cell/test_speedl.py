@@ -95,7 +95,7 @@ def test_away_from_singularities_joints_give_exactly_the_twist_and_too_fast_a_on
     np.testing.assert_allclose(reached, share * twist, atol=1e-7)
 
 
-def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most():
+def test_the_smallest_singular_value_is_known_along_the_way_and_near_none_joint_speeds_stay_bounded():
     state, exact = robot_with(), []
     line = interface.build_request_line(state)
     for n in range(2000):
@@ -106,10 +106,7 @@ def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_
         if n > 200:
             assert 0.99 * min(exact[-9:]) < state.weakest < 1.01 * max(exact[-9:])
     assert min(exact) < 0.2 * max(exact)
-
-
-def test_near_a_singularity_joint_speeds_stay_bounded():
-    """Damped by half the lack of singular value, an inverse never exceeds 41 times the twist."""
+    # Damped by half the lack of singular value, an inverse never exceeds 41 times the twist.
     q, fastest = AT_WORK.copy(), []
     for q[4] in np.linspace(0.3, -0.3, 121):
         U, S, _ = np.linalg.svd(jacobian(q, TIP))

@@ -37,7 +37,7 @@ def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
     np.testing.assert_allclose(measured, true, atol=0.01)
 
 
-def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
+def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_leaning_plane():
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off."""
     run = cells.on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
@@ -46,10 +46,7 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant():
     expected = 20000.0 * np.maximum(-pad_height, 0.0)
     assert np.abs(np.diff(expected)).max() > 0.05
     np.testing.assert_allclose(run.log["normal_force_n"], expected, atol=0.005)
-
-
-def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment():
-    """Pushed aside by the plane, the pad's force has a lever about the tool point and the head's centre."""
+    # Pushed aside by the plane, the pad's force has a lever about the tool point and the head's centre.
     leaning = cells.tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
     part = cells.part_under(plane(), leaning)
     run = cells.on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
@@ -153,7 +150,7 @@ def test_the_sensor_reads_m_a_minus_g_at_every_instant_less_the_contact_when_it_
     assert np.max(pressed.worst) < 1e-9
 
 
-def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
+def test_the_tare_takes_the_bias_out_and_a_wrong_tool_mass_shows_by_how_far_the_tool_has_turned():
     pressed = cells.on_plane("sensor.force_bias_n=5", "sensor.torque_bias_nm=0.2", hold=1.5, lift=0.01).run()
     np.testing.assert_allclose(pressed.log["wrench_raw_sensor"][300, :3], [0.0, 0.0, -2.0 * 9.81], atol=0.01)
     measured = pressed.log["wrench_measured_tool"]
@@ -163,10 +160,7 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had():
     true = pressed.log["normal_force_n"][process][-200:]
     np.testing.assert_allclose(true, 20.0, atol=0.1)
     np.testing.assert_allclose(measured[process][-200:, 2], true, atol=0.05)
-
-
-def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare():
-    """The force loop holds 20 N of what it believes; the rest is the surplus mass by its share's change."""
+    # The force loop holds 20 N of what it believes; the rest is the surplus mass by its share's change.
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81
     start = cells.along_tool(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
     stroke = cells.pressing_stroke(hold=1.5)._replace(lead_in=cells.path_through(start, cells.TOUCH))

@@ -77,16 +77,13 @@ def test_bias_and_drift_of_a_cold_sensor_are_seeded_and_within_their_size(config
     np.testing.assert_array_equal(readings(config, steady, 0.05, 5)[-1] - LOAD, sizes[5] * grown[-1])
 
 
-def test_the_drift_walks_at_random_its_variance_growing_with_time():
+def test_a_drift_walks_at_random_and_readings_are_whole_quanta_within_the_range():
     config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
     walks = [readings(config, steady, 4.0, seed, dt=0.01)[[99, 399]] - LOAD for seed in range(50)]
     for axes, size in ((slice(0, 3), 0.2), (slice(3, 6), 0.01)):
         at_1s, at_4s = np.std(np.array(walks)[..., axes], axis=(0, 2))
         assert at_1s == pytest.approx(size, rel=0.2)
         assert at_4s == pytest.approx(2.0 * size, rel=0.2)
-
-
-def test_readings_are_the_nearest_whole_multiples_of_the_quantum_and_saturate_both_ways():
     found = readings(replace(PERFECT, force_quantum_n=0.05, torque_quantum_nm=0.002), moving, 0.5)
     exact = np.array([moving(n * DT) for n in range(len(found))])
     quanta = np.repeat([0.05, 0.002], 3)
@@ -164,7 +161,7 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
     np.testing.assert_allclose(readings(config, lambda _t: 3.0 * full, 1.0)[-1], full, rtol=0.01)
 
 
-def test_it_warms_up_between_poses_too_which_leaves_bias_and_noise_as_they_were():
+def test_a_warm_up_leaves_bias_and_noise_as_they_were_and_cross_talk_is_in_shares_of_the_ranges():
     config, rng = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0), np.random.default_rng(1)
     sensor = wrist_sensor.build_sensor(config, rng)
     line = wrist_sensor.build_sample_line(sensor)
@@ -176,9 +173,6 @@ def test_it_warms_up_between_poses_too_which_leaves_bias_and_noise_as_they_were(
     warmth = (1.0 - np.exp(-DT * np.arange(1, 1001))) / (1.0 - math.exp(-1.0))
     np.testing.assert_allclose(off, np.outer(warmth, off[-1]), atol=1e-9)
     assert np.abs(off[-1, :3]).min() > 0.0
-
-
-def test_cross_talk_is_of_the_given_rms_in_shares_of_the_ranges():
     config, seeds = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0), range(40)
     tenth = np.repeat([20.0, 1.0], 3)
     found = [

@@ -78,16 +78,6 @@ def tuned(file: Path, **own: float | str) -> object:
     return build_controller(ControllerConfig(name=f"{file}:Tuned", own=own))
 
 
-def test_a_class_declares_its_parameters_and_is_made_with_those_given(file):
-    made = tuned(file, gain=0.02, mode="glide", late=True)
-    assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
-    known = law_parameters(f"{file}:Tuned")
-    assert list(known) == ["gain", "sign", "mode", "late"]
-    ranges = {name: (p.default, p.metadata["low"], p.metadata["high"]) for name, p in known.items()}
-    assert ranges["gain"] == (0.01, 0.001, 0.1)
-    assert ranges["sign"] == (1, -LARGEST, LARGEST)
-
-
 @pytest.mark.parametrize(
     ("own", "told"),
     [
@@ -112,7 +102,14 @@ def test_ranges_that_are_none_are_refused_by_name(file, ranges):
         law_parameters(f"{file}:Tuned")
 
 
-def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
+def test_a_class_declares_its_parameters_which_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
+    made = tuned(file, gain=0.02, mode="glide", late=True)
+    assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
+    known = law_parameters(f"{file}:Tuned")
+    assert list(known) == ["gain", "sign", "mode", "late"]
+    ranges = {name: (p.default, p.metadata["low"], p.metadata["high"]) for name, p in known.items()}
+    assert ranges["gain"] == (0.01, 0.001, 0.1)
+    assert ranges["sign"] == (1, -LARGEST, LARGEST)
     usual, written = default_scenario("force"), tmp_path / "config.toml"
     own = ["controller.own.gain=0.02", "controller.own.late=true"]
     chosen = override(usual, [f"controller.name={file}:Tuned", *own])

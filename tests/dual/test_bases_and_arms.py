@@ -176,14 +176,11 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table():
     assert np.all(np.abs(beyond[:, 2] - beyond[:, 1]) < np.repeat([2e-5, 12e-5], 3))
 
 
-def test_arms_as_their_table_says_are_not_made_worse():
+def test_arms_as_their_table_says_are_not_made_worse_and_those_with_gears_are_found_with_them():
     exact = calibrate.ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
     figures = calibrate.run_arm_calibration(calibrate.ArmTrial(tolerance=exact)).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
-
-
-def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones():
-    """Wind-up by pose is no error of a table."""
+    # Wind-up by pose is no error of a table.
     trial = calibrate.ArmTrial(seed=1, gears=lone_arms(1, calibrate.Q_NEAR).gears)
     done = calibrate.run_arm_calibration(trial)
     figures = done.figures

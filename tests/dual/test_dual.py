@@ -96,7 +96,7 @@ def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free, pressed):
         assert sum("of the part" in line.get_label() for line in figure.axes[0].lines) == 3
 
 
-def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free):
+def test_without_calibration_errors_the_chain_closes_in_the_engine_and_the_tool_is_off_by_the_tracking(free):
     assert free.figures["chain_residual_m"] < 1e-9
     process = np.flatnonzero(free.trace.fed)
     # max_feed_s ends the feed four times as hard as a path ends: that is left out.
@@ -105,10 +105,7 @@ def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free):
     steady = before_the_end[len(before_the_end) // 2 :]
     assert np.linalg.norm(free.trace.target_error_m[steady], axis=1).max() < 3e-5
     assert free.figures["relative_error_rms_m"] < 6e-5
-
-
-def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free):
-    """The engine's own kinematics of the scene, fed with the log: the tool is on the part's path."""
+    # The engine's own kinematics of the scene, fed with the log: the tool is on the part's path.
     true, log, path = true_chain(free.scenario.dual), free.log, free.path
     part = load_part(workpiece_path("wheel_hub_rim"))
     held = Held(part, 2700.0, true.T_flange_gripper @ true.T_gripper_work)
@@ -159,13 +156,10 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free):
         assert figures["chain_residual_m"] < 1e-9
 
 
-def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it():
+def test_a_part_that_slips_and_a_base_believed_a_millimetre_off_show_on_the_part(tmp_path):
     run = run_experiment(dual("process.max_feed_s=1.2", "faults.events=part-shift@contact+0.8"))
     assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
     assert run.figures["tracking_error_worst_m"] < 1e-4
-
-
-def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_path):
     file = base_file(tmp_path, off_m=MILLIMETRE)
     run = run_experiment(dual(*FREE, *EXACT, f"dual.bases_file={file}"))
     off = run.log["relative_error_m"].astype(float)[run.log.fed][-200:-100]
@@ -174,7 +168,7 @@ def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_pat
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
-def test_the_force_is_held_on_the_moving_rim(pressed):
+def test_the_force_is_held_on_the_moving_rim_and_it_loses_what_one_at_rest_would(pressed):
     figures = pressed.figures
     assert figures["protective_stop"] is None
     assert figures["force_max_deviation_n"] <= 1.5
@@ -182,9 +176,6 @@ def test_the_force_is_held_on_the_moving_rim(pressed):
     assert figures["tracking_error_worst_m"] <= 1e-4
     assert figures["relative_error_rms_m"] <= 6e-5
     assert figures["master_way_m"] == pytest.approx(0.005 * (PRESSED_S - 0.25), abs=0.001)
-
-
-def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed):
     dual_run = pressed.scenario
     plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
     alone = override(
@@ -299,7 +290,7 @@ def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes, sa
         pair_arms(dual(*changes).dual, "none", {}, np.random.default_rng(0))
 
 
-def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed):
+def test_arms_with_gears_hold_the_force_and_err_by_their_gears_and_rigid_ones_are_found_as_ideal(pressed):
     task, run = task_and_run(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
     figures = run.figures
     assert figures["protective_stop"] is None
@@ -314,10 +305,7 @@ def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed):
         off = task.arms.resting_flange(robot, q)[:3, 3] - forward(q)[:3, 3]
         assert np.linalg.norm(off) < 3e-4
         assert np.linalg.norm(task.arms.flanges(robot, q[None])[0, :3, 3] - forward(q)[:3, 3]) > 5e-4
-
-
-def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones():
-    """Rigid gears without error and an exact table: rotors, friction and encoder steps are left."""
+    # Rigid gears without error and an exact table: rotors, friction and encoder steps are left.
     rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]
     exact = ("robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]")
     table = "robot.real.kinematics=exact"

@@ -1,26 +1,35 @@
-"""Where two robots hold a part: chain, gripper, marks, rim."""
+"""Where two robots hold a part: chain, gripper, marks, rim; what arms, pad and gripper must not touch."""
 
 from functools import cache
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
+from scipy.optimize import brentq
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 from trimesh.creation import extrude_polygon
 
 from polish_sim import geometry
 from polish_sim.arrays import Array
+from polish_sim.config import Scenario
 from polish_sim.dual.arms import ClosedChain
+from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
 from polish_sim.dual.frames import spread_marks
-from polish_sim.dual.scene import seat_part
+from polish_sim.dual.scene import GRIPPER_RADIUS, Clearances, Held, PairContacts, build_pair_scene, seat_part
 from polish_sim.dual.task import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft
+from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.models import part_path, workpiece_path
+from polish_sim.motion import forward
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import apply, from_pose, transform
+from polish_sim.spatial import apply, from_pose, inverse, transform
+from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke, ideal, joints_at
+from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 from tests.planning.shapes import path_through
 
 CHAIN = ClosedChain(
@@ -124,13 +133,10 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it
         np.testing.assert_allclose(np.diff([*angles, angles[0] + 360.0]), 120.0, atol=4.0)
 
 
-def test_a_narrow_strip_is_found_by_marks_all_over_the_part():
+def test_marks_span_a_narrow_strip_s_part_and_a_long_slanted_one(tmp_path):
     region, surface = part("plate", "box:-100,-2,-50,100,2,50")
     points = spread_marks(region, surface, 3)[:, :3, 3]
     assert np.ptp(points[:, 1]) > 0.03
-
-
-def test_marks_on_a_long_slanted_part_do_not_lie_on_a_line(tmp_path):
     outline = Polygon([(0, 0), (158, 0), (252, 57), (0, 59)]).buffer(2)
     extrude_polygon(outline.difference(outline.buffer(-30.4)), 45).export(tmp_path / "slanted.stl")
     mesh = geometry.load_part(tmp_path / "slanted.stl")
@@ -148,7 +154,7 @@ def rim(radius: float, count: int = 12) -> Array:
     return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
 
 
-def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre():
+def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smooth_where_it_closes():
     spline = fit_closed_spline(rim(RADIUS))
     u = np.linspace(0.0, length_of(spline), 4001)
     assert np.abs(np.linalg.norm(spline(u), axis=1) - RADIUS).max() <= 3.2e-7
@@ -156,12 +162,102 @@ def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre():
     twice[4] = twice[3]
     with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
         fit_closed_spline(twice)
-
-
-def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes():
     spline = fit_closed_spline(rim(RADIUS) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
     knots = np.unique(spline.t[5:-5])
     for derivative in range(5):
         before, behind = spline(knots - 1e-9, derivative), spline(knots + 1e-9, derivative)
         scale = np.abs(spline(np.linspace(0.0, length_of(spline), 500), derivative)).max()
         np.testing.assert_allclose(before, behind, atol=1e-5 * scale)
+
+
+# What two robots must not touch.
+
+CLEARANCES = Clearances(arms=0.03, pad=0.005)
+SIDE = 0.02  # of the cube in the gripper [m]
+
+
+@cache
+def cube() -> PartMesh:
+    box = trimesh.creation.box([SIDE] * 3)
+    return part_from_arrays(box.vertices + [0.0, 0.0, 0.5 * SIDE], box.faces, up="z")
+
+
+def scene(T_follower_master: Array, clearances: Clearances | None) -> mujoco.MjModel:
+    return build_pair_scene(Scenario(), T_follower_master, Held(cube(), 2700.0, ON_GRIPPER, 0.0, clearances))
+
+
+def gripper_before(gap: float, aside: float) -> Array:
+    """The master's base for a gripper's face this far before the pad and an axis this far beside it [m]."""
+    face = along_tool(TOOL, x=aside, z=gap) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return np.asarray(face @ inverse(forward(Q_MASTER) @ ON_GRIPPER))
+
+
+@pytest.mark.parametrize(("gap", "named"), [(-0.003, True), (0.0045, True), (0.0055, False)])
+def test_the_pad_keeps_its_clearance_from_the_gripper(gap, named):
+    # Beside the cube, which the pad may touch: only the gripper's face is before it.
+    T_follower_master = gripper_before(gap, aside=GRIPPER_RADIUS)
+    contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
+    found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
+    assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
+
+
+ELBOW_AHEAD = np.array([0.0, -0.6, 2.2, -1.6, -1.57, 0.0])
+
+
+def facing(distance: float) -> Array:
+    """The master's base turned to the follower's, so far that their elbows, set aside, are in one line."""
+    return from_pose([-distance, -0.27, 0.0, 0.0, 0.0, np.pi])
+
+
+def drawn(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Array:
+    """Every vertex of what is drawn of an arm [m], shape (n, 3)."""
+    meshes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    own = [geom for geom in meshes if model.geom(geom).name.startswith(arm)]
+    return np.concatenate([drawn_vertices(model, data, geom) for geom in own])
+
+
+def base_distance_for(apart: float) -> float:
+    """Between the bases, so that the nearest drawn points of both arms are this far apart [m]."""
+    model = scene(facing(1.5), None)
+    data = mujoco.MjData(model)
+    data.qpos[:6] = data.qpos[FIRST_JOINT:] = ELBOW_AHEAD
+    mujoco.mj_kinematics(model, data)
+    master, follower = drawn(model, data, "master_"), KDTree(drawn(model, data, "follower_"))
+
+    def too_far(distance: float) -> float:
+        return float(follower.query(master + [1.5 - distance, 0.0, 0.0])[0].min()) - apart
+
+    return float(brentq(too_far, 0.8, 1.5, xtol=1e-4))
+
+
+def test_pad_and_part_may_touch_housing_and_part_not_and_arms_keep_their_drawn_clearance():
+    contacts = PairContacts(scene(gripper_before(SIDE, aside=0.0), CLEARANCES), CLEARANCES)
+    assert contacts.first(Q_MASTER[None], joints_at(TOOL)[None]) == ""
+    # The cube's middle beside the spindle, the gripper below it.
+    T = along_tool(TOOL, x=0.075, z=-0.1) @ from_pose([0.0, 0.0, 0.0, 0.0, -0.5 * np.pi, 0.0])
+    T_follower_master = T @ inverse(along_tool(forward(Q_MASTER) @ ON_GRIPPER, z=SIDE))
+    contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
+    found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
+    assert {name[:16] for name in found.split(" and ")} == {"follower_spindle", "master_part"}
+    near = base_distance_for(CLEARANCES.arms - 0.002)
+    q = ELBOW_AHEAD[None]
+    found = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q)
+    one, two = found.split(" and ")
+    assert {one.partition("_link_")[0], two.partition("_link_")[0]} == {"follower", "master"}
+    # Without a clearance nothing is said: they do not touch.
+    touching = Clearances(0.0, 0.0)
+    assert PairContacts(scene(facing(near), touching), touching).first(q, q) == ""
+    assert PairContacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES).first(q, q) == ""
+
+
+def test_the_run_stops_when_the_pad_is_driven_into_the_gripper():
+    T_follower_master = gripper_before(0.01, aside=GRIPPER_RADIUS)
+    T = T_follower_master @ forward(Q_MASTER) @ ON_GRIPPER
+    rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))
+    down = free_stroke(TOOL, along_tool(TOOL, z=0.02), feed=0.02)
+    cell = pair_cell(ideal("arc", EVERY_STEP), scene(T_follower_master, None), rest, down)
+    run = cell.run()
+    assert "follower_head_pad" in str(run.stop_reason)
+    assert "master_gripper" in str(run.stop_reason)
+    deepest = (run.log["tcp_position_m"].astype(float) @ TOOL[:3, 2]).max() - TOOL[:3, 3] @ TOOL[:3, 2]
+    assert deepest == pytest.approx(0.01, abs=0.001)

@@ -50,7 +50,7 @@ def poses_of(run: RunResult, column: str) -> Array:
     return forward(np.ascontiguousarray(run.log[column], dtype=np.float64))
 
 
-def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still():
+def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still_and_its_wrist_has_room():
     run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
     trace = run.trace
     fed = np.flatnonzero(trace.fed)
@@ -65,9 +65,6 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still():
     assert run.figures["master_turn_rad"] == pytest.approx(FEED / RADIUS * (4.0 - 0.27), rel=0.01)
     assert np.ptp(trace.tcp_position_m[fed[:2000]], axis=0).max() < 5e-4
     assert run.figures["relative_error_rms_m"] < 6e-5
-
-
-def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits():
     pressed = ("process.feed_m_s=0.01", f"dual.master_turn_rad_s={-0.01 / RADIUS}", "dual.master_speed_m_s=0")
     q = prepare_dual(dual(*pressed)).master.q
     assert np.ptp(q[:, 5]) > 2.0 * math.pi
@@ -118,7 +115,7 @@ def check(short: DualTask) -> MotionCheck:
     return MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
 
 
-def test_a_few_moments_out_of_reach_between_those_tried_are_found(short, check):
+def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_found(short, check):
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")
@@ -127,9 +124,6 @@ def test_a_few_moments_out_of_reach_between_those_tried_are_found(short, check):
     tilted = check._replace(visits=check.visits._replace(axes=axes))
     with pytest.raises(ReachError, match="follower"):
         check_motion(tilted, short.master, lambda _master, _follower: "")
-
-
-def test_bending_and_beginning_at_once_take_the_acceleration_of_both(short, check):
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
     # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be released.
@@ -176,15 +170,6 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning, tmp_path
     rows = again.master.spacing * np.arange(len(again.master.q))
     played = forward(again.master.q) @ again.frames.believed.T_flange_gripper
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
-
-
-def test_an_arc_of_negative_radius_bends_to_the_right_of_its_direction(short):
-    bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
-    way = master_motion(bent.dual, (), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
-    places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
-    middle = places[0] + np.array([0.05, 0.0, 0.0])  # along y at first
-    np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
-    assert np.ptp(places[:, 2]) < 1e-6
 
 
 Change = Callable[[Array, Array], object]
@@ -288,7 +273,13 @@ def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend):
     np.testing.assert_allclose((shift[1] - shift[0])[:2] / 0.05, VELOCITY[:2], atol=5e-4)
 
 
-def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_rest():
+def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axis_in_place(short):
+    bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
+    way = master_motion(bent.dual, (), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
+    places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
+    middle = places[0] + np.array([0.05, 0.0, 0.0])  # along y at first
+    np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
+    assert np.ptp(places[:, 2]) < 1e-6
     leg, times = 5.0, np.linspace(0.0, 60.0, 60_001)
     turned = along_arc(VELOCITY, 0.2, leg)(times)
     straight = times <= leg
@@ -303,9 +294,6 @@ def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_re
     assert np.abs(change).max() <= RAMP_PEAK + 1e-4
     # The acceleration has no step: two and more derivatives are continuous.
     assert np.abs(np.diff(change)).max() < 0.01 * RAMP_PEAK
-
-
-def test_a_turn_leaves_every_point_of_its_axis_where_it_is():
     axis, center = np.array([0.6, 0.0, 0.8]), np.array([0.03, -0.02, 0.04])
     poses = PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
     for place in (center, center + 0.1 * axis):

@@ -63,7 +63,7 @@ def carried(**changes: float) -> PairCell:
     )
 
 
-def test_both_robots_stand_where_they_are_put_as_their_own_table_says():
+def test_both_robots_stand_as_their_own_table_says_and_the_master_carries_the_parts_mass():
     tables = NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6))
     arms = {"follower": np.eye(4), "master": T_FOLLOWER_MASTER}
     held = Held(hub(), 2700.0, ON_GRIPPER)
@@ -78,9 +78,6 @@ def test_both_robots_stand_where_they_are_put_as_their_own_table_says():
             np.testing.assert_allclose(site.xpos, wanted[:3, 3], atol=1e-9)
             np.testing.assert_allclose(site.xmat.reshape(3, 3), wanted[:3, :3], atol=1e-9)
         np.testing.assert_allclose(data.body("master_part").xpos, (wanted @ ON_GRIPPER)[:3, 3], atol=1e-9)
-
-
-def test_the_master_carries_the_parts_mass():
     model = scene()
     mass = load_of(hub(), 2700.0)[0]
     assert mass == pytest.approx(2.03, abs=0.01)
@@ -93,7 +90,7 @@ def test_the_master_carries_the_parts_mass():
         load_of(replace(hub(), faces=hub().faces[:, ::-1]), 1000.0)
 
 
-def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes():
+def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_are_the_derivatives():
     cell, master, seen = carried(), rows(), []
     carrier, T_start = cell.master.state, T_FOLLOWER_MASTER @ forward(Q_MASTER)
 
@@ -120,9 +117,6 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
     assert np.linalg.norm(velocity) > 0.02
     assert run.log.columns["master_q_rad"].shape == (len(run.log), 6)
     assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
-
-
-def test_speeds_of_part_and_target_are_the_derivatives_of_their_places():
     cell = carried()
     motion, target = cell.state.motion, cell.state.target
     _, (*places, speed, twist) = cells.watched(
@@ -136,19 +130,6 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places():
         found = np.gradient(place[1100:], 0.001, axis=0)[5:-5]
         np.testing.assert_allclose(found, wanted[1105:-5], atol=2e-5)
         assert np.abs(found).max() > 0.01
-
-
-def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest():
-    cell = carried(spacing=0.007)
-    _, (seen,) = cells.watched(cell, lambda: cell.master.state.clock)
-    start = int(np.argmax(seen > 0.0))
-    # It has 0.7 s of rows and brakes on half a ramp of them: released for 0.7 s, then held until it stands.
-    since = 0.001 * np.arange(1, 1 + len(seen) - start)
-    let_go = time_let_go(since)
-    np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
-    held = float(time_let_go(np.array([0.7])).clock[0]) + time_held(0.7, since[since > 0.71] - 0.7).clock
-    np.testing.assert_allclose(seen[start:][since > 0.71], held, atol=2e-3)
-    assert seen[-1] == pytest.approx(0.7, abs=2e-3)
 
 
 @cache
@@ -193,15 +174,6 @@ def test_the_masters_joints_carry_what_is_pressed_on_the_part():
     np.testing.assert_allclose(np.mean(left[-100:], axis=0), torques, atol=0.02 * np.abs(torques).max())
 
 
-def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest():
-    still, moving = pressed(0.0), pressed(0.5)
-    assert moving.stop_reason is None
-    assert np.linalg.norm(moving.trace.part_shift_m[-1]) > 0.01
-    rest, force = still.trace.normal_force_n[-300:], moving.trace.normal_force_n[-300:]
-    assert rest.mean() == pytest.approx(20.0, abs=0.1)
-    assert np.abs(force - rest.mean()).max() < 0.3
-
-
 @pytest.mark.parametrize(
     ("fault", "code", "delay"),
     [
@@ -226,8 +198,18 @@ def test_whichever_arm_fails_both_stand_off_the_part(fault, code, delay):
     assert np.linalg.norm(way[stopped + 60] - way[stopped]) < v * 0.004 + v**2 / 8.0
 
 
-def test_the_host_foretells_a_master_that_gains_speed():
-    """Against where the master really is, and its speed once a request acts, 8 ms later; ramps included."""
+def test_the_masters_time_passes_as_foretold_and_the_host_foretells_a_master_that_gains_speed():
+    cell = carried(spacing=0.007)
+    _, (seen,) = cells.watched(cell, lambda: cell.master.state.clock)
+    start = int(np.argmax(seen > 0.0))
+    # It has 0.7 s of rows and brakes on half a ramp of them: released for 0.7 s, then held until it stands.
+    since = 0.001 * np.arange(1, 1 + len(seen) - start)
+    let_go = time_let_go(since)
+    np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
+    held = float(time_let_go(np.array([0.7])).clock[0]) + time_held(0.7, since[since > 0.71] - 0.7).clock
+    np.testing.assert_allclose(seen[start:][since > 0.71], held, atol=2e-3)
+    assert seen[-1] == pytest.approx(0.7, abs=2e-3)
+    # Against where the master really is, and its speed once a request acts, 8 ms later; ramps included.
     cell = carried(delay=0.003, period=0.002, lead=0.008)
     host = cell.master.state
     _, (told, coming, q, qd) = cells.watched(
@@ -242,7 +224,13 @@ def test_the_host_foretells_a_master_that_gains_speed():
     assert np.std(coming[:-8] - qd[8:]) < 0.4 * np.std(qd[12:] - qd[:-12])
 
 
-def test_a_master_that_slows_down_is_followed():
+def test_the_force_on_a_plane_that_moves_turns_and_slows_down_is_that_on_one_at_rest():
+    still, moving = pressed(0.0), pressed(0.5)
+    assert moving.stop_reason is None
+    assert np.linalg.norm(moving.trace.part_shift_m[-1]) > 0.01
+    rest, force = still.trace.normal_force_n[-300:], moving.trace.normal_force_n[-300:]
+    assert rest.mean() == pytest.approx(20.0, abs=0.1)
+    assert np.abs(force - rest.mean()).max() < 0.3
     usual, slow = pressed(0.5), pressed(0.5, "faults.events=master-slow@contact+0.5")
     assert slow.stop_reason is None
     ways = [np.linalg.norm(np.ptp(run.trace.part_shift_m[-300:], axis=0)) for run in (usual, slow)]
@@ -259,7 +247,7 @@ def real_pair(*changes: str, share: float = 0.0) -> PairCell:
     return pair_cell(scenario, scene(), rows(share), cells.free_stroke(TOOL, hold=1.2))
 
 
-def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_where_the_statics_say():
+def test_arms_with_gears_rest_where_encoders_and_statics_say_and_slip_within_their_lost_motion():
     cell = real_pair()
     starts = ((FOLLOWER_ARM, cells.joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
     for place, q in starts:
@@ -273,10 +261,7 @@ def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_wher
     np.testing.assert_allclose(cell.real_arm.read, starts[0][1], atol=1e-6)
     np.testing.assert_allclose(cell.master_arm.read, Q_MASTER, atol=1e-6)
     np.testing.assert_allclose(cell.data.qpos, before, atol=1e-6)
-
-
-def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_side_not_at_all():
-    """Half of it either way; of a pose reached from both sides, on average, less."""
+    # Half of it either way; of a pose reached from both sides, on average, less.
     cell, rng, most = real_pair(), np.random.default_rng(2), 0.5 * 2.9e-4
     resting = resting_arm(cell.scenario.robot.real, cell.scenario.seed, cell.model, MASTER_ARM)
     q = Q_MASTER + rng.uniform(-0.3, 0.3, (300, 6))

@@ -76,7 +76,7 @@ def unknowns(found: PairAdjustment) -> Array:
     return np.concatenate([bases, found.tip - TIP, step_from(T_FLANGE_WORK, found.T_flange_work)])
 
 
-def test_exact_touches_put_a_wrong_base_right():
+def test_exact_touches_put_a_wrong_base_right_and_noisy_ones_as_an_independent_solver_does():
     """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide."""
     rng = np.random.default_rng(1)
     parts = true_parts(rng)
@@ -88,10 +88,7 @@ def test_exact_touches_put_a_wrong_base_right():
     )
     found = adjust_pair(wrong, MARKS, true_touches(rng), 1e-9)
     assert np.abs(unknowns(found)).max() < 1e-10
-
-
-def test_it_is_the_least_squares_of_an_independent_solver():
-    """The same residuals written down in another way and left to scipy's finite differences."""
+    # The same residuals written down in another way and left to scipy's finite differences.
     rng = np.random.default_rng(3)
     parts, closing = measured(true_parts(rng), true_touches(rng), rng)
 
@@ -200,13 +197,6 @@ def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction, d
     assert shares[TOGETHER].predicted_p95_m <= 1e-4
 
 
-def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone):
-    """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
-    rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
-    np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
-    assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5  # as asked
-
-
 @pytest.mark.parametrize("touch_noise_m", [0.0, 5e-5])
 def test_exact_instruments_put_the_tool_where_it_is_wanted(touch_noise_m, monkeypatch):
     monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
@@ -221,8 +211,12 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted(touch_noise_m, monkey
     np.testing.assert_allclose(covariances[TOGETHER], covariances["tool"] + covariances["part"])
 
 
-def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(prediction, alone):
-    """Found one by one it is one in six; touches of what is to be worked on mend that."""
+def test_one_by_one_the_tool_is_off_by_its_tips_bound_and_closing_touches_mend_that(alone, prediction):
+    """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
+    rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
+    np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
+    assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5  # as asked
+    # Found one by one it is one in six; touches of what is to be worked on mend that.
     assert alone.above_share(6e-5) > 0.1
     assert prediction.above_share(6e-5) < 0.02
 

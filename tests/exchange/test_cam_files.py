@@ -109,7 +109,7 @@ def test_our_own_file_comes_back_to_print_precision_and_moves_rapid_in_the_air_o
         assert back.force[path.process] == pytest.approx(path.force[path.process], abs=1e-6)
 
 
-def test_a_tool_that_turns_in_place_in_the_air_is_one_point_of_a_file_that_reads_back(tmp_path):
+def test_straight_moves_in_the_air_and_turns_in_place_are_written_as_their_ends(tmp_path):
     result = shipped_plan("plate_two_holes")
     positions, axes = result.path.positions_work.copy(), result.path.axes_work.copy()
     positions[4:7] = positions[4] + 1e-10 * np.arange(3)[:, None]
@@ -118,9 +118,6 @@ def test_a_tool_that_turns_in_place_in_the_air_is_one_point_of_a_file_that_reads
     back = read(tmp_path, apt_text(result, ExportSetup())).path
     there = np.linalg.norm(back.positions_work - positions[4], axis=1) < 1e-8
     assert back.axes_work[there] == pytest.approx(axes[6:7], abs=1e-9)
-
-
-def test_left_out_points_lie_in_the_air_on_the_straight_move_between_those_written():
     path = plan_part(PartConfig("sphere_50"), PlanConfig(lead_in="arc")).path
     kept = rows_without_straight_air(path)
     rows, lost = np.flatnonzero(kept), np.flatnonzero(~kept)
@@ -155,7 +152,7 @@ def read_gcode(folder, text):
     return read(folder, text, "nc").path
 
 
-def test_modal_words_steps_comments_inches_and_an_unknown_place_are_understood(tmp_path):
+def test_modal_words_comments_and_units_are_understood_and_axes_as_vectors_or_as_turns(tmp_path):
     path = read_gcode(tmp_path, PROGRAM)
     expected = [[0, 0, 50], [0, 0, 5], [0, 0, 0], [10, 5.5, 0], [11, 3.5, 0], [20, 0.5, 0]]
     assert 1e3 * path.positions_work == pytest.approx(np.array(expected))
@@ -165,9 +162,6 @@ def test_modal_words_steps_comments_inches_and_an_unknown_place_are_understood(t
     path = read_gcode(tmp_path, "G20\nG0 X1 Y2\nG0 Z3\nG1 X4 F60\n")
     assert path.positions_work == pytest.approx(0.0254 * np.array([[1, 2, 3], [4, 2, 3]]))
     assert path.feed == pytest.approx([0.0254, 0.0254])
-
-
-def test_axes_are_vectors_of_any_length_or_turns_a_about_x_then_b_about_y_then_c_about_z(tmp_path):
     axes = read_gcode(tmp_path, HEAD + "X1 I0 J3 K4\nX2\nI0 J0 K9\n").axes_work
     assert axes == pytest.approx(np.array([[0, 0, 1], [0, 0.6, 0.8], [0, 0.6, 0.8], [0, 0, 1]]))
     tilted = (0, 0.5, np.sqrt(0.75))

@@ -139,7 +139,7 @@ def test_tool_frames_are_right_handed_with_z_into_the_part_and_keep_x_on_straigh
 SETUP = ExportSetup()
 
 
-def test_the_tube_wraps_the_path_is_closed_and_coloured_along_its_length():
+def test_the_tube_wraps_the_path_and_ply_and_glb_hold_it_and_the_part_in_metres_with_colours():
     result = shipped_plan("plate_two_holes")
     tube = viewers.path_tube(result)
     solid = trimesh.Trimesh(tube.vertices, tube.faces, process=False)
@@ -156,10 +156,7 @@ def test_the_tube_wraps_the_path_is_closed_and_coloured_along_its_length():
     # Viridis, from violet to yellow; the leads take up the last 2% of the length.
     for color, wanted in ((in_contact[0], (68, 1, 84)), (in_contact[-1], (253, 231, 37))):
         assert np.abs(color.astype(int) - wanted).max() < 20
-
-
-def test_ply_and_glb_hold_part_and_path_in_metres_with_colours():
-    """In glb two named meshes with y up."""
+    # In glb two named meshes with y up.
     part, tube = sphere().mesh, viewers.path_tube(sphere())
     mesh = trimesh.load(io.BytesIO(viewers.ply_bytes(sphere(), SETUP)), file_type="ply", process=False)
     assert mesh.vertices == pytest.approx(np.concatenate([part.vertices, tube.vertices]), abs=1e-6)
@@ -173,7 +170,7 @@ def test_ply_and_glb_hold_part_and_path_in_metres_with_colours():
     assert scene.geometry["path"].visual.vertex_colors.shape[1] == 4
 
 
-def test_the_page_fetches_nothing_and_a_name_cannot_break_out_of_it():
+def test_the_page_has_part_path_figures_and_a_moving_pad_fetches_nothing_and_cannot_be_broken_out_of():
     page = viewers.html_text(sphere(), SETUP)
     code = re.sub('<script type="text/plain" id="data">.*?</script>', "", page, flags=re.DOTALL)
     for word in ("://", "src=", "url(", "import", "fetch(", "XMLHttpRequest", "WebSocket", "eval("):
@@ -183,9 +180,6 @@ def test_the_page_fetches_nothing_and_a_name_cannot_break_out_of_it():
     page = viewers.html_text(replace(sphere(), mesh=named), SETUP)
     assert "<script>alert" not in page
     assert page.count("</script>") == 2
-
-
-def test_the_page_has_part_path_and_figures_and_its_pad_stands_on_the_path_at_the_feed():
     result, path = sphere(), sphere().path
     page = viewers.path_page(result, SETUP)
     part = next(solid for solid in page.solids if solid.kind == "part")

@@ -43,21 +43,6 @@ def test_a_written_path_reads_back_bit_for_bit(tmp_path, name, wishes):
     assert ("force" in (tmp_path / "path.csv").read_text().splitlines()[0]) == wishes
 
 
-def test_the_files_hold_what_the_contract_names(folder):
-    assert sorted(file.name for file in folder.iterdir()) == ["metrics.json", "path.csv", "path.json"]
-    header = (folder / "path.csv").read_text().splitlines()[0].split(",")
-    assert header[:9] == ["s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment"]
-    wanted = (
-        "facets fit_rms_m path_length_m cycle_time_s stepover_mean_m stepover_p5_m stepover_p95_m coverage "
-        "coverage_stepover self_crossings retracts max_distance_to_surface_m plan_time_s stepover_excluded"
-    )
-    assert set(wanted.split()) <= set(json.loads((folder / "metrics.json").read_text()))
-    document = json.loads((folder / "path.json").read_text())
-    assert document["part"]["sha256"] == sphere().mesh.sha256
-    assert (document["part"]["unit"], document["up"]) == ("mm", [0.0, 0.0, 1.0])
-    assert (document["pattern"], document["stepover_m"]) == ("spiral", 0.008)
-
-
 def test_a_plain_path_in_millimetres_is_read_with_force_and_feed_from_any_editor(tmp_path):
     """With a byte-order mark, blank lines, comments, capitals and blanks."""
     text = "# made elsewhere\r\n\r\nX, Y, Z, I, J, K, Force, Feed\r\n0,0,20,0,0,1,12,10\r\n\r\n# half way\r\n"
@@ -104,7 +89,19 @@ def test_a_bad_file_is_named_with_the_place(tmp_path, case):
     assert "bad.csv" in str(caught.value)
 
 
-def test_a_bad_json_a_missing_or_foreign_source_and_a_folder_that_cannot_be_written_are_named(folder):
+def test_a_folder_holds_what_the_contract_names_and_bad_files_and_sources_of_it_are_named(folder):
+    assert sorted(file.name for file in folder.iterdir()) == ["metrics.json", "path.csv", "path.json"]
+    header = (folder / "path.csv").read_text().splitlines()[0].split(",")
+    assert header[:9] == ["s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment"]
+    wanted = (
+        "facets fit_rms_m path_length_m cycle_time_s stepover_mean_m stepover_p5_m stepover_p95_m coverage "
+        "coverage_stepover self_crossings retracts max_distance_to_surface_m plan_time_s stepover_excluded"
+    )
+    assert set(wanted.split()) <= set(json.loads((folder / "metrics.json").read_text()))
+    document = json.loads((folder / "path.json").read_text())
+    assert document["part"]["sha256"] == sphere().mesh.sha256
+    assert (document["part"]["unit"], document["up"]) == ("mm", [0.0, 0.0, 1.0])
+    assert (document["pattern"], document["stepover_m"]) == ("spiral", 0.008)
     document = json.loads((folder / "path.json").read_text())
     document["path"]["nx"].pop()
     for name, text, message in (

@@ -92,7 +92,7 @@ def test_a_bad_log_is_refused_by_its_place(tmp_path, name):
         read_robot_recording(write_csv(tmp_path / "log.csv", LOG | changed))
 
 
-def test_a_wrong_number_is_named_by_its_line_in_the_file_and_a_gap_too(tmp_path):
+def test_wrong_numbers_are_named_by_line_and_what_is_missing_cut_or_no_log_is_refused(tmp_path):
     log = {name: values.copy() for name, values in LOG.items()}
     log["q_rad"][1507, 2] = np.nan
     text = write_csv(tmp_path / "log.csv", log).read_text().splitlines()
@@ -105,9 +105,6 @@ def test_a_wrong_number_is_named_by_its_line_in_the_file_and_a_gap_too(tmp_path)
     (tmp_path / "log.csv").write_text("\n".join(text[:700] + text[900:]))
     with pytest.raises(InputError, match=r"line 701: a gap"):
         read_robot_recording(tmp_path / "log.csv")
-
-
-def test_a_missing_column_a_cut_file_and_what_is_no_log_are_refused(tmp_path):
     for share in (0.3, 0.9):
         for write, name in ((write_csv, f"{share}.csv"), (write_npz, f"{share}.npz")):
             whole = write(tmp_path / name, LOG).read_bytes()

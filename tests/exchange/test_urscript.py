@@ -93,10 +93,11 @@ class Recorder(FakeRobot):
 
 
 def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
-    from polish_sim.ur.script import Machine  # it needs lark
+    from polish_sim.ur.script import Machine  # they need lark
+    from polish_sim.ur.script.translate import translate
 
     robot, notes = Recorder(contact_after_s), Notes()
-    machine = Machine(text, notes)
+    machine = Machine(translate(text), notes)
     for _ in range(MOST_STEPS):
         machine.tick(robot)
         robot.step()
@@ -144,7 +145,7 @@ def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_ord
         assert blend.max() > 0.0
 
 
-def test_moves_in_contact_run_through_the_unpressed_path_and_do_not_wind_up_the_last_joint(ball):
+def test_moves_in_contact_run_through_the_unpressed_path_in_force_mode_and_nothing_else_touches(ball, plate):
     path = sphere().path
     corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
     planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
@@ -157,10 +158,7 @@ def test_moves_in_contact_run_through_the_unpressed_path_and_do_not_wind_up_the_
     middle = x_axes.mean(axis=0)
     assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
     assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
-
-
-def test_nothing_touches_the_part_without_force_mode(ball, plate):
-    """In position control the tool stays clear of the surface, in landing by the standoff."""
+    # In position control the tool stays clear of the surface, in landing by the standoff.
     for machine, result in ((ball, sphere()), (plate, holes())):
         free = in_work([motion.T_base_tool for motion in machine.motions if not motion.pressing])[:, :3, 3]
         height = np.linalg.norm(result.surface.closest(free).positions - free, axis=1)
@@ -169,9 +167,6 @@ def test_nothing_touches_the_part_without_force_mode(ball, plate):
     landing = in_work([motion.T_base_tool for motion in ball.motions[:first_pressed]])[:, :3, 3]
     height = np.linalg.norm(landing - MIDDLE, axis=1) - 0.1
     assert height.min() == pytest.approx(STANDOFF_M, abs=1e-5)
-
-
-def test_force_mode_pushes_along_the_inward_normal_of_the_sphere_wherever_the_tool_is(ball):
     moved = [p for p in ball.pressings if not np.array_equal(p.T_base_tool, ball.pressings[0].T_base_tool)]
     assert len(moved) > 200
     task = in_work([pressing.T_base_task for pressing in moved])

@@ -55,7 +55,7 @@ def test_the_fit_converges_to_the_true_surface_faster_than_flat_facets(name):
         assert ladder[1]["position"].max() < ladder[1]["flat position"].max() / 250.0
 
 
-def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus():
+def test_normals_are_continuous_and_curvatures_those_of_ball_and_torus():
     surface, facets = fit(sphere(4, radius=0.05)), np.arange(100, dtype=np.int32)
     middle = np.full((100, 3), 1.0 / 3.0)
     directions = np.random.default_rng(5).normal(size=(100, 3))
@@ -69,9 +69,6 @@ def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus
         expected = -(np.cos(angle) ** 2) / 0.6 + np.sin(angle) ** 2 / 0.4
         found = surface.normal_curvature(at.facets, at.barycentric, direction)
         assert found == pytest.approx(expected, abs=0.02)
-
-
-def test_normals_are_continuous_across_smooth_edges():
     surface = fit(torus(16, jitter=0.4))
     facet, edge = np.nonzero(surface.smooth)
     facet, edge = facet.astype(np.int32), edge.astype(np.int32)
@@ -107,7 +104,7 @@ def rounded_plate(division: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(1e-3 * (mesh.vertices - [0.0, 30.0, 0.0]), mesh.faces, process=False)
 
 
-def test_a_box_keeps_its_creases_and_flat_faces_exactly():
+def test_creases_stay_sharp_and_flat_faces_flat_also_beside_a_rounding():
     surface = fit(trimesh.creation.box((0.1, 0.06, 0.02)))
     positions, normals = surface.evaluate(*everywhere(surface))
     inside = np.abs(positions) / [0.05, 0.03, 0.01]
@@ -119,9 +116,6 @@ def test_a_box_keeps_its_creases_and_flat_faces_exactly():
     assert (~surface.smooth).sum() == 24
     with pytest.raises(ValueError, match="read-only"):
         surface.control[0, 0, 0] = 1.0
-
-
-def test_a_flat_face_stays_flat_where_it_runs_into_a_rounding():
     mesh = rounded_plate(6)
     surface = fit(mesh)
     facets, places = everywhere(surface)
@@ -157,7 +151,7 @@ def test_the_skin_is_watertight_both_sides_of_every_edge_are_one_curve(surface):
     assert np.array_equal(surface.control[facet, 3 + edge], surface.control[other, 3 + other_edge])
 
 
-def test_the_rim_of_a_drilled_hole_is_round_on_both_sides_of_the_crease():
+def test_the_rim_of_a_hole_is_round_and_a_cone_a_cone_up_to_its_tip():
     facet, edge = np.nonzero(~RING.smooth & (RING.neighbours >= 0))
     places = np.full((len(facet), 3), 0.5)
     places[np.arange(len(facet)), (edge + 2) % 3] = 0.0
@@ -166,10 +160,7 @@ def test_the_rim_of_a_drilled_hole_is_round_on_both_sides_of_the_crease():
     sagitta = 0.03 * (1.0 - np.cos(np.pi / 20.0))
     assert np.minimum(np.abs(radii - 0.01), np.abs(radii - 0.03)).max() < sagitta / 100.0
     assert np.abs(np.abs(middles[:, 2]) - 0.01).max() < 1e-15
-
-
-def test_a_cone_is_a_cone_up_to_its_tip():
-    """Its facets follow each other smoothly; one normal for all at the tip would be a dome 7 mm higher."""
+    # Its facets follow each other smoothly; one normal for all at the tip would be a dome 7 mm higher.
     radius, height = 0.07, 0.06
     surface = fit(trimesh.creation.cone(radius, height, sections=96))
     found = surface.evaluate(*everywhere(surface))

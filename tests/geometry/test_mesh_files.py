@@ -225,7 +225,14 @@ def test_vertices_keep_their_order_repeated_ones_are_merged_and_what_is_no_mesh_
             part_from_arrays(vertices, triangles, unit="mm")
 
 
-def test_a_part_with_a_curved_face_stands_on_its_flat_bottom_or_looks_up_with_the_mean_of_the_face():
+def sheet(points: np.ndarray) -> PartMesh:
+    """An open sheet of facets between the points [mm] of a grid, shape (n, m, 3)."""
+    mesh = trimesh.Trimesh(points.reshape(-1, 3), grid_faces(*points.shape[:2]))
+    mesh.merge_vertices(digits_vertex=6)
+    return part_of(mesh, "auto")
+
+
+def test_up_is_where_curved_parts_stand_or_look_as_the_file_has_it_but_for_rounding():
     # Half a wave over a flat bottom: the mean of the wave leans by more than 5 deg, the bottom does not.
     x = np.linspace(0.0, 80.0, 41)
     height = 30.0 + 8.0 * np.sin(x / 80.0 * 1.5 * np.pi)
@@ -236,16 +243,6 @@ def test_a_part_with_a_curved_face_stands_on_its_flat_bottom_or_looks_up_with_th
     faces = BALL.faces[(BALL.triangles_center @ way) > 40.0]
     cap = part_from_arrays(np.array(BALL.vertices), faces, unit="mm")
     assert np.degrees(np.arccos(cap.up @ way)) < 0.5
-
-
-def sheet(points: np.ndarray) -> PartMesh:
-    """An open sheet of facets between the points [mm] of a grid, shape (n, m, 3)."""
-    mesh = trimesh.Trimesh(points.reshape(-1, 3), grid_faces(*points.shape[:2]))
-    mesh.merge_vertices(digits_vertex=6)
-    return part_of(mesh, "auto")
-
-
-def test_a_dome_with_a_hole_looks_up_along_its_axis_however_it_is_turned():
     # From anywhere within 29 deg of its axis a dome that ends at 75 deg shows the whole cone of 46 deg.
     polar = np.linspace(np.arcsin(15 / 80), np.radians(75), 40)[:, None]
     around = np.linspace(0, 2 * np.pi, 91)
@@ -254,9 +251,6 @@ def test_a_dome_with_a_hole_looks_up_along_its_axis_however_it_is_turned():
     assert part.up.tolist() == [0.0, 0.0, 1.0]
     R = Rotation.random(random_state=3).as_matrix()
     assert choose_up(part.vertices @ R.T, part.faces, "auto")[0] == pytest.approx(R[:, 2], abs=1e-9)
-
-
-def test_an_axis_of_the_file_is_taken_where_a_wavy_sheet_looks_along_it_but_for_rounding():
     x, y = np.meshgrid(np.linspace(-90, 90, 61), np.linspace(-90, 90, 61), indexing="ij")
     points = np.stack([x, y, 3.0 * np.sin(x / 30.0) * np.cos(y / 35.0)], axis=-1)
     # The waves do not end where they began: the mean normal leans by (z(90, y) - z(-90, y)) / 180, 1 mrad.

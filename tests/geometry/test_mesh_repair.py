@@ -42,7 +42,7 @@ def from_soup(triangles: np.ndarray):
     return part_from_arrays(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), unit="mm")
 
 
-def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
+def test_empty_double_and_flipped_facets_are_dropped_or_turned_so_that_bodies_look_outward():
     triangles = soup(BALL)
     corner, edge = triangles[0, 0], triangles[0, 1]
     empty = [[corner, edge, corner], [corner, corner, corner]]
@@ -52,9 +52,6 @@ def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
     assert said(part, "2 facets without area")
     assert is_solid(part, BALL.volume)
     assert said(part, "40 facets that occur twice", "the first at (")
-
-
-def test_however_facets_were_wound_bodies_look_outward_and_hollows_inward():
     triangles = soup(BALL)
     triangles[::3] = triangles[::3, ::-1]
     part = from_soup(triangles)
@@ -68,7 +65,7 @@ def test_however_facets_were_wound_bodies_look_outward_and_hollows_inward():
         assert said(part, "hollow inside: 1 closed shell within")
 
 
-def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
+def test_facets_without_height_tiny_gaps_and_t_junctions_are_mended_so_that_the_skin_is_closed():
     """A T-junction bridged by a facet whose three corners lie on a line, as CAD systems write it: two walls
     of a tetrahedron share an edge, divided on one side only."""
     a, b, left, right = np.array([[0, 0, 0], [60, 0, 0], [30, 50, 0], [30, 20, 40.0]])
@@ -78,10 +75,7 @@ def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
     assert said(part, "flipped the long edge of 1 needle,")
     assert is_solid(part, 60 * 50 * 40 / 6)
     assert as_trimesh(part).area_faces.min() > 1e-6
-
-
-def test_tiny_gaps_and_t_junctions_all_round_a_box_are_closed_and_reported():
-    """Each side of the box is divided into its own number of strips."""
+    # Each side of the box is divided into its own number of strips.
     rng, triangles = np.random.default_rng(4), []
     part = from_soup(soup(BALL) + np.random.default_rng(0).uniform(-1e-4, 1e-4, (1280, 3, 3)))
     assert len(part.vertices) == 642
@@ -111,7 +105,7 @@ def test_small_holes_are_closed_with_place_and_size_and_a_large_one_is_left():
     assert is_solid(from_soup(np.delete(triangles, one, axis=0)), BALL.volume, rel=1e-4)
 
 
-def test_several_bodies_are_kept_counted_and_measured_a_loose_fin_is_dropped_if_small():
+def test_bodies_are_counted_and_measured_loose_fins_dropped_and_glued_solids_made_one():
     part = joined(soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0])
     assert len(part.faces) == 24
     assert said(part, "2 bodies in one file (2 of them closed)", "100 x 60 x 20; 100 x 60 x 20 mm")
@@ -123,9 +117,6 @@ def test_several_bodies_are_kept_counted_and_measured_a_loose_fin_is_dropped_if_
     assert as_trimesh(small).is_watertight
     large = joined(soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]])
     assert said(large, "2 bodies in one file (1 of them closed)")
-
-
-def test_solids_glued_at_a_face_become_one_and_those_that_touch_along_an_edge_stay_two():
     # the same diagonals where they meet
     right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]
     part = joined(soup(BLOCK), right)
@@ -169,7 +160,7 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     assert surface.smooth[facets].all()  # noise makes no creases
 
 
-def test_noise_is_found_over_the_flat_base_a_scan_was_closed_with_and_not_where_there_is_none():
+def test_noise_is_found_on_a_scan_s_flat_base_not_on_exact_parts_and_leaves_creases_sharp():
     """Walls and base, which are exact, have more vertices than the scan; thin facets along creases are no
     needles."""
     points, faces = dome(0.00005)
@@ -183,10 +174,7 @@ def test_noise_is_found_over_the_flat_base_a_scan_was_closed_with_and_not_where_
     assert part.noise == (0.0, 0.0)
     assert np.abs(part.vertices[part.faces] - points[faces]).max() == 0.0
     assert not said(from_soup(soup(BLOCK.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02]), "needles")
-
-
-def test_noise_beside_a_crease_leaves_the_crease_sharp():
-    """Two planes that meet at 60 deg, scattered by 5 % of their edges."""
+    # Two planes that meet at 60 deg, scattered by 5 % of their edges.
     points, faces = dome(0.0)
     points[:, 2] = -np.abs(points[:, 0]) * np.tan(np.radians(30.0))
     points += np.random.default_rng(3).normal(scale=0.00005, size=points.shape)

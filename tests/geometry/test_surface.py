@@ -47,22 +47,7 @@ def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
     return float(distances.min())
 
 
-def test_distances_agree_with_brute_force_over_all_patches_to_1e_10_m_whatever_the_hint():
-    surface = fit(torus(8, major=0.05, minor=0.02, jitter=0.3))
-    points = np.random.default_rng(7).uniform(-1.0, 1.0, (8, 3)) * [0.08, 0.08, 0.03]
-    for point, position in zip(points, surface.closest(points).positions, strict=True):
-        coarse = np.linalg.norm(surface.control - point, axis=2).min(axis=1)
-        brute = min(search_patch(surface, int(facet), point) for facet in np.argsort(coarse)[:25])
-        assert np.linalg.norm(position - point) == pytest.approx(brute, abs=1e-10)
-    surface, rng = fit(torus(48, jitter=0.3)), np.random.default_rng(1)
-    points = rng.uniform(-1.5, 1.5, (500, 3)) * [1.0, 1.0, 0.4]
-    wild = rng.integers(0, len(surface.faces), len(points)).astype(np.int32)
-    away = np.linalg.norm(surface.closest(points).positions - points, axis=1)
-    hinted = np.linalg.norm(surface.closest(points, hint=wild).positions - points, axis=1)
-    assert np.abs(away - hinted).max() < 1e-12
-
-
-def test_on_a_restricted_surface_only_that_part_is_found_where_it_was_before():
+def test_a_restricted_surface_is_the_whole_where_it_is_and_bends_as_it_to_the_last_bit():
     surface = fit(sphere(3))
     upper = np.flatnonzero(surface.vertices[surface.faces][:, :, 2].min(axis=1) > 0.2).astype(np.int32)
     cap = surface.restrict(upper)
@@ -73,9 +58,6 @@ def test_on_a_restricted_surface_only_that_part_is_found_where_it_was_before():
     both = np.isin(over.facets, upper)
     assert both.sum() > 100
     assert np.abs(over.positions[both] - found.positions[both]).max() < 1e-12
-
-
-def test_a_part_of_a_part_of_a_surface_bends_as_the_whole_to_the_last_bit():
     surface, rng = fit(cylinder(128)), np.random.default_rng(3)
     first = rng.permutation(len(surface.faces))[: len(surface.faces) // 2].astype(np.int32)
     second = rng.permutation(len(first))[: len(first) // 2].astype(np.int32)
@@ -194,7 +176,19 @@ def distance_to_box(points, size):
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
-def test_signed_distances_are_exact_beside_edges_of_a_box_and_their_signs_beside_those_of_a_star():
+def test_distances_are_those_of_brute_force_and_their_signs_right_beside_edges():
+    surface = fit(torus(8, major=0.05, minor=0.02, jitter=0.3))
+    points = np.random.default_rng(7).uniform(-1.0, 1.0, (8, 3)) * [0.08, 0.08, 0.03]
+    for point, position in zip(points, surface.closest(points).positions, strict=True):
+        coarse = np.linalg.norm(surface.control - point, axis=2).min(axis=1)
+        brute = min(search_patch(surface, int(facet), point) for facet in np.argsort(coarse)[:25])
+        assert np.linalg.norm(position - point) == pytest.approx(brute, abs=1e-10)
+    surface, rng = fit(torus(48, jitter=0.3)), np.random.default_rng(1)
+    points = rng.uniform(-1.5, 1.5, (500, 3)) * [1.0, 1.0, 0.4]
+    wild = rng.integers(0, len(surface.faces), len(points)).astype(np.int32)
+    away = np.linalg.norm(surface.closest(points).positions - points, axis=1)
+    hinted = np.linalg.norm(surface.closest(points, hint=wild).positions - points, axis=1)
+    assert np.abs(away - hinted).max() < 1e-12
     size = (0.1, 0.06, 0.02)
     points = np.random.default_rng(0).uniform(-0.08, 0.08, (5000, 3))
     assert np.abs(signed_distances(box(size), points) - distance_to_box(points, size)).max() < 1e-12
@@ -242,7 +236,7 @@ def test_the_field_is_the_closed_form_within_its_trilinear_error(shape, distance
         assert np.quantile(np.abs(slope - slopes[:500, axis]), 0.98) < 1e-6
 
 
-def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
+def test_far_from_the_surface_the_field_knows_inside_from_outside_and_beyond_a_border_is_nothing():
     size = (0.1, 0.08, 0.06)
     field = build_distance_field(box(size), H, BAND)
     points = np.random.default_rng(3).uniform(-0.07, 0.07, (15000, 3))
@@ -260,9 +254,6 @@ def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
     thin = build_distance_field(box((0.1, 0.06, 0.002)), H, BAND)
     beside = np.random.default_rng(4).uniform([0.0515, -0.03, -0.004], [0.055, 0.03, 0.004], (2000, 3))
     assert look_up(thin, beside).min() > 0.0
-
-
-def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
     corners = 0.05 * np.array([[-1.0, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
     surface = fit(trimesh.Trimesh(corners, [[0, 2, 3], [0, 3, 1]]))
     points = np.array([[0.0, 0.0, -0.002], [0.0, 0.0, 0.002], [0.06, 0.0, -0.002], [0.0, 0.056, -0.01]])
@@ -271,7 +262,7 @@ def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
         build_distance_field(surface, 2e-3, 3e-3)
 
 
-def test_an_offset_moves_the_surface_outward():
+def test_the_field_can_be_bent_and_bounded_without_changing_the_answer():
     _, plain = fitted(SPHERE)
 
     def bend(points):
@@ -281,9 +272,6 @@ def test_an_offset_moves_the_surface_outward():
     points = sphere(3, radius=0.05).vertices * 1.01
     difference = look_up(plain, points) - look_up(bent, points)
     assert difference == pytest.approx(bend(points), abs=2e-4 * 40.0**2 * H**2)
-
-
-def test_bounds_limit_the_memory_but_not_the_answer():
     surface, whole = fitted(SPHERE)
     cap = build_distance_field(surface, H, BAND, bounds=np.array([[-0.02, -0.02, 0.03], [0.02, 0.02, 0.06]]))
     assert cap.bricks.size < 0.2 * whole.bricks.size

@@ -91,7 +91,7 @@ def rank(rows: np.ndarray) -> int:
     return base_of_rows(rows.reshape(-1, rows.shape[2])).rank
 
 
-def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifteen():
+def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves_nothing():
     q = regressor.random_states(6, 100, RNG(1)).q
     assert rank(RIGID.regressor(regressor.States(q, 0.0 * q, 0.0 * q))) == 10
     states = regressor.random_states(6, 200, RNG(2))
@@ -99,18 +99,12 @@ def test_poses_at_rest_tell_ten_numbers_and_three_axes_with_a_locked_wrist_fifte
         part[:, 3:] = 0.0
     states.q[:, 3:] = (0.3, -1.1, 0.7)
     assert rank(RIGID.regressor(states)[:, :3]) == 15
-
-
-def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_space_none():
     model = regressor.TorqueModel(arm_chain())
     base, states = base_of(model), regressor.random_states(6, 50, RNG(4))
     torque = model.regressor(states)[:, :, base.columns] @ (base.combination @ model.truth())
     np.testing.assert_allclose(torque, model.torque(states, model.truth()), atol=1e-9)
     hidden = base.null_space() @ RNG(6).normal(size=model.columns - base.rank)
     assert np.abs(model.torque(states, hidden)).max() < 1e-8
-
-
-def test_what_is_identifiable_is_said_parameter_by_parameter():
     model = regressor.TorqueModel(arm_chain(), ("viscous", "coulomb", "armature"))
     said = dict(zip(model.names, identifiable(base_of(model)), strict=True))
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")
@@ -127,7 +121,7 @@ def sums_of(torque: np.ndarray) -> estimate.JointSums:
     return estimate.sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque)
 
 
-def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth():
+def test_errors_are_at_the_cramer_rao_bound_in_their_intervals_and_each_joints_noise_is_found():
     rng = np.random.default_rng(0)
     squares, covered = [], []
     for _draw in range(50):
@@ -140,9 +134,6 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth():
     # Fifty draws of fifty-eight correlated numbers determine this ratio to some 2%.
     assert 0.95 < ratio < 1.05
     assert 0.93 <= float(np.mean(covered)) <= 0.97
-
-
-def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_it():
     other = known_robot(seed=5)
     found = estimate.estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
     np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)

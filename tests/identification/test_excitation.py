@@ -55,16 +55,13 @@ def found() -> excitation.Excitation:
     return designed(TASK)
 
 
-def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(found):
+def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones_most_of_its_own_task(found):
     states = found.motion(np.linspace(0.0, 10.0, 997))
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     assert LIMITS.holds(states, torque)
     random = excitation.allowed_motions(TASK, np.random.default_rng(2))
     assert np.exp(found.value) < 0.6 * min(variance(next(random), USE) for _ in range(5))
-
-
-def test_a_motion_designed_for_a_task_tells_that_task_better(found):
-    """The task: poses along a line, hardly moving."""
+    # The task: poses along a line, hardly moving.
     t = np.linspace(-1.0, 1.0, 100)[:, None]
     q = 0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0]
     slow = States(q, np.full_like(q, 0.02), np.zeros_like(q))
@@ -109,18 +106,6 @@ def test_a_joint_motion_comes_back_with_its_speeds(tmp_path):
         assert np.abs(use.q[0] - states.q[0]).max() < 1e-3
 
 
-def test_along_a_path_the_tool_goes_at_the_feed(tmp_path):
-    file = tmp_path / "line.csv"
-    rows = [f"{x},0,0,0,0,1" for x in np.linspace(0.0, 100.0, 41)]
-    file.write_text("\n".join(["x,y,z,i,j,k", *rows]), encoding="utf-8")
-    use = use_states(file)
-    step = 1e-4
-    for k in (120, 250, 380):
-        ends = [forward(use.q[k] + sign * step * use.qd[k]) @ tool_on_flange() for sign in (1.0, -1.0)]
-        speed = np.linalg.norm(ends[0][:3, 3] - ends[1][:3, 3]) / (2.0 * step)
-        assert speed == pytest.approx(0.01, rel=0.05)
-
-
 def test_every_move_of_a_teaching_run_counts(tmp_path):
     t = np.arange(500) / RATE
     first, second = np.zeros((500, 6)), np.ones((500, 6))
@@ -136,7 +121,16 @@ def test_every_move_of_a_teaching_run_counts(tmp_path):
         assert np.abs(np.delete(states.qd, joint, axis=1)).max() < 1e-6
 
 
-def test_what_is_no_motion_is_refused(tmp_path):
+def test_along_a_path_the_tool_goes_at_the_feed_and_what_is_no_motion_is_refused(tmp_path):
+    file = tmp_path / "line.csv"
+    rows = [f"{x},0,0,0,0,1" for x in np.linspace(0.0, 100.0, 41)]
+    file.write_text("\n".join(["x,y,z,i,j,k", *rows]), encoding="utf-8")
+    use = use_states(file)
+    step = 1e-4
+    for k in (120, 250, 380):
+        ends = [forward(use.q[k] + sign * step * use.qd[k]) @ tool_on_flange() for sign in (1.0, -1.0)]
+        speed = np.linalg.norm(ends[0][:3, 3] - ends[1][:3, 3]) / (2.0 * step)
+        assert speed == pytest.approx(0.01, rel=0.05)
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     np.savez(tmp_path / "wide.npz", time_s=np.arange(99.0), q_rad=np.zeros((99, 7)))
     _npz(tmp_path / "short.npz", np.zeros((1, 6)))

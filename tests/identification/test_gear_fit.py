@@ -60,7 +60,7 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     return Planted(folder, figures, {row["name"]: row for row in rows})
 
 
-def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(planted):
+def test_planted_gears_are_recovered_predict_the_torques_and_are_named_in_the_files(planted):
     K, std, truth = (planted.gears(column) for column in ("value", "std", "true_value"))
     np.testing.assert_array_equal(truth[:, 0], [24e3, 26e3, 22e3, 4e3, 4.4e3, 4.7e3])
     off = np.abs(K - truth)
@@ -83,9 +83,6 @@ def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(pl
     off = loads - planted.gears("true_value", "ldr ldn")
     assert np.all(np.abs(off[:5]) < 0.03)
     assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
-
-
-def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted):
     assert planted.rows["Ka6"]["identifiable"] == "no"
     row = planted.rows["Ka2"]
     assert (row["unit"], row["identifiable"]) == ("N m/rad", "gear")
@@ -96,9 +93,6 @@ def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted):
     assert {claim.figure for claim in GEARS} <= planted.figures.keys()
     assert np.shape(planted.figures["gear_stiffness_nm_rad"]) == (6, 3)
     assert len(planted.figures["nrms_heldout"]) == 6
-
-
-def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(planted):
     figures = planted.figures
     assert figures["nrms_heldout_mean"] < 0.006
     assert figures["nrms_heldout_drawing_mean"] > 4.0 * figures["nrms_heldout_mean"]

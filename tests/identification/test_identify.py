@@ -72,16 +72,13 @@ def _identified(folder: Path, states: States) -> Identification:
     return identify_from_log(ROBOT, log, spline_states(log))
 
 
-def test_a_planted_robot_is_recovered_from_its_log(tmp_path):
+def test_a_planted_robot_is_recovered_from_its_log_and_a_joint_that_rests_at_its_end_is_named(tmp_path):
     found = _identified(tmp_path, MOTION)
     off = (found.found.theta - KNOWN.base.combination @ PLANTED) / found.found.std
     # The rms of fifty-eight errors in their own standard deviations, plus what splines smooth away.
     assert float(np.sqrt(np.mean(off**2))) < 1.4
     # What is left of the part that was held out is its noise.
     assert max(found.figures["residual_over_noise_heldout"]) < 1.1
-
-
-def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path):
     rests = States(*(part.copy() for part in MOTION))
     end = slice(len(rests.q) // 2, None)
     rests.q[end, 2], rests.qd[end, 2], rests.qdd[end, 2] = rests.q[end, 2][0], 0.0, 0.0
@@ -107,7 +104,7 @@ def _geared_log(seed: int, carried: float = 0.0) -> tuple[RobotLog, States]:
     return RobotLog(time, MOTION.q, GEARED.model.torque(MOTION, planted) + noise), MOTION
 
 
-def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alone():
+def test_gears_that_rub_by_load_are_found_and_what_they_carry_is_weighed_within_its_interval():
     assert used_arm() is BEFORE  # a make that is only looked at is not used
     found = identify_from_log(GEARED, *_geared_log(901))
     columns = [found.model.names.index(f"fl{joint}") for joint in range(1, 7)]
@@ -118,9 +115,6 @@ def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alo
     assert np.all(np.array(figures["nrms_heldout"]) < np.array(figures["nrms_heldout_rigid"]))
     # What is left is the noise: nothing of the gears is.
     assert max(figures["residual_over_noise_heldout"]) < 1.1
-
-
-def test_what_geared_joints_carry_is_weighed_within_its_interval():
     empty, loaded = _geared_log(902), _geared_log(903, CARRIED)
     figures = weigh_from_logs(GEARED, empty, loaded).figures
     assert abs(figures["payload_mass_kg"] - CARRIED) < 3.0 * figures["payload_mass_std_kg"]

@@ -17,17 +17,6 @@ from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 KNOWN = known_robot(samples=500)
 
 
-def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not():
-    parameters = arm_chain().parameters.copy()
-    J = pseudo_inertia(parameters[2])
-    assert [J[3, 3], *J[3, :3]] == [*parameters[2, :4]]
-    inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
-    np.testing.assert_allclose(inertia, inertia_at_origin(parameters[2]), atol=1e-14)
-    assert is_consistent(parameters)
-    parameters[1, 0] = -1.0
-    assert not is_consistent(parameters)
-
-
 def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters():
     other = known_robot(seed=7)
     ratios = []
@@ -50,7 +39,15 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters():
     assert float(np.mean(ratios)) <= 1.02
 
 
-def test_the_written_model_is_the_identified_one():
+def test_links_of_the_model_are_consistent_and_the_written_model_is_the_identified_one():
+    parameters = arm_chain().parameters.copy()
+    J = pseudo_inertia(parameters[2])
+    assert [J[3, 3], *J[3, :3]] == [*parameters[2, :4]]
+    inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
+    np.testing.assert_allclose(inertia, inertia_at_origin(parameters[2]), atol=1e-14)
+    assert is_consistent(parameters)
+    parameters[1, 0] = -1.0
+    assert not is_consistent(parameters)
     own, damping = own_parameters(arm_model(), ARM_JOINTS), 0.5 * np.arange(6.0)
     model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, IdentifiedJoints(1.1 * own, damping)))
     np.testing.assert_allclose(own_parameters(model, ARM_JOINTS), 1.1 * own, rtol=1e-5, atol=1e-6)
@@ -84,14 +81,11 @@ def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws(
     assert 0.9 < float(np.sqrt(np.mean(np.square(off)))) < 1.1
 
 
-def test_a_known_arm_tells_its_payload_from_one_run_and_more_surely():
+def test_a_known_arm_tells_its_payload_surely_a_small_one_as_the_nearest_body_and_on_a_still_wrist_none():
     rng = np.random.default_rng(1)
     alone = on_known_arm(noisy(TORQUE, rng))
     assert np.abs((alone.parameters - PLANTED) / alone.std).max() < 4.0
     assert np.all(alone.std < _found(rng).std)
-
-
-def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body():
     rng = np.random.default_rng(2)
     impossible = 0
     for _draw in range(5):
@@ -104,9 +98,6 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body():
         off, none = nearest - found.parameters, found.parameters
         assert off @ weight @ off <= none @ weight @ none + 1e-3
     assert impossible > 0
-
-
-def test_a_payload_on_a_wrist_that_holds_is_not_told():
     states = KNOWN.with_still(slice(1, 6))(np.arange(1000) / 100.0)
     with pytest.raises(IdentificationError, match=r"payload mcz"):
         on_known_arm(KNOWN.model.torque(states, KNOWN.model.truth()), states)

@@ -46,7 +46,7 @@ def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: f
     return vertex_error(overlap, t2, t3, change) * np.sqrt(0.5 * (1.0 + cosine))
 
 
-def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
+def test_corners_use_their_tolerance_to_1e_12_mm_and_unlike_ones_stay_within_it():
     """At the vertex half way through the overlap, which is at most as long as the filters."""
     rng, limited = np.random.default_rng(0), 0
     for k in range(2000):
@@ -63,9 +63,6 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm():
         assert measured == pytest.approx(min(tolerance, most), abs=1e-12)
         limited += most < tolerance
     assert 200 < limited < 1800  # both branches
-
-
-def test_unlike_corners_stay_within_their_tolerance():
     rng, used = np.random.default_rng(1), []
     for _ in range(60):
         triples = -np.sort(-(10.0 ** rng.uniform(-2.0, 0.0, (2, 3))), axis=1)
@@ -94,7 +91,7 @@ def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one
         assert bound * (1.0 - exact) <= found <= bound * (1.0 + 1e-9)
 
 
-def test_stopping_everywhere_strays_nowhere_and_a_path_that_crosses_itself_is_measured_on_its_own_strand():
+def test_stops_stray_nowhere_and_overlaps_and_crossings_are_measured_on_their_own_strand_as_by_sampling():
     chain = straight(np.random.default_rng(0).normal(size=(30, 3)))
     found = measure_deviation(Smoothed(chain, overlapped(chain, 0.0)), chain)
     assert found.contour.value < 1e-14  # rounding of places some metres from the origin
@@ -106,9 +103,6 @@ def test_stopping_everywhere_strays_nowhere_and_a_path_that_crosses_itself_is_me
     wanted = vertex_error(0.07, 0.05, 0.02, 10.0 * np.sqrt(2.0))
     assert vertex_distances(motion, chain)[0][1] == pytest.approx(wanted, rel=1e-12)
     assert measure_deviation(motion, chain).contour.value >= wanted / np.sqrt(2.0) * (1.0 - 1e-9)
-
-
-def test_three_and_more_at_once_are_measured_as_dense_sampling_does():
     rng = np.random.default_rng(3)
     tips = np.cumsum(rng.normal(size=(12, 3)), axis=0) * 1e-3
     axes = np.column_stack([0.05 * rng.normal(size=(12, 2)), -np.ones(12)])
@@ -218,19 +212,6 @@ def test_no_profile_within_the_limits_is_shorter():
 # Chains of way points, and the torques of a serial chain.
 
 
-def test_every_segment_ends_in_the_next_way_point_s_frame():
-    tips = np.random.default_rng(0).normal(size=(40, 3))
-    frames = Rotation.random(40, random_state=0).as_matrix()
-    chain = build_chain(tips, frames)
-    ends = chain.tips[:-1] + chain.lengths[:, None] * chain.directions
-    np.testing.assert_allclose(ends, tips[1:], atol=1e-14)
-    turns = Rotation.from_rotvec(chain.angles[:, None] * chain.turn_axes).as_matrix()
-    rolls = Rotation.from_rotvec(chain.rolls[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    np.testing.assert_allclose(turns @ frames[:-1] @ rolls, frames[1:], atol=1e-13)
-    for axes in (chain.axes[:-1], chain.axes[1:]):
-        np.testing.assert_allclose(np.sum(axes * chain.turn_axes, axis=1), 0.0, atol=1e-14)
-
-
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 3.0, np.pi - 1e-5])
 def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
     axes = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])
@@ -265,7 +246,17 @@ def test_what_is_no_chain_is_refused_with_its_place(build, tips, frames, words):
         build(tips, frames)
 
 
-def test_points_that_repeat_tip_and_axis_are_left_out_others_stay():
+def test_segments_end_in_the_next_frame_and_points_that_repeat_tip_and_axis_are_left_out():
+    tips = np.random.default_rng(0).normal(size=(40, 3))
+    frames = Rotation.random(40, random_state=0).as_matrix()
+    chain = build_chain(tips, frames)
+    ends = chain.tips[:-1] + chain.lengths[:, None] * chain.directions
+    np.testing.assert_allclose(ends, tips[1:], atol=1e-14)
+    turns = Rotation.from_rotvec(chain.angles[:, None] * chain.turn_axes).as_matrix()
+    rolls = Rotation.from_rotvec(chain.rolls[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    np.testing.assert_allclose(turns @ frames[:-1] @ rolls, frames[1:], atol=1e-13)
+    for axes in (chain.axes[:-1], chain.axes[1:]):
+        np.testing.assert_allclose(np.sum(axes * chain.turn_axes, axis=1), 0.0, atol=1e-14)
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0]])
     axes = np.array([[0.0, 0, -1], [0.0, 0, -1], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8]])
     chain = chain_from_axes(tips, axes)

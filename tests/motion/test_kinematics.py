@@ -22,7 +22,7 @@ TABLE = [
 TOOL_POINT = np.array([0.01, -0.02, 0.22])
 
 
-def test_every_frame_is_the_product_of_the_tables_four_motions_per_joint():
+def test_frames_are_the_table_s_products_and_the_jacobian_their_derivative():
     q = np.random.default_rng(0).uniform(-2 * np.pi, 2 * np.pi, (200, 6))
     expected = [np.tile(np.eye(4), (200, 1, 1))]
     for (a, d, alpha), angles in zip(TABLE, q.T, strict=True):
@@ -33,10 +33,7 @@ def test_every_frame_is_the_product_of_the_tables_four_motions_per_joint():
         expected.append(expected[-1] @ about_z @ about_x)
     np.testing.assert_allclose(motion.link_frames(q), np.stack(expected, axis=1), atol=1e-14)
     np.testing.assert_array_equal(motion.forward(q), motion.link_frames(q)[:, 6])
-
-
-def test_jacobian_is_the_derivative_of_the_pose():
-    """By central differences of the tool point and of the rotation for each joint."""
+    # By central differences of the tool point and of the rotation for each joint.
     for q in np.random.default_rng(0).uniform(-2 * np.pi, 2 * np.pi, (20, 6)):
         for dq, column in zip(1e-5 * np.eye(6), motion.jacobian(q, TOOL_POINT).T, strict=True):
             rate = (motion.forward(q + dq) - motion.forward(q - dq)) / 2e-5
@@ -57,7 +54,16 @@ def reachable(solutions):
     return solutions[~np.isnan(solutions[:, 0])]
 
 
-def test_all_solutions_reach_the_pose_and_are_distinct_and_one_is_where_it_came_from():
+@pytest.mark.parametrize("aligned", [0.0, np.pi])
+def test_an_aligned_wrist_keeps_wrist_3_where_it_was_and_a_stretched_arm_is_found(aligned):
+    q = np.array([0.5, -1.2, 1.4, 0.3, aligned, 0.9])
+    np.testing.assert_allclose(motion.inverse_near(motion.forward(q), q), q, atol=1e-7)
+    q[[2, 4]] = 0.0, 1.1
+    T = motion.forward(q)
+    np.testing.assert_allclose(motion.forward(motion.inverse_near(T, q)), T, atol=1e-9)
+
+
+def test_all_solutions_reach_the_pose_and_the_choice_is_the_nearest_inside_the_limits():
     eight = 0
     for q in np.random.default_rng(4).uniform(-np.pi, np.pi, (200, 6)):
         T = motion.forward(q)
@@ -69,19 +75,7 @@ def test_all_solutions_reach_the_pose_and_are_distinct_and_one_is_where_it_came_
             assert angle_difference(found[i + 1 :], found[i]).max(axis=1).min() > 1e-6
         eight += len(found) == 8
     assert eight > 100
-
-
-@pytest.mark.parametrize("aligned", [0.0, np.pi])
-def test_an_aligned_wrist_keeps_wrist_3_where_it_was_and_a_stretched_arm_is_found(aligned):
-    q = np.array([0.5, -1.2, 1.4, 0.3, aligned, 0.9])
-    np.testing.assert_allclose(motion.inverse_near(motion.forward(q), q), q, atol=1e-7)
-    q[[2, 4]] = 0.0, 1.1
-    T = motion.forward(q)
-    np.testing.assert_allclose(motion.forward(motion.inverse_near(T, q)), T, atol=1e-9)
-
-
-def test_the_choice_is_the_nearest_of_all_configurations_inside_the_limits_and_out_of_reach_says_where():
-    """Of all solutions with every joint turned by -2 to 2 full turns."""
+    # Of all solutions with every joint turned by -2 to 2 full turns.
     rng, (low, high), turns = np.random.default_rng(8), motion.JOINT_LIMITS.T, 2 * np.pi * np.arange(-2, 3)
     for _ in range(100):
         q_near = rng.uniform(low, high)
@@ -103,7 +97,7 @@ def tool_poses(q):
     return motion.forward(q) @ T_FLANGE_TOOL
 
 
-def test_track_follows_a_smooth_joint_motion_and_names_a_joint_beyond_its_limits_and_the_singular_place():
+def test_track_follows_a_smooth_motion_and_names_joints_beyond_limits_singular_and_unreached_places():
     t = np.linspace(0, 1, 2000)[:, None]
     q = HOME + 0.4 * np.sin(2 * np.pi * t * np.array([1, 2, 1, 3, 1, 2]))
     path = motion.track(tool_poses(q), T_FLANGE_TOOL, HOME)
@@ -121,9 +115,6 @@ def test_track_follows_a_smooth_joint_motion_and_names_a_joint_beyond_its_limits
     path = motion.track(tool_poses(q), T_FLANGE_TOOL, q[0])
     assert path.smallest_singular_index == 50
     assert path.smallest_singular_value < 1e-6
-
-
-def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     poses = np.repeat(tool_poses(HOME[None]), 100, axis=0)
     poses[:, 1, 3] -= np.linspace(0, 1, 100)
     path = motion.track(poses, T_FLANGE_TOOL, HOME)
@@ -180,7 +171,7 @@ def test_each_derivative_is_that_of_the_one_before_to_the_tools_end(turn, roll):
     np.testing.assert_allclose(end[:3, :3], chain.rotations[1], atol=1e-12)
 
 
-def test_in_time_the_chain_rule_holds():
+def test_in_time_the_chain_rule_holds_and_ways_out_of_reach_or_range_are_named():
     """Along a segment at u = t^3: the tool's derivatives in time give the joints' own."""
     chain, arm = one_segment(HOME, np.array([0.03, 0.05, -0.02]))
     t = np.linspace(0.2, 0.9, 7)
@@ -197,9 +188,6 @@ def test_in_time_the_chain_rule_holds():
     np.testing.assert_allclose(found.first, f1 * a, atol=1e-10)
     np.testing.assert_allclose(found.second, f2 * a**2 + f1 * b, atol=1e-9)
     np.testing.assert_allclose(found.third, f3 * a**3 + 3.0 * f2 * a * b + f1 * c, atol=1e-8)
-
-
-def test_a_way_out_of_reach_and_a_joint_that_leaves_its_range_are_named():
     chain, arm = one_segment(HOME, np.array([2.0, 0.0, 0.0]))
     with pytest.raises(ReachError, match="segment 1"):
         chain_rates(chain, chebyshev_nodes(9), arm)

@@ -111,7 +111,7 @@ def test_from_rest_to_rest_on_a_line_takes_hardly_longer_than_the_least_time(len
     assert least * (1.0 - 1e-12) <= time <= 1.15 * least + 0.01
 
 
-def test_a_circle_is_followed_at_the_speed_its_acceleration_allows():
+def test_a_circle_is_followed_as_fast_as_it_may_be_and_a_passage_s_derivatives_are_its_own():
     radius = 0.025
     motion = plan(*stroke(circle(radius, 3.0)), 1.0, replace(LIMITS, tip_jerk=1e3))
     speeds = time_schedule(motion, motion.line.places).speeds
@@ -119,9 +119,6 @@ def test_a_circle_is_followed_at_the_speed_its_acceleration_allows():
     best = math.sqrt(0.6 * radius)
     assert np.all(middle <= best * 1.003)  # the curve cuts chords' corners: its radius is that much larger
     assert np.mean(middle) >= 0.97 * best
-
-
-def test_the_passage_is_smooth_and_its_derivatives_are_its_own():
     passage = plan(*random_stroke(np.random.default_rng(1)), 0.06).passage
     times = np.linspace(1e-5, passage.duration - 1e-5, 40001)
     u, v, a, j = passage_at(passage, times)
@@ -176,7 +173,7 @@ def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners():
     assert smooth_by_spline(*asked, trial_arm()).end <= 1.02 * 13.08
 
 
-def test_without_a_tolerance_it_stops_at_every_point_and_where_the_path_turns_back_within_two_tolerances():
+def test_without_a_tolerance_or_where_the_path_turns_back_it_stops_and_a_segment_s_feed_holds_on_it():
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.03, 0.002, 0], [0.01, 0.002, 0.01]]))
     motion = smooth_by_spline(chain, DEFAULT, 0.0, 0.0, None)
     least = sum(sum(stop_times(length, 0.05, 0.5, 10.0)) for length in chain.lengths)
@@ -189,9 +186,6 @@ def test_without_a_tolerance_it_stops_at_every_point_and_where_the_path_turns_ba
     assert found.vertex.value <= 2.0 * TOLERANCE
     stops = 2.0 * sum(stop_times(0.03, 0.05, 0.5, 10.0))
     assert 0.95 * stops < motion.end < stops
-
-
-def test_a_feed_of_a_segment_holds_on_it():
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.06, 0.01, 0], [0.09, 0.01, 0]]))
     feeds = np.array([math.inf, 0.01, math.inf])
     motion = smooth_by_spline(chain, DEFAULT, TOLERANCE, AXIS_TOLERANCE, None, feeds)

@@ -70,7 +70,10 @@ def test_a_single_pose_is_a_path_of_no_length_and_a_motion_of_no_duration():
     np.testing.assert_allclose(run.velocities, 0.0)
 
 
-def test_turns_and_curvature_belong_to_their_place_by_the_arc_length_of_the_surface():
+LINE = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
+
+
+def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_given():
     x = np.repeat(np.linspace(0.0, 0.1, 11), [1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1])
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))
@@ -85,12 +88,6 @@ def test_turns_and_curvature_belong_to_their_place_by_the_arc_length_of_the_surf
     table = trajectory.build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
     assert table.length == pytest.approx(0.1)
     np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05)[1]), 0.96, atol=1e-6)
-
-
-LINE = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
-
-
-def test_values_are_linear_between_the_points_they_were_given_at():
     s, table = np.array([0.3, 0.35, 0.5]), trajectory.build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))
     assert trajectory.sample_column(table, table.feed_share, 0.123) == 1.0  # exactly, where none is given
     values = trajectory.at_rows(table, s, np.array([1.0, 2.0, 0.5]))
@@ -133,7 +130,7 @@ def test_short_and_long_ways_keep_the_limits_and_arrive(length):
     assert np.abs(np.diff(rows)).max() <= PACE.jerk * motion.spacing * (1 + 1e-6)
 
 
-def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
+def test_velocity_and_spin_are_rates_and_a_feed_that_changes_is_kept_and_slowed_for_in_time():
     table = circle()
     motion = trajectory.time_path(table, PACE)
     assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)  # and one ramp
@@ -145,9 +142,6 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation():
     np.testing.assert_allclose(now.spins, [[0.0, 0.0, 0.01 / ROUND]] * len(t), atol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(now.velocities, axis=1), 0.01, rtol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), ROUND, atol=1e-8)
-
-
-def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time():
     s, feed = np.array([0.0, 0.05, 0.06, 0.12]), np.array([2.0, 2.0, 0.5, 0.5])
     motion = trajectory.time_path(with_feed_share(circle(), s, feed), PACE)
     clock = np.arange(len(motion.places)) * motion.spacing
@@ -169,7 +163,7 @@ SCHEDULE = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3,
 MARKS = np.array([0.0, 0.02, 0.045, 0.07])
 
 
-def test_between_its_rows_it_is_where_the_schedule_is():
+def test_a_sampled_schedule_is_the_schedule_and_its_place_runs_from_the_first_mark_to_the_last():
     motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     clock = np.linspace(0.0, SCHEDULE.end, 400)
     exact = Smoothed(CHAIN, SCHEDULE).sample(clock)
@@ -179,9 +173,6 @@ def test_between_its_rows_it_is_where_the_schedule_is():
     np.testing.assert_allclose(run.spins, exact.spins[:, 0], atol=2e-3)
     R = Rotation.from_quat(run.quaternions, scalar_first=True).as_matrix()
     np.testing.assert_allclose(R, exact.rotations, atol=3e-5)
-
-
-def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative():
     s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
     np.testing.assert_array_equal(s[~repeated_points(TIPS, ROTATIONS)], MARKS)
     motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
@@ -202,7 +193,7 @@ TURNING = build_chain(RANDOM_TIPS, Rotation.random(7, random_state=1).as_matrix(
 FOUR_AT_ONCE = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
 
 
-def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame():
+def test_every_derivative_is_the_slope_of_the_one_before_and_the_tool_rests_at_the_ends():
     drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
     breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
     times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
@@ -215,9 +206,6 @@ def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_th
     turned = Rotation.from_matrix(after.rotations @ np.swapaxes(before.rotations, 1, 2)).as_rotvec()
     np.testing.assert_allclose(here.spins[:, 0], turned / (2 * STEP), atol=1e-7)
     np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
-
-
-def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate_and_rests_at_the_ends():
     alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
     flat = TURNING._replace(rolls=np.zeros(6))
     here = Smoothed(flat, alone).sample(np.linspace(0.0, 1.0, 20)[1:-1])

@@ -79,15 +79,12 @@ def on_plane(xy):
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed():
+def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed_in_any_frame_and_on_long_chords():
     y = np.linspace(-1.2 * R, 1.2 * R, 49)
     points = on_plane(np.column_stack([np.full(49, 0.003), y]))
     steps = flat_steps(on_plane(np.column_stack([np.linspace(-0.1, 0.1, 37), np.zeros(37)])), 0.01)
     times = time_under_pad(points, np.tile(UP, (49, 1)), steps, R)
     assert times == pytest.approx(2.0 * np.sqrt(np.maximum(R**2 - y**2, 0.0)) / 0.01, abs=1e-9)
-
-
-def test_the_time_does_not_depend_on_the_frame():
     rng = np.random.default_rng(2)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
@@ -99,10 +96,7 @@ def test_the_time_does_not_depend_on_the_frame():
     there = time_under_pad(places, np.tile(UP, (3000, 1)), steps, R)
     here = time_under_pad(places @ turn.T + 0.3, np.tile(turn @ UP, (3000, 1)), moved, R)
     assert here == pytest.approx(there, abs=1e-9)
-
-
-def test_feed_and_long_chords_of_a_path_count():
-    """Twice as fast on the second half: half the time there; two points a line are as good as many."""
+    # Twice as fast on the second half: half the time there; two points a line are as good as many.
     ground = prepare_ground(region_of("plate"), PlanConfig())
     feed = np.array([0.01, 0.01, 0.02, 0.02])
     ends = [[-0.08, 0.0, 0.02], [-1e-4, 0.0, 0.02], [1e-4, 0.0, 0.02], [0.08, 0.0, 0.02]]

@@ -157,7 +157,7 @@ def test_nothing_crosses_after_the_cuts_and_no_place_is_far_from_what_is_left(fi
     assert gone.max() < 0.55 * STEPOVER
 
 
-def test_a_cut_is_a_fraction_of_a_stepover_wide():
+def test_a_cut_is_a_fraction_of_a_stepover_wide_and_a_dead_end_is_dropped_only_where_others_cover_it():
     done, lines = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
     assert lines == [0, 1, 1]
     ends = [run.positions[[0, -1], 1] for run in done.runs[1:]]
@@ -165,10 +165,8 @@ def test_a_cut_is_a_fraction_of_a_stepover_wide():
     assert done.cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
     # What does not cross stays what it is.
     assert len(uncross(done.runs, STEPOVER).cuts) == 0
-
-
-def test_a_dead_end_beyond_a_crossing_is_dropped_only_where_others_cover_it():
-    """A comb of lines a step-over apart, and one that goes over the last of them and ends on its far side."""
+    # A comb of lines a step-over apart, and one that goes over the last of them and ends on its far
+    # side.
     lines = [[(-0.05, y), (0.05, y)] for y in STEPOVER * np.arange(-3, 4)]
     assert uncrossed(*lines, [(0.0, -0.06), (0.0, -2.5 * STEPOVER)])[1] == list(range(8))
     assert uncrossed([(-0.05, 0.0), (0.05, 0.0)], [(0.0, -0.06), (0.0, 0.02)])[1] == [0, 1, 1]

@@ -24,7 +24,7 @@ def roughly(points, noise=0.0):
     return LevelLine(points, np.tile(UP, (len(points), 1)), np.zeros(len(points), np.int64), True)
 
 
-def test_on_a_sphere_the_offset_of_a_parallel_is_the_parallel_one_chord_up():
+def test_an_offset_keeps_its_distance_on_a_sphere_beside_a_square_and_as_an_arc_round_a_notch():
     radius, step = 0.1, 0.008
     low = np.arccos(0.5)
     ring = circle(radius * np.sin(low), radius * np.cos(low), 4000)
@@ -35,17 +35,11 @@ def test_on_a_sphere_the_offset_of_a_parallel_is_the_parallel_one_chord_up():
     assert found.positions[:, 2] == pytest.approx(
         np.full(len(found.positions), radius * np.cos(high)), abs=1e-7
     )
-
-
-def test_no_point_comes_nearer_than_the_step_and_none_is_further():
     old = level(square(0.05), closed=True)
     found = offset_curve(Floor(), [old], roughly(square(0.042), noise=2e-4), STEP)
     distance = old.nearest(found.positions).distances
     assert distance == pytest.approx(np.full(len(distance), STEP), abs=1e-9)
-
-
-def test_a_notch_is_rounded_not_cut():
-    """Round a corner that points into the region the offset is an arc about the corner."""
+    # Round a corner that points into the region the offset is an arc about the corner.
     corner = np.array([0.0, 0.0, 0.0])
     arms = [np.linspace([-0.05, -0.05, 0.0], corner, 200), np.linspace(corner, [0.05, -0.05, 0.0], 200)]
     outline = np.concatenate([*arms, [[0.05, 0.05, 0.0], [-0.05, 0.05, 0.0]]])
@@ -100,7 +94,7 @@ def enclosed(loop):
     return 0.5 * np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0)[2]
 
 
-def test_edges_are_short_areas_kept_the_border_closed_and_a_flood_of_triangles_is_refused(tmp_path):
+def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_refused(tmp_path):
     mesh = triangulate(coarse_plate(tmp_path).surface, 0.003)
     a, b = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
     assert np.linalg.norm(a - b, axis=1).max() <= 0.003
@@ -114,9 +108,6 @@ def test_edges_are_short_areas_kept_the_border_closed_and_a_flood_of_triangles_i
     assert enclosed(border.positions) == pytest.approx(0.16**2, rel=1e-9)
     with pytest.raises(PlanError, match="too large for so fine a step-over"):
         triangulate(coarse_plate(tmp_path).surface, 2e-5)
-
-
-def test_new_vertices_lie_on_the_curved_surface():
     region = region_of("sphere_50")
     mesh = triangulate(region.surface, 0.001)
     middle = np.array([0.0, 0.0, mesh.vertices[:, 2].max() - 0.05])
@@ -139,7 +130,7 @@ def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_s
     assert np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() == pytest.approx(0.16, rel=1e-9)
 
 
-def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):
+def test_a_bridged_hole_is_flat_in_a_plate_and_follows_a_sphere(tmp_path):
     region = coarse_plate(tmp_path, shapely.box(35, -5, 45, 5))
     bridged = bridge_holes(region, 0.02)
     assert bridged.holes == 1
@@ -149,10 +140,7 @@ def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):
     assert over.positions[0] == pytest.approx([0.04, 0.001, 0.01], abs=1e-9)
     assert over.facets[0] >= bridged.facets
     assert bridge_holes(region, 0.01).holes == 0
-
-
-def test_a_bridged_hole_in_a_sphere_follows_the_sphere():
-    """A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat."""
+    # A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat.
     region = region_of("sphere_100")
     surface, count = region.surface, len(region.surface.faces)
     middles = surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).positions

@@ -91,15 +91,12 @@ def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
         planned(tmp_path, around, choice="given")
 
 
-def test_part_and_fixture_joined_enclose_the_volume_of_both(tmp_path):
+def test_part_and_fixture_joined_enclose_the_volume_of_both_and_picture_and_page_show_it(tmp_path):
     config = asked(tmp_path, wall(10))
     mesh = load_part(config.file, up="z")
     joined = joined_meshes(mesh, load_fixture(config.fixture_file, mesh))
     volume = trimesh.Trimesh(joined.vertices, joined.faces, process=False).volume
     assert volume == pytest.approx(1e-9 * (PLATE.volume + wall(10).volume))
-
-
-def test_picture_and_page_show_the_fixture(tmp_path):
     result = planned(tmp_path, vice())
     labels = [text.get_text() for legend in plot_plan(result).legends for text in legend.get_texts()]
     assert "fixture" in labels

@@ -30,7 +30,7 @@ def with_axes(path, rows):
     return replace(path, axes_work=axes)
 
 
-def test_a_full_raster_covers_the_plate_and_its_step_over_is_found_and_said():
+def test_a_full_raster_covers_the_plate_half_of_one_covers_half_of_it_and_its_step_over_is_found_and_said():
     inspected = inspect_path(raster(), PLATE)
     m = inspected.figures
     assert m["coverage_stepover"] == m["coverage"] == 1.0
@@ -46,9 +46,6 @@ def test_a_full_raster_covers_the_plate_and_its_step_over_is_found_and_said():
     assert any(note.startswith("step-over taken from the path: 10 mm") for note in inspected.notes)
     assert m["sharpest_corner_rad"] == pytest.approx(np.pi / 2, abs=1e-9)
     assert m["max_axis_rate_rad_m"] == 0.0
-
-
-def test_half_a_raster_covers_half_the_plate():
     full = raster()
     half = full.rows(full.positions_work[:, 1] < 0.0)
     found = inspect_path(half, PLATE, PlanConfig(stepover_m=0.01))
@@ -204,31 +201,25 @@ def zigzag(lines, spacing, length=0.2):
     return np.concatenate(rows)
 
 
-def test_an_archimedean_spiral_has_the_spacing_of_its_pitch():
+def test_the_spacing_of_known_lines_is_measured_even_uneven_and_of_separate_runs():
     """The nearest distance between turns of pitch p at radius r is p cos(p / 2 pi r), a little below p."""
     found = measure_stepover([level(archimedes(12))], STEP)
     assert found.mean_m == pytest.approx(STEP, rel=0.01)
     assert found.p5_m > 0.98 * STEP
     assert found.p95_m < 1.002 * STEP
     assert found.excluded < 0.05
-
-
-def test_lines_of_uneven_spacing_show_it():
     points = zigzag(9, 0.008)
     points[:, 1] += 0.2 * np.maximum(points[:, 1] - 0.032, 0.0)
     found = measure_stepover([level(points)], STEP)
     assert found.p95_m == pytest.approx(0.0096, rel=0.01)
     assert found.p5_m == pytest.approx(0.008, rel=0.01)
-
-
-def test_separate_runs_are_each_others_neighbours_and_a_single_one_has_none():
     x = np.linspace(0.0, 0.2, 300)
     runs = [level(np.stack([x, np.full(300, y)], axis=1)) for y in (0.0, 0.007, 0.014)]
     assert measure_stepover(runs, STEP).mean_m == pytest.approx(0.007, abs=1e-9)
     assert np.isnan(measure_stepover(runs[:1], STEP).mean_m)
 
 
-def test_the_corners_of_a_square_spiral_are_left_out():
+def test_corners_of_a_square_spiral_and_the_turn_around_a_spiral_s_end_are_left_out_and_nothing_else():
     corners = [
         (0, 0), (10, 0), (10, 10), (0, 10), (0, 1), (9, 1), (9, 9), (1, 9), (1, 2), (8, 2), (8, 8), (2, 8),
     ]  # fmt: skip
@@ -236,10 +227,7 @@ def test_the_corners_of_a_square_spiral_are_left_out():
     found = measure_stepover([level(points)], STEP)
     assert found.p95_m == pytest.approx(STEP, rel=0.03)
     assert 0.05 < found.excluded < 0.4
-
-
-def test_only_the_turn_around_a_spirals_end_is_left_out_not_a_path_that_ends_beside_its_beginning():
-    """In along one arm, out along another between its turns: the end lies beside the beginning."""
+    # In along one arm, out along another between its turns: the end lies beside the beginning.
     arm = archimedes(12)
     radius = np.linalg.norm(arm, axis=1, keepdims=True)
     inward = arm[radius[:, 0] > 3.0 * STEP]

@@ -80,7 +80,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
 
 
-def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_and_free_leads_are_kept(tmp_path):
+def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_free_leads_are_kept(tmp_path):
     part = slab_with_wall(tmp_path)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
     leads = choose_leads(stroke(0.032, 0.07), "tangent", AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
@@ -90,10 +90,7 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_and_free_leads_
     for name, shape in LEADS.items():
         leads = choose_leads(stroke(-0.05, 0.05), name, AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
         assert leads.start.shape is leads.end.shape is shape
-
-
-def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path):
-    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm."""
+    # The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm.
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
     part = surface_of(bowl, tmp_path)
@@ -160,16 +157,13 @@ def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
     assert free or not tour.backwards.any()
 
 
-def test_stripes_that_may_be_walked_backwards_become_a_zig_zag():
+def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     y = np.concatenate([[0], np.random.default_rng(1).permutation(39) + 1]) * 0.01
     ends = np.stack([np.stack([0 * y, y, 0 * y], axis=1), np.stack([0 * y + 1.0, y, 0 * y], axis=1)], axis=1)
     tour = order_blocks(ends, True)
     assert air(ends, *tour) == pytest.approx(39 * 0.01)
     assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))
     assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
-
-
-def test_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
     assert order_blocks(ends, True).order[0] == 0
     assert not order_blocks(ends, True).backwards[0]

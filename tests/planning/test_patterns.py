@@ -22,17 +22,6 @@ from tests.planning.shapes import UP, circle, level, region_of, shipped_plan
 STEP = 0.008
 
 
-def test_the_first_turn_runs_half_a_step_over_inside_the_border():
-    plan = shipped_plan("saddle")
-    outer = plan.region.boundary_loops[0]
-    border = Curve(outer[:-1], np.tile(UP, (len(outer) - 1, 1)), True)
-    first = plan.path.positions_work[plan.path.process & (plan.path.pass_index == plan.path.pass_index.min())]
-    distance = border.nearest(first[: int(0.85 * len(first))]).distances
-    # Corners reach out a little; towards its end the turn begins to drift inwards.
-    assert np.median(distance) == pytest.approx(0.5 * STEP, rel=0.02)
-    assert np.percentile(distance, [5.0, 95.0]) == pytest.approx([0.5 * STEP] * 2, abs=0.06 * STEP)
-
-
 @pytest.mark.parametrize(
     ("pattern", "order", "direction", "side"),
     [
@@ -83,16 +72,13 @@ def ring(radius, **keys):
     return level(circle(radius, **keys), closed=True)
 
 
-def test_a_fermat_spiral_ends_beside_its_beginning_on_the_border():
+def test_a_fermat_spiral_ends_beside_its_beginning_and_its_turns_have_no_tails():
     path = shipped_plan("freeform", "fermat").path
     stroke = path.positions_work[path.process]
     radius = np.linalg.norm(stroke[:, :2], axis=1)
     assert radius[0] == pytest.approx(0.1 - 0.5 * STEP, abs=1e-3)
     assert radius[-1] == pytest.approx(0.1 - 1.5 * STEP, abs=1e-3)
     assert 0.4 < radius.argmin() / len(radius) < 0.6
-
-
-def test_a_turn_loses_a_tail_that_runs_back_on_itself():
     out = np.column_stack([np.linspace(0.02, 0.04, 40), np.full(40, 2e-4), np.zeros(40)])
     body = circle(0.02)[5:-5]
     points = np.concatenate([body, out * [1.0, -1.0, 1.0], out[::-1]])
@@ -106,21 +92,16 @@ def test_a_turn_loses_a_tail_that_runs_back_on_itself():
 # Raster: lines side by side, rounded turns, and a turn along the border.
 
 
-def test_lines_on_a_plate_are_parallel_and_one_step_over_apart():
-    plan = PlanConfig(pattern="raster", stepover_m=STEP, raster_direction=(0.0, 1.0, 0.0))
-    path = plan_path(region_of("plate"), plan)
-    points = path.positions_work[path.process]
-    across = np.flatnonzero(np.diff(np.sign(points[:, 1])) != 0)
-    places = np.sort(points[across, 0])
-    assert len(places) > 20
-    # The outermost two on either side are the border turn and its distance to the first line.
-    assert np.diff(places)[1:-1] == pytest.approx(STEP, rel=1e-3)
-    with pytest.raises(PlanError, match="lines cannot run along"):  # the way the region looks
-        plan_path(region_of("plate"), replace(plan, raster_direction=(0.0, 0.0, 1.0)))
-
-
-def test_no_turn_is_tighter_than_a_third_of_a_step_over():
-    """U-turns have a radius of half a step-over; slanted ends and corners are rounded a little tighter."""
+def test_the_first_turn_runs_half_a_step_over_inside_and_none_is_tighter_than_a_third():
+    plan = shipped_plan("saddle")
+    outer = plan.region.boundary_loops[0]
+    border = Curve(outer[:-1], np.tile(UP, (len(outer) - 1, 1)), True)
+    first = plan.path.positions_work[plan.path.process & (plan.path.pass_index == plan.path.pass_index.min())]
+    distance = border.nearest(first[: int(0.85 * len(first))]).distances
+    # Corners reach out a little; towards its end the turn begins to drift inwards.
+    assert np.median(distance) == pytest.approx(0.5 * STEP, rel=0.02)
+    assert np.percentile(distance, [5.0, 95.0]) == pytest.approx([0.5 * STEP] * 2, abs=0.06 * STEP)
+    # U-turns have a radius of half a step-over; slanted ends and corners are rounded a little tighter.
     for name in ("plate", "cylinder"):
         path = shipped_plan(name, "raster").path
         points = path.positions_work[path.process]
@@ -135,7 +116,17 @@ def test_no_turn_is_tighter_than_a_third_of_a_step_over():
         assert (np.abs(even[sharp + 1, :2]) > edges).all(axis=1).all()
 
 
-def test_the_long_axis_is_the_part_s_and_the_top_of_a_turned_box_as_wide_as_its_short_side():
+def test_lines_on_a_plate_are_parallel_and_a_step_over_apart_along_the_part_s_long_axis():
+    plan = PlanConfig(pattern="raster", stepover_m=STEP, raster_direction=(0.0, 1.0, 0.0))
+    path = plan_path(region_of("plate"), plan)
+    points = path.positions_work[path.process]
+    across = np.flatnonzero(np.diff(np.sign(points[:, 1])) != 0)
+    places = np.sort(points[across, 0])
+    assert len(places) > 20
+    # The outermost two on either side are the border turn and its distance to the first line.
+    assert np.diff(places)[1:-1] == pytest.approx(STEP, rel=1e-3)
+    with pytest.raises(PlanError, match="lines cannot run along"):  # the way the region looks
+        plan_path(region_of("plate"), replace(plan, raster_direction=(0.0, 0.0, 1.0)))
     assert np.abs(_short_axis(region_of("cylinder"))) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
     turn = Rotation.random(random_state=1)
     box = trimesh.creation.box((0.2, 0.12, 0.05))

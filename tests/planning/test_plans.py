@@ -149,13 +149,6 @@ def test_a_path_begins_near_its_start_and_says_where_if_that_is_two_step_overs_o
     assert bool(told(result)) == (np.linalg.norm(away) > 2.0 * STEP)
 
 
-def test_an_outward_path_says_that_it_begins_in_the_middle():
-    plan = PlanConfig(stepover_m=0.016, start=(-0.09, 0.09, 0.02), order="outward")
-    result = plan_part(PartConfig("plate"), plan)
-    assert np.linalg.norm(result.path.positions_work[result.path.process][0, :2]) < 0.02
-    assert "an outward path begins in the middle" in told(result)[0]
-
-
 #: What the command line refuses by name is in tests/cli/test_plan.py
 BAD = {
     "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), "positive"),
@@ -184,7 +177,11 @@ def test_a_request_that_cannot_be_met_says_why(case):
         plan_part(part, plan)
 
 
-def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
+def test_turns_a_pad_apart_and_an_outward_path_with_a_start_are_noted():
+    plan = PlanConfig(stepover_m=0.016, start=(-0.09, 0.09, 0.02), order="outward")
+    result = plan_part(PartConfig("plate"), plan)
+    assert np.linalg.norm(result.path.positions_work[result.path.process][0, :2]) < 0.02
+    assert "an outward path begins in the middle" in told(result)[0]
     apart = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.05))
     missed = sum(row.area_m2 for row in apart.area.left_out.values())
     assert apart.figures["coverage"] == pytest.approx(1.0 - missed / apart.figures["region_area_m2"])

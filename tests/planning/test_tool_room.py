@@ -1,5 +1,8 @@
-"""Nothing of the tool is in the part: held against solids of the robot's model, along whole plans."""
+"""Nothing of the tool is in the part: held against solids of the robot's model, along whole plans; the pad's
+disc beside walls, on edges and on curved places."""
 
+import re
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -11,16 +14,17 @@ from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
+from polish_sim.exchange.urscript import urscript_text
 from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
-from polish_sim.planning import PlanResult, measure_given_path, plan_part
+from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part, plan_path
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
-from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
+from polish_sim.planning.quality.tool_room import BEHIND_PAD, Discs, Tool, standing_above
 from tests.cell.cells import drawn_vertices, meshes_of
-from tests.planning.shapes import moved, pocket, surface_of
+from tests.planning.shapes import UP, moved, pocket, shipped_plan, surface_of
 from tests.planning.tools import reached_share, volumes_in_part
 
 CLEARANCE = 0.001
@@ -173,17 +177,6 @@ def test_a_wide_pad_that_would_touch_with_its_far_edge_only_stays_upright(planne
     assert any("touch no more: it stands upright" in note for note in leaned.notes)
 
 
-def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(planned, tmp_path):
-    with pytest.raises(PlanError, match=r"its pad would still come .* too close"):
-        planned("pocket", "spiral", 122.0, stepover_m=0.008)
-    bowl(40.0).export(tmp_path / "bowl.stl")
-    part, plan = PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20")
-    with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius"):
-        plan_part(part, plan, pad=PadConfig(choice="given"))
-    # The default pad is replaced by one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
-    assert plan_part(part, plan).tool.pad.radius_m <= 0.016
-
-
 def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
     """Every vertex of every mesh from the head to the fourth link lies in one of the planner's cylinders."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
@@ -227,7 +220,15 @@ def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_p
             assert air.has_room(line, np.tile([0.0, 0.0, 1.0], (2, 1))) == free
 
 
-def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_place(part):
+def test_a_pad_too_large_and_a_plan_all_of_which_is_in_the_part_are_refused(planned, tmp_path, part):
+    with pytest.raises(PlanError, match=r"its pad would still come .* too close"):
+        planned("pocket", "spiral", 122.0, stepover_m=0.008)
+    bowl(40.0).export(tmp_path / "bowl.stl")
+    hollow, plan = PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20")
+    with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius"):
+        plan_part(hollow, plan, pad=PadConfig(choice="given"))
+    # The default pad is replaced by one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
+    assert plan_part(hollow, plan).tool.pad.radius_m <= 0.016
     mesh = load_part(part("boss").file, "mm", "z")
     plan = PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0")
     surface = fit_surface(mesh)
@@ -235,3 +236,90 @@ def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_pl
     air = AirSpace(surface, 0.2, plan.clearance_m, mesh.up, Tool(PadConfig(radius_m=0.2), 20.0))
     with pytest.raises(PlanError, match=r"no stroke .* at \(.*\) mm"):
         plan_on(ground, plan, None, air)
+
+
+# The pad's disc beside walls, on edges and on curved places.
+
+RADIUS = 0.010
+PAD = PadConfig(radius_m=RADIUS)
+PLAN = PlanConfig(stepover_m=0.004, pattern="contour", region="point:0,0,0")
+
+
+def disc(x, y, z=0.0, low=1e-3):
+    return Discs(np.array([[x, y, z]]), UP[None], np.array([low]), np.array([0.022]), RADIUS)
+
+
+@pytest.mark.parametrize(
+    ("gap", "thickness", "facet"), [(0.0005, 40.0, 500.0), (0.0099, 1.0, 500.0), (0.0005, 40.0, 10.0)]
+)
+def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp_path, gap, thickness, facet):
+    """However thin the wall is, and of however many rows of facets: the pad has to get past it."""
+    part = surface_of(pocket(ring_mm=thickness).subdivide_to_size(facet), tmp_path)
+    found = standing_above(part, disc(0.060 - gap, 0.013))
+    assert found.depths[0] == pytest.approx(RADIUS - gap, abs=1e-9)
+    assert found.reaches[0] == pytest.approx(RADIUS - gap, abs=1e-9)
+    assert standing_above(part, disc(0.060 - RADIUS - 1e-6, 0.013)).depths[0] == 0.0
+    # It is no deeper in a step than the step is high.
+    step = surface_of(pocket(wall_mm=3.0), tmp_path)
+    assert standing_above(step, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
+    assert standing_above(step, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0
+
+
+def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
+    """A ramp of 45 deg from x = 5 mm on: the rim at x = 10 mm is 5 mm sin 45 deg behind its plane."""
+    outline = [(-50, -10), (60, -10), (60, 55), (5, 0), (-50, 0)]
+    polygon = trimesh.path.polygons.Polygon(outline)
+    ramp = trimesh.creation.extrude_polygon(polygon, 80.0)
+    ramp.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    part = surface_of(moved(ramp, 0, 40, 0), tmp_path)
+    found = standing_above(part, disc(0.0, 0.0))
+    assert found.depths[0] == pytest.approx(0.005 * np.sin(np.pi / 4), abs=1e-9)
+    # What stands no higher than 1 mm does not count: the ramp does so from x = 6 mm on.
+    assert found.reaches[0] == pytest.approx(0.004, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def in_pocket(tmp_path_factory):
+    """A path up to the walls of the pocket, planned without a tool, and the pocket's file."""
+    file = tmp_path_factory.mktemp("pocket") / "pocket.stl"
+    pocket().export(file)
+    part = load_part(file, "mm", "z")
+    path = plan_path(select_region(fit_surface(part), part, PLAN.region), PLAN)
+    return measure_given_path(path, PartConfig(str(file), up="z"), PLAN, pad=PAD), file
+
+
+def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_keeps_away(in_pocket):
+    result, file = in_pocket
+    nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
+    figures = result.figures
+    assert figures["pad_in_part_max_m"] == pytest.approx(RADIUS - nearest, abs=1e-5)
+    assert figures["pad_in_part_body"] == "pad"
+    # Both outermost turns are nearer to the wall than the pad's radius; the next runs 10 mm away from it.
+    assert 2 * 4 * 0.104 < figures["pad_in_part_length_m"] < 2 * 4 * 0.116 + 0.004
+    (note,) = (note for note in result.notes if "into the part" in note)
+    assert "plan it anew with this pad" in note
+    assert len(result.in_part) > 50
+    cured = plan_part(PartConfig(str(file), up="z"), PLAN, pad=PAD)
+    assert cured.figures["pad_in_part_max_m"] == 0.0
+    assert not any("into the part" in note for note in cured.notes)
+
+
+def test_inspect_and_the_robot_program_say_of_a_pad_in_a_wall_what_the_plan_says(in_pocket):
+    result, file = in_pocket
+    part = PartConfig(str(file), up="z")
+    seen = inspect_path(result.path, part, result.plan, pad=PAD)
+    for name in ("pad_in_part_max_m", "pad_in_part_length_m"):
+        assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9)
+    assert any("into the part" in note for note in seen.notes)
+    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm wide, is in it.
+    soft = inspect_path(
+        result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0)
+    ).quality.pad_in_part
+    assert soft.lengths[[body == "pad" for body in soft.bodies]].sum() == pytest.approx(4 * 0.116, rel=0.02)
+    assert np.median(soft.depths[[body == "shaft" for body in soft.bodies]]) == pytest.approx(0.003, abs=1e-5)
+    text = urscript_text(in_pocket[0], ExportSetup())
+    assert re.search(
+        r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M
+    )
+    assert 'popup("Continue? the pad runs up to' in text
+    assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())

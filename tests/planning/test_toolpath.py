@@ -26,15 +26,12 @@ def straight(count=50):
     return move_in(PROCESS, positions, UP, 0)
 
 
-def test_a_path_cannot_be_changed_and_has_columns_of_one_length():
+def test_a_path_cannot_be_changed_and_pressing_moves_its_process_points_against_the_axis():
     path = shipped_plan("sphere_100").path
     with pytest.raises(ValueError, match="read-only"):
         path.positions_work[0] = 0.0
     with pytest.raises(PlanError, match="axes_work"):
         replace(path, axes_work=path.axes_work[1:])
-
-
-def test_pressing_moves_the_process_points_and_only_them_against_the_axis():
     path = shipped_plan("freeform").path
     down = pressed(path, 0.004)
     moved = path.positions_work - down.positions_work
@@ -105,20 +102,6 @@ def test_the_tool_leans_forward_by_the_lead_and_to_the_left_by_the_tilt(part, pa
     assert path.axes_work[rows[-1] + 1 :] == pytest.approx(np.tile(axes[-1], (len(path.s) - rows[-1] - 1, 1)))
 
 
-def test_a_wobble_is_averaged_out_over_its_own_length():
-    s = np.linspace(0.0, 0.1, 801)
-    angle = np.radians(3.0) * np.sin(2.0 * np.pi * s / 0.01)
-    axes = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)
-    smooth = smooth_axes(axes, np.tile(UP, (801, 1)), s, 0.01, np.radians(10.0))
-    inside = (s > 0.01) & (s < 0.09)
-    assert np.abs(smooth[inside, 0]).max() < np.sin(np.radians(0.1))
-    # Without a length or a bound the axes are left alone.
-    assert smooth_axes(axes, axes, s, 0.0, 0.1) is axes
-    assert smooth_axes(axes, axes, s, 0.01, 0.0) is axes
-    # Over a length far below the points' distance there is nothing to average, and no memory is taken for it.
-    np.testing.assert_allclose(smooth_axes(axes, axes, s, 1e-300, 0.1), axes, atol=1e-4)
-
-
 @pytest.mark.parametrize("bound", [1e-6, np.radians(1.0), 0.7])
 def test_no_axis_is_turned_further_than_the_bound_nor_into_the_part_whatever_the_path(bound):
     """Axes that lean 50 deg one way and the other: the bound of 40 deg alone would allow 90 deg off."""
@@ -145,7 +128,18 @@ def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
     assert turn.max() < np.linalg.norm(np.diff(normals, axis=0), axis=1).max()
 
 
-def test_over_a_crease_the_axis_turns_on_a_stretch_and_is_the_normal_elsewhere():
+def test_axes_are_averaged_over_a_wobble_and_turned_on_a_stretch_over_a_crease():
+    s = np.linspace(0.0, 0.1, 801)
+    angle = np.radians(3.0) * np.sin(2.0 * np.pi * s / 0.01)
+    axes = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)
+    smooth = smooth_axes(axes, np.tile(UP, (801, 1)), s, 0.01, np.radians(10.0))
+    inside = (s > 0.01) & (s < 0.09)
+    assert np.abs(smooth[inside, 0]).max() < np.sin(np.radians(0.1))
+    # Without a length or a bound the axes are left alone.
+    assert smooth_axes(axes, axes, s, 0.0, 0.1) is axes
+    assert smooth_axes(axes, axes, s, 0.01, 0.0) is axes
+    # Over a length far below the points' distance there is nothing to average, and no memory is taken for it.
+    np.testing.assert_allclose(smooth_axes(axes, axes, s, 1e-300, 0.1), axes, atol=1e-4)
     s = np.linspace(0.0, 0.1, 401)
     angle = np.where(s < 0.05, 0.2, -0.2)
     normals = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)

@@ -206,7 +206,17 @@ def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(rob
     assert robot.safety == PROTECTIVE
 
 
-def test_no_torque_beyond_gravity_lets_the_arm_stand(robot):
+def test_joints_feel_nothing_in_free_air_and_no_torque_beyond_gravity_lets_the_arm_stand(robot):
+    stand(robot, 0.5)
+    weight = robot.joint_torques.copy()
+    assert np.abs(weight).max() > 30.0
+    assert np.abs(robot.free_torques).max() < 1.0
+    robot.movej(robot.target_q + [0.3, -0.2, 0.2, 0.3, 0.0, 0.5], 1.0, 0.5, 0.0, 0.0)
+    stand(robot, 0.4)
+    assert np.abs(robot.actual_qd).max() > 0.3
+    assert np.abs(robot.free_torques).max() < 0.2 * np.abs(robot.joint_torques).max()
+    go(robot, robot.move_done)
+    stand(robot, 0.5)
     first = robot.actual_q.copy()
     for _ in range(250):
         robot.direct_torque(np.zeros(6), False, None, None)
@@ -220,32 +230,6 @@ def test_no_torque_beyond_gravity_lets_the_arm_stand(robot):
     robot.movej(robot.target_q, 1.0, 0.5, 0.0, 0.0)
     stand(robot, 0.2)
     assert robot.safety == NORMAL
-
-
-def test_the_joints_feel_nothing_in_free_air(robot):
-    stand(robot, 0.5)
-    weight = robot.joint_torques.copy()
-    assert np.abs(weight).max() > 30.0
-    assert np.abs(robot.free_torques).max() < 1.0
-    robot.movej(robot.target_q + [0.3, -0.2, 0.2, 0.3, 0.0, 0.5], 1.0, 0.5, 0.0, 0.0)
-    stand(robot, 0.4)
-    assert np.abs(robot.actual_qd).max() > 0.3
-    assert np.abs(robot.free_torques).max() < 0.2 * np.abs(robot.joint_torques).max()
-
-
-def test_coriolis_torques_are_those_of_the_mass_matrix(robot):
-    rng = np.random.default_rng(500)
-    q, qd, h = robot.actual_q, rng.uniform(-1.0, 1.0, 6), 1e-5
-
-    def slope(way: np.ndarray) -> np.ndarray:
-        ahead, behind = (robot.mass_matrix(q + step * way, False) for step in (h, -h))
-        return np.asarray((ahead - behind) / (2.0 * h))
-
-    # From Lagrange: c = dM/dt qd - 1/2 d(qd' M qd)/dq.
-    known = slope(qd) @ qd - 0.5 * np.array([qd @ slope(way) @ qd for way in np.eye(6)])
-    assert robot.coriolis(q, qd) == pytest.approx(known, abs=1e-5)
-    assert np.abs(known).max() > 0.05
-    assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot):
@@ -302,7 +286,19 @@ def test_a_long_gap_is_a_lift_and_a_short_one_lost_contact():
     assert _lifted(seated, touching).tolist() == [False, False, False, True, False]
 
 
-def test_inverse_kinematics_give_back_where_the_arm_stands(robot):
+def test_coriolis_torques_are_those_of_the_mass_matrix_and_inverse_kinematics_give_the_pose_back(robot):
+    rng = np.random.default_rng(500)
+    q, qd, h = robot.actual_q, rng.uniform(-1.0, 1.0, 6), 1e-5
+
+    def slope(way: np.ndarray) -> np.ndarray:
+        ahead, behind = (robot.mass_matrix(q + step * way, False) for step in (h, -h))
+        return np.asarray((ahead - behind) / (2.0 * h))
+
+    # From Lagrange: c = dM/dt qd - 1/2 d(qd' M qd)/dq.
+    known = slope(qd) @ qd - 0.5 * np.array([qd @ slope(way) @ qd for way in np.eye(6)])
+    assert robot.coriolis(q, qd) == pytest.approx(known, abs=1e-5)
+    assert np.abs(known).max() > 0.05
+    assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
     q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, robot.tcp_offset)
     assert q == pytest.approx(robot.actual_q, abs=1e-9)
     assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, robot.tcp_offset) is None

@@ -53,11 +53,6 @@ VALUES = {
 }  # fmt: skip
 
 
-def test_an_expression_has_its_value():
-    _, notes, _ = run("\n".join(f"textmsg({expression})" for expression in VALUES))
-    assert dict(zip(VALUES, notes.texts, strict=True)) == VALUES
-
-
 def test_pose_algebra_is_that_of_rigid_transforms():
     rng = np.random.default_rng(1)
     for _ in range(50):
@@ -73,7 +68,9 @@ def test_pose_algebra_is_that_of_rigid_transforms():
         assert values.rpy2rotvec(rpy) == pytest.approx(R_a.as_rotvec(), abs=1e-9)
 
 
-def test_a_list_is_copied_by_assignment_and_lines_go_on_behind_operators_and_in_brackets():
+def test_expressions_have_their_value_lists_are_copied_and_lines_go_on_behind_operators():
+    _, notes, _ = run("\n".join(f"textmsg({expression})" for expression in VALUES))
+    assert dict(zip(VALUES, notes.texts, strict=True)) == VALUES
     body = """      a = [1,
   2, 3]   # a list
 b = a
@@ -134,10 +131,6 @@ textmsg("joined")
 """
 
 
-def test_threads_take_turns_at_sync_and_join_waits():
-    assert run(THREADS)[1].texts == ["main", "other", "other", "joined"]
-
-
 def test_sleep_takes_its_time_and_a_move_waits_for_the_robot():
     body = 'movej([0, 0, 0, 0, 0, 0], a=1, v=2)\ntextmsg("there")\nsleep(0.02)\ntextmsg("late")'
     seen = [len(run(body, ticks)[1].texts) for ticks in range(1, 20)]
@@ -148,28 +141,23 @@ def test_sleep_takes_its_time_and_a_move_waits_for_the_robot():
 GOES = "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\n"
 
 
-def test_a_killed_thread_stops_the_move_it_made():
+def test_threads_take_turns_join_and_are_killed_with_their_moves_of_which_there_is_one_at_a_time():
+    assert run(THREADS)[1].texts == ["main", "other", "other", "joined"]
     robot, notes, _ = run(GOES + "kill t\nstopl(3)")
     assert robot.names()[:3] == ["movel", "stopj", "stopl"]
     assert notes.events[-1] == ("stopped", "f")
-
-
-def test_two_threads_do_not_move_the_robot_at_once():
     _, notes, machine = run(GOES + "movej([0,0,0,0,0,0])")
     assert notes.events[1][:3] == ("exception", 8, 1)
     assert "another thread" in notes.events[1][3]
     assert not machine.running
 
 
-def test_the_end_of_a_programme_ends_force_mode_and_motion():
+def test_a_programme_ends_force_mode_and_motion_and_a_popup_holds_it_until_it_is_closed():
     robot, notes, _ = run(
         "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()"
     )
     assert robot.names() == ["force_mode", "end_force_mode", "stopj"]
     assert notes.events == [("started", "f"), ("stopped", "f")]
-
-
-def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may_not_wait():
     robot, notes, machine = run('popup("look", blocking=True)\ntextmsg("on")')
     assert notes.texts == []
     machine.close_popup()

@@ -23,7 +23,7 @@ PACE = force_loop.LoopSpeed(40.0, 40.0, 40.0)
 STILL = measurement_at_rest()
 
 
-def test_a_ramp_is_shown_as_late_as_the_sensor_is():
+def test_a_ramp_shows_as_late_as_the_sensor_is_and_the_tools_own_force_is_mass_and_dampers():
     """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), less half a cycle."""
     memory, speed = PressMemory(), 0.02
     for k in range(400):
@@ -31,9 +31,6 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is():
     lag = (speed * 399 * DT - seen.path) / speed
     assert lag == pytest.approx(0.002 + 1.0 / (2.0 * math.pi * 80.0) - 0.5 * DT, abs=1e-4)
     assert seen.own == pytest.approx(3.0)
-
-
-def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_up_within_its_lag():
     memory = PressMemory()
     forces = [landing.own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
@@ -135,7 +132,7 @@ def test_the_quickest_stop_ends_where_it_should_and_brakes_no_harder_than_the_ro
     assert landing.quickest_stop(GAINS, -travel, 40.0, 0.1) == -speeds[0]
 
 
-def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
+def test_the_loop_is_as_fast_as_delay_inertia_and_noise_allow_and_knows_the_force_before_the_sensor():
     usual = force_loop.pace_of(GAINS, 5000.0, 0.012, 0.25, 1.0)
     assert usual.crossover <= GAINS.delay_share / 0.012
     for stiffness in (500.0, 1000.0, 5000.0):
@@ -144,11 +141,8 @@ def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow():
         assert 2.0 * pace.crossover * pace.observer * mass / stiffness <= 0.5 + 1e-12
     assert force_loop.pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
     assert force_loop.pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
-
-
-def test_the_observer_knows_the_force_before_the_sensor_shows_it():
-    """The tool presses by travel alone; the reading is 4 ms late, the estimate is not. It is four times as
-    quick at first touch; its rate, which would overshoot, is not."""
+    # The tool presses by travel alone; the reading is 4 ms late, the estimate is not. It is four times
+    # as quick at first touch; its rate, which would overshoot, is not.
     memory, k, rates = PressMemory(), 5000.0, []
     force_loop.begin_contact(memory, k, 0.0, 0.0)
     for n in range(1000):
@@ -181,7 +175,7 @@ def test_the_notch_takes_out_the_arms_vibration(times):
     assert max(found[1000:]) == pytest.approx(abs(1.0 - times**2) / (1.0 + times**2), abs=0.1)
 
 
-def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_has_none():
+def test_the_notch_does_not_lag_behind_an_even_rise_nor_swing_when_another_stiffness_is_believed():
     memory, rise = PressMemory(), 20.0
     memory.force.rate = rise
     found = corrections(memory, lambda t: rise * t)
@@ -189,9 +183,6 @@ def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_h
     memory = PressMemory()
     for memory.force.at_no_travel in (3.0, -5.0):
         assert force_loop.correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
-
-
-def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise():
     memory, other = PressMemory(), PressMemory()
     for each in (memory, other):
         force_loop.begin_contact(each, 25000.0, 0.001, 3.0)
@@ -256,7 +247,7 @@ def test_touch_down_makes_the_landing_faster_stiffness_holds_stiffer_springs_and
         adaptive(laws="touchdown")
 
 
-def test_a_force_that_is_there_before_the_tool_has_moved_does_not_end_the_learning_of_the_springs():
+def test_neither_a_force_before_the_tool_moves_nor_noise_in_the_air_is_taken_for_contact():
     """3 N are read where 2.4 N are set, with nothing travelled; then 2 mm/s on a spring of 3000 N/m."""
     controller = adaptive(without="touch-down")
     controller.reset(DT)
@@ -270,10 +261,7 @@ def test_a_force_that_is_there_before_the_tool_has_moved_does_not_end_the_learni
         believed.append(controller.context.memory.press.force.stiffness)
     assert believed[49] == 25000.0
     assert 3000.0 < believed[-1] < 12500.0
-
-
-def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air():
-    """The sequence takes noise for contact half a metre above the part: the approach speed is kept."""
+    # The sequence takes noise for contact half a metre above the part: the approach speed is kept.
     controller, rng = adaptive(), np.random.default_rng(0)
     controller.reset(0.001)
     m, t = measurement_at_rest(), target_to_press()

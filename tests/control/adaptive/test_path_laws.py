@@ -58,18 +58,7 @@ def sent(ahead, s, look_ahead=0.0, ratio=1.0, R=ALONG, wanted=ALONG):
     return float(drawing.planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
 
 
-def test_columns_are_linear_between_rows_held_at_the_ends_and_without_a_course_nothing_is_expected():
-    ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
-    for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
-        assert drawing.at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
-    ahead = nothing_ahead()
-    assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
-    assert sent(ahead, 0.1) == 0.0
-    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
-    assert granted(ahead, 0.0, PathMemory()) == 1.0
-
-
-def test_the_tool_is_sent_down_a_slope_at_slope_times_feed_of_the_place_where_the_command_will_act():
+def test_where_the_command_will_act_the_tool_is_sent_down_a_slope_at_slope_times_feed_and_turned():
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
     assert sent(ahead, 0.05) == pytest.approx(0.05 * 0.06, rel=1e-3)
     assert sent(ahead, 0.05, ratio=0.2) == pytest.approx(0.2 * sent(ahead, 0.05))  # on stiffer springs
@@ -81,9 +70,6 @@ def test_the_tool_is_sent_down_a_slope_at_slope_times_feed_of_the_place_where_th
     ahead, R = seen_with(surplus=np.zeros(200)), Rotation.from_euler("y", 1.0, degrees=True).as_matrix()
     assert sent(ahead, 0.05, R=R) == pytest.approx(0.06 * math.sin(math.radians(1.0)))
     assert sent(ahead, 0.05, R=R, wanted=R) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_turning_is_led_by_its_change_over_the_look_ahead():
     ahead = seen_with(turning=np.outer(np.arange(400) >= 200, [0.0, 10.0, 0.0]))
     for s, look_ahead, rate in ((0.0994, 0.02, 10.0 * 0.06), (0.15, 0.01, 0.0)):
         out = np.zeros(7)
@@ -107,7 +93,7 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
     np.testing.assert_allclose(forces, gains.tool_mass_kg * towards)
 
 
-def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not_elsewhere():
+def test_the_feed_falls_before_sharp_corners_and_turns_no_faster_than_it_may_and_not_elsewhere():
     """A corner of 3 mm radius takes half of 1.2 m/s^2 at sqrt(0.6 x 0.003) = 42 mm/s. On a steep slope it is
     so slow that the unforeseen part stays within the budget."""
     bending = np.zeros(2000)
@@ -121,10 +107,7 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
     assert acceleration.max() <= 0.12 + 1e-9
     speed = 0.1 * drawing.followable_share(course_of(0.5 * SPACING * np.arange(400), feed=0.1), CAN)[200]
     assert 0.3 * SPRING * 0.5 * speed / 40.0 == pytest.approx(1.0, rel=1e-3)
-
-
-def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration():
-    """200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s."""
+    # 200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s.
     can = AdaptiveConfig(gear_waves=200.0)
     turning, mode = np.zeros((2000, 3)), np.full(2000, 2.0 * math.pi * 24.0)
     turning[800:1200, 1] = 1.0 / 0.06  # a bend of 60 mm radius
@@ -135,7 +118,15 @@ def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibratio
     assert drawing.followable_share(rigid, can)[1000] == 1.0
 
 
-def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not():
+def test_columns_are_linear_between_rows_and_the_arm_swings_as_the_path_or_the_config_says():
+    ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
+    for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
+        assert drawing.at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
+    ahead = nothing_ahead()
+    assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
+    assert sent(ahead, 0.1) == 0.0
+    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
+    assert granted(ahead, 0.0, PathMemory()) == 1.0
     course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
     for hz, wanted in ((20.0, [40.0 * math.pi, 100.0, 120.0]), (0.0, [0.0, 0.0, 0.0])):
         law = hybrid_adaptive(ControllerConfig(adaptive=AdaptiveConfig(arm_mode_hz=hz)))
@@ -155,7 +146,7 @@ def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it():
     assert granted(ahead, 0.0, PathMemory(feed_error=100.0)) == pytest.approx(FEED.least)
 
 
-def test_a_learned_ramp_is_stored_where_it_was_met():
+def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_neighbour_is_lost():
     """The average lags its length behind a ramp; what is stored does not."""
     ahead, state = seen_with(surplus=np.zeros(800)), surface.LearningMemory()
     for s in np.arange(0.0, 0.2, 0.06 * 0.001):
@@ -164,9 +155,6 @@ def test_a_learned_ramp_is_stored_where_it_was_met():
     assert ahead.rows["known"][rows].all()
     np.testing.assert_allclose(ahead.rows["learned"][rows], 0.01 * SPACING * rows, atol=1.5e-5)
     assert not ahead.rows["known"][:10].any()
-
-
-def test_the_neighbours_slope_is_fed_forward_and_fades_out_where_the_neighbour_is_lost():
     neighbour = np.where(np.arange(800) < 600, np.arange(800) - 400, -1)
     ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
     ahead.rows["learned"], ahead.rows["known"] = 0.01 * SPACING * np.arange(800), True
@@ -198,17 +186,14 @@ def level(true_tilt: Array, noise: float = 0.0, friction: float = 0.0, seconds: 
     return np.array(track)
 
 
-def test_a_tilted_part_is_found_up_to_ten_degrees_whatever_friction_and_noise_of_the_sensor():
+def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border_s_moment():
     """The noise turns the tool by less than two milliradians."""
     for tilt in ([0.05, -0.08], [0.0, math.radians(8.0)]):
         np.testing.assert_allclose(level(np.array(tilt), friction=6.0)[-1], tilt, atol=1e-3)
     assert np.linalg.norm(level(np.array([0.4, 0.4]))[-1]) == pytest.approx(0.17)
     found = level(np.zeros(2), noise=0.02, seconds=10.0)
     assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
-
-
-def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it():
-    """0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s."""
+    # 0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s.
     m, state, tilts = measurement_at_rest(), surface.NormalMemory(), []
     for k in range(3000):
         m.wrench[2:5] = 20.0, 0.3 * math.sin(2.0 * math.pi * 30.0 * 0.001 * k), 0.0
@@ -217,9 +202,6 @@ def test_a_tool_that_swings_sideways_on_the_gears_is_hardly_turned_by_it():
     swing = 0.5 * np.ptp(tilts[2000:])
     alone = NORMAL.rate * 0.3 / NORMAL.pad_tilt_stiffness / (2.0 * math.pi * 30.0)
     assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / surface.MOMENT_HZ), rel=0.05)
-
-
-def test_a_drawn_borders_moment_does_not_turn_the_tool_whose_axis_is_turned_about_its_own_axes():
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
     m, state = measurement_at_rest(), surface.NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
