@@ -165,7 +165,7 @@ class Rows:
                     entry = json.loads(line)
                     key, row = str(entry["key"]), dict(entry["row"])
                     whole = entry.get("sum", check_sum(row)) == check_sum(row) and self.needed <= row.keys()
-                except (ValueError, KeyError, TypeError):
+                except (ValueError, KeyError, TypeError, RecursionError):
                     whole = False
                 if whole:
                     yield key, row

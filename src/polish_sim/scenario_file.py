@@ -255,7 +255,7 @@ def parse_value(text: str) -> Any:
     """A value as ``--set`` takes it: TOML, else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except ValueError:  # no TOML, or a whole number of thousands of digits
+    except (ValueError, RecursionError):  # no TOML, thousands of digits or of brackets
         return text
 
 

@@ -17,7 +17,7 @@ WHOLE, END = "# Whole if its last line is: # end\n", "# end\n"
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read, is no TOML,
     or one of ours that was cut."""
-    text = read_bytes(file, what, error).decode(errors="backslashreplace")
+    text = read_bytes(file, what, error).decode("utf-8-sig", "backslashreplace")
     if WHOLE in text and END.strip() not in text.splitlines():
         raise error(
             f"the {what} '{file}' was cut: it has no line '# end'. Restore it, or delete its line "
@@ -25,7 +25,7 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
         )
     try:
         return tomllib.loads(text)
-    except ValueError as caught:
+    except (ValueError, RecursionError) as caught:
         why = str(caught).replace("end of document", f"line {len(text.splitlines())}, its end")
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught
 

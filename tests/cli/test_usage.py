@@ -176,6 +176,8 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        ("run force --config deep.toml", "'deep.toml' is not valid TOML: maximum recursion"),
+        ("run force --set sensor.force_noise_n=" + 3000 * "[", "'sensor.force_noise_n' must be a number"),
         ("run force --config mine.toml", "force_noise_n' = -1.0 ... 0 to 20"),
         ("calibrate tcp --data .", "Is a directory"),
         ("plan /dev/null", "/dev/null: not a regular file"),
@@ -196,11 +198,13 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
     ],
 )
 def test_a_file_of_something_else_is_named_and_left_alone(polish_sim, words, said):
-    Path("mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
+    Path("deep.toml").write_text("a = " + 5000 * "[" + 5000 * "]")
+    Path("mine.toml").write_text("\ufeff[sensor]\nforce_noise_n = -1.0\n", encoding="utf-8")
     Path("empty.csv").touch()
     Path("binary.csv").write_bytes(bytes(range(256)))
     for folder in ("other", "arc"):
         Path(folder).mkdir()
     Path("other/notes.txt").touch()
-    assert_refused(polish_sim(*words.split()), said, "mine.toml", "empty.csv", "binary.csv", "other", "arc")
+    held = ("deep.toml", "mine.toml", "empty.csv", "binary.csv", "other", "arc")
+    assert_refused(polish_sim(*words.split()), said, *held)
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
