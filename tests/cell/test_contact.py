@@ -241,7 +241,7 @@ def test_springs_and_pad_in_series_say_the_depth_on_a_plane_and_half_over_its_bo
     np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
-def test_rows_follow_the_plan_over_several_strokes_and_a_raster_line_neighbours_the_line_before_it():
+def test_rows_of_a_course_follow_the_plan_its_strands_and_turning_in_a_turned_cell_too():
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
     second = pressed_with(10.0, along_tool(TOUCH, y=0.01))._replace(start_s=0.04)
     course = course_on(plane(), pressed_with(20.0), second)
@@ -255,9 +255,6 @@ def test_rows_follow_the_plan_over_several_strokes_and_a_raster_line_neighbours_
     rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
     assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
     np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
-
-
-def test_the_turning_is_that_of_the_path_and_all_else_stays_when_the_whole_cell_is_turned():
     turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
     stroke = pressing_stroke()._replace(process=path_through(TOUCH, turned))
     course = course_on(plane(), stroke)

@@ -163,7 +163,7 @@ def test_what_cannot_be_made_or_would_change_nothing_is_refused(change, said):
         cells.cell_for(override(default_scenario("force"), [change]), stroke)
 
 
-def test_force_and_feed_set_anew_are_kept_and_no_guard_takes_the_springs_way_for_the_surface():
+def test_force_and_feed_set_anew_are_kept_and_what_happens_by_hand_happens_again_when_planned():
     changes = "force_n=45@contact+1, feed_m_s=0.004@contact+1.5, force_n=5@contact+2"
     run = faulty("", f"process.changes='{changes}'", hold=0.0, slide=0.02).run()
     assert run.stop_reason is None
@@ -175,8 +175,6 @@ def test_force_and_feed_set_anew_are_kept_and_no_guard_takes_the_springs_way_for
         s = np.interp([start + since - 0.1, start + since + 0.1], run.trace.time_s, run.trace.path_s_m)
         assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
 
-
-def test_what_happens_by_hand_happens_again_when_it_is_planned():
     class ByHand(Silent):
         frame_every_s = 0.013
 

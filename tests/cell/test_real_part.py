@@ -62,7 +62,7 @@ def test_displacement_and_form_error_have_their_size_direction_and_shortest_wave
         assert np.abs(curvature).max() < 0.00015 * 8 * (2.0 * np.pi / 0.04) ** 2
 
 
-def test_a_part_as_drawn_lies_where_it_is_placed_and_is_whole_for_the_crash_check(sheet):
+def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_its_seed_says(sheet):
     part = real(sheet, TRUE)
     np.testing.assert_allclose(part.rotation, T_BASE_WORK[:3, :3], atol=1e-15)
     np.testing.assert_allclose(part.position, T_BASE_WORK[:3, 3], atol=1e-15)
@@ -83,9 +83,6 @@ def test_a_part_as_drawn_lies_where_it_is_placed_and_is_whole_for_the_crash_chec
         [field_distance(coarse, *place, z - THICKNESS / 2) for place in places] for z in (0.0, 0.008)
     )
     assert max(inside) < 0.5 * coarse.spacing < min(beside)
-
-
-def test_the_bent_surface_lies_where_the_form_error_of_its_seed_says(sheet):
     config = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0003)
     part, top = real(sheet, config, seed=3), top_of(sheet)
     bend = bend_of(config, spread_over(top), np.random.default_rng(3))

@@ -278,7 +278,7 @@ def test_arms_with_gears_rest_where_encoders_and_statics_say_and_slip_within_the
     np.testing.assert_array_equal(linked.arrive(q, rng), q[None])
 
 
-def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_leave():
+def test_hysteresis_along_a_way_is_that_of_the_twists_and_each_arm_of_a_seed_is_drawn_for_itself():
     """Planted: twists there and back, and what spring and hysteresis carry with them."""
     real, arm = real_pair().scenario.robot.real, real_pair().real_arm
     twists = 1e-3 * np.sin(np.linspace(0.0, 5.0, 400)) * np.linspace(0.2, 1.0, 400)
@@ -292,9 +292,6 @@ def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_le
         left[j] = held
     found = slip_along(real, torques, np.zeros((1, 6)))[0]
     np.testing.assert_allclose(found, left, atol=0.02 * arm.lost_torque.min())
-
-
-def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot():
     cell = real_pair()
     real, seed = cell.scenario.robot.real, cell.scenario.seed
     alone = build_scene(cell.scenario)

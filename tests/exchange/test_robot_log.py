@@ -39,16 +39,13 @@ def test_ros_bags(tmp_path, kind):
             read_robot_recording(file)
 
 
-def test_npz_with_runs_in_it(tmp_path):
+def test_npz_with_runs_and_mapped_columns_and_units_are_read_and_wrong_maps_refused(tmp_path):
     file = write_npz(tmp_path / "log.npz", {f"b/{name}": values for name, values in LOG.items()})
     check(read_robot_recording(file, run="b"), "q_rad", "force_n")
     with pytest.raises(InputError, match="--run"):
         read_robot_recording(file)
     with pytest.raises(InputError, match="Known: b"):
         read_robot_recording(file, run="c")
-
-
-def test_a_mapping_names_columns_and_units_and_a_wrong_one_is_refused(tmp_path):
     names = {"time_s": "clock", "q_rad": "Joint {i} angle"}
     odd = LOG | {"time_s": 1e3 * LOG["time_s"], "q_rad": np.degrees(LOG["q_rad"])}
     file, mapping = write_csv(tmp_path / "log.csv", odd, ",", names), tmp_path / "map.toml"

@@ -92,7 +92,7 @@ def test_a_ring_has_its_outer_border_first_and_all_of_a_block_is_its_six_faces_t
     assert len(region.boundary_loops) == 6
 
 
-def test_a_box_or_the_same_polygon_cuts_coarse_facets_along_straight_lines(listed):
+def test_boxes_polygons_points_and_listed_facets_take_what_they_name_cut_along_straight_lines(listed):
     corners = "polygon:" + listed("# x, y\n-20,-10\n30,-10\n30,12\n-20,12\n")
     for choice in ("box:-20,-10,0,30,12,15", corners, "polygon:-20,-10,0;30,-10,0;30,12,5;-20,12,5"):
         region = region_of(BLOCK, choice)
@@ -100,9 +100,6 @@ def test_a_box_or_the_same_polygon_cuts_coarse_facets_along_straight_lines(liste
         (loop,) = region.boundary_loops
         assert loop[:, :2].min(axis=0) == pytest.approx([-0.02, -0.01])
         assert loop[:, :2].max(axis=0) == pytest.approx([0.03, 0.012])
-
-
-def test_a_point_takes_the_smooth_face_under_it_however_steep_and_faces_the_listed_facets(listed):
     assert region_of(BLOCK, "point:10,10,11").area_m2 == pytest.approx(0.006)
     # A side wall, though it does not look up.
     side = region_of(BLOCK, "point:50,0,0")

@@ -52,7 +52,7 @@ def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLE
     return fit_curve(polyline_of(chain, places), *tolerances)
 
 
-def test_a_straight_stroke_is_kept_exactly_at_its_own_pace_and_chords_of_a_circle_become_round_again():
+def test_the_curve_is_straight_or_round_as_the_stroke_and_its_derivatives_are_finite_differences():
     curve = fit(*stroke(np.outer(np.linspace(0.0, 0.1, 40) ** 1.5, [0.6, 0.0, 0.8])))
     rates = curve_rates(curve, np.linspace(0.0, curve.length, 200))
     np.testing.assert_allclose(rates.tips[1], np.tile([0.6, 0.0, 0.8], (200, 1)), atol=1e-9)
@@ -65,9 +65,6 @@ def test_a_straight_stroke_is_kept_exactly_at_its_own_pace_and_chords_of_a_circl
     np.testing.assert_allclose(np.linalg.norm(rates.tips[0], axis=1), radius, atol=3e-6)
     np.testing.assert_allclose(np.linalg.norm(rates.tips[2], axis=1), 1.0 / radius, rtol=0.02)
     np.testing.assert_allclose(np.linalg.norm(rates.tips[3], axis=1), 1.0 / radius**2, rtol=0.1)
-
-
-def test_derivatives_are_those_of_finite_differences():
     chain, places = random_stroke(np.random.default_rng(3))
     curve = fit(chain, places)
     knots = curve.knots

@@ -86,14 +86,11 @@ def test_arms_necks_and_frames_are_covered_in_few_strokes(shape, pattern, stroke
     assert figures["coverage_stepover"] > share
 
 
-def test_curvature_along_the_path_is_the_spheres_and_the_same_request_gives_the_same_bytes():
+def test_a_sphere_s_path_has_its_curvature_is_the_same_again_and_reports_growing_progress():
     path = shipped_plan("sphere_100").path
     assert path.curvature[path.process] == pytest.approx(np.full(path.process.sum(), 10.0), rel=0.02)
     again = plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=STEP)).path
     assert path.positions_work.tobytes() == again.positions_work.tobytes()
-
-
-def test_progress_is_reported_and_grows():
     shares = []
     plan_path(region_of("sphere_100"), PlanConfig(stepover_m=STEP), shares.append)
     assert shares == sorted(shares)

@@ -194,7 +194,14 @@ def test_the_dashboard_says_what_the_robot_does(served):
     assert lines(connection, "brake release", "robotmode") == ["Brake releasing", "Robotmode: RUNNING"]
 
 
-def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robot):
+def test_a_watchdog_stops_a_silent_client_s_programme_and_the_dashboard_unlocks_a_stop_after_5_s(robot):
+    controller = RobotController(robot, "5.11")
+    controller.run(loop('rtde_set_watchdog("input_int_register_0", 10, "stop")').decode(), "")
+    while controller.machine is not None and robot.ticks < 200:
+        controller.tick()
+    assert any("watchdog" in line for line in controller.log)
+    assert robot.ticks * 0.002 == pytest.approx(0.1, abs=0.02)
+    assert robot.steady()
     controller = RobotController(robot, "5.11")
     controller.run("def stops():\n  protective_stop()\n  sync()\nend\n", "")
     controller.tick()
@@ -224,16 +231,6 @@ def test_the_robot_stops_when_the_client_of_its_programme_dies(served):
     served.until(lambda: served.controller.machine is None)
     assert (served.robot.ticks - died) * 0.002 < 0.4 + 0.1
     served.until(served.robot.steady)
-
-
-def test_a_watchdog_stops_a_programme_whose_client_is_silent(robot):
-    controller = RobotController(robot, "5.11")
-    controller.run(loop('rtde_set_watchdog("input_int_register_0", 10, "stop")').decode(), "")
-    while controller.machine is not None and robot.ticks < 200:
-        controller.tick()
-    assert any("watchdog" in line for line in controller.log)
-    assert robot.ticks * 0.002 == pytest.approx(0.1, abs=0.02)
-    assert robot.steady()
 
 
 def messages(connection: socket.socket, kind: int) -> Iterator[bytes]:

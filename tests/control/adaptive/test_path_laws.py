@@ -93,7 +93,23 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
     np.testing.assert_allclose(forces, gains.tool_mass_kg * towards)
 
 
-def test_the_feed_falls_before_sharp_corners_and_turns_no_faster_than_it_may_and_not_elsewhere():
+def test_columns_are_linear_between_rows_and_the_arm_swings_as_the_path_or_the_config_says():
+    ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
+    for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
+        assert drawing.at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
+    ahead = nothing_ahead()
+    assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
+    assert sent(ahead, 0.1) == 0.0
+    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
+    assert granted(ahead, 0.0, PathMemory()) == 1.0
+    course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
+    for hz, wanted in ((20.0, [40.0 * math.pi, 100.0, 120.0]), (0.0, [0.0, 0.0, 0.0])):
+        law = hybrid_adaptive(ControllerConfig(adaptive=AdaptiveConfig(arm_mode_hz=hz)))
+        law.prepare(course)
+        np.testing.assert_allclose(law.course["arm_mode"], np.repeat(wanted, 100))
+
+
+def test_the_feed_falls_before_bends_no_faster_than_it_may_and_with_the_force_error_beyond_its_budget():
     """A corner of 3 mm radius takes half of 1.2 m/s^2 at sqrt(0.6 x 0.003) = 42 mm/s. On a steep slope it is
     so slow that the unforeseen part stays within the budget."""
     bending = np.zeros(2000)
@@ -116,25 +132,6 @@ def test_the_feed_falls_before_sharp_corners_and_turns_no_faster_than_it_may_and
     assert share[1000] * 0.03 / 0.06 == pytest.approx(2.0 * math.pi * 12.0 / 200.0, rel=0.01)
     assert share[0] == share[-1] == 1.0
     assert drawing.followable_share(rigid, can)[1000] == 1.0
-
-
-def test_columns_are_linear_between_rows_and_the_arm_swings_as_the_path_or_the_config_says():
-    ahead = seen_with(stiffness=np.array([4000.0, 5000.0, 3000.0]))
-    for s, known in ((0.25 * SPACING, 4250.0), (SPACING, 5000.0), (1.0, 3000.0), (-1.0, 4000.0)):
-        assert drawing.at(ahead.rows["stiffness"], SPACING, s) == pytest.approx(known, rel=1e-3)
-    ahead = nothing_ahead()
-    assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
-    assert sent(ahead, 0.1) == 0.0
-    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
-    assert granted(ahead, 0.0, PathMemory()) == 1.0
-    course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
-    for hz, wanted in ((20.0, [40.0 * math.pi, 100.0, 120.0]), (0.0, [0.0, 0.0, 0.0])):
-        law = hybrid_adaptive(ControllerConfig(adaptive=AdaptiveConfig(arm_mode_hz=hz)))
-        law.prepare(course)
-        np.testing.assert_allclose(law.course["arm_mode"], np.repeat(wanted, 100))
-
-
-def test_twice_the_budget_of_error_halves_the_feed_and_none_frees_it():
     ahead, memory = nothing_ahead(), PathMemory()
     shares = [granted(ahead, 2.0, memory) for _ in range(1500)]
     assert shares[0] == 1.0
