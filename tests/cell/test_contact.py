@@ -190,8 +190,6 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
     assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)
 
 
-# The course: statics of springs and pad along a path.
-
 UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
 FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
 

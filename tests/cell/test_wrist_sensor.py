@@ -131,8 +131,6 @@ def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms_and_less_wh
         assert np.linalg.norm(pull_of(spindle)) == pytest.approx(speed**2 * G63, abs=1e-9)
 
 
-# Sensors by their names, and what only those have: cross-talk, overload.
-
 NO_OFFSET = [
     "sensor.force_bias_n=0", "sensor.torque_bias_nm=0", "sensor.force_drift_n_s=0",
     "sensor.torque_drift_nm_s=0", "sensor.warm_up_force_n=0", "sensor.warm_up_torque_nm=0",

@@ -125,9 +125,6 @@ def test_rotation_errors_turn_frames_and_axes_the_short_way_and_bring_any_two_fr
         assert Rotation.from_matrix(R).magnitude() < 1e-6
 
 
-# Which axis answers to what.
-
-
 def drawn(seed: int, contact: float = 1.0) -> tuple[Measurement, Target]:
     """A random measurement and a target near it."""
     rng = np.random.default_rng(seed)

@@ -170,8 +170,6 @@ def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smoot
         np.testing.assert_allclose(before, behind, atol=1e-5 * scale)
 
 
-# What two robots must not touch.
-
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
 SIDE = 0.02  # of the cube in the gripper [m]
 

@@ -253,8 +253,6 @@ def test_settings_that_do_not_fit_are_refused(changes, said, short):
         master_motion(asked.dual, asked.part.pose, short.place.path, np.array([0.0, 0.0, 1.0]), chain)
 
 
-# How the master moves the part, and the follower's strokes above it.
-
 START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])
 TIMES = np.linspace(0.0, 4.0, 81)
 VELOCITY = np.array([0.02, -0.01, 0.005])

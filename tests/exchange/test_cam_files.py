@@ -131,8 +131,6 @@ def test_straight_moves_in_the_air_and_turns_in_place_are_written_as_their_ends(
     assert (path.segment[rows[after]] == path.segment[lost]).all()
 
 
-# G-code in: straight moves, units, tool axes as vectors or angles.
-
 HEAD = "G21 G90\nG0 X0 Y0 Z0\nG1 F600\n"
 PROGRAM = """%
 O0001 (roughing)

@@ -83,9 +83,6 @@ def test_normals_are_continuous_and_curvatures_those_of_ball_and_torus():
         assert np.abs(a.normals - b.normals).max() < 1e-12
 
 
-# Creases stay sharp, flat faces flat, the skin closed.
-
-
 RING = fit(trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20))
 
 

@@ -164,9 +164,6 @@ def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, w
     assert message.endswith(".")
 
 
-# Parts of arrays: the unit they are read in, and what is no mesh.
-
-
 def box(*sides: float, unit: str = "auto") -> PartMesh:
     mesh = trimesh.creation.box(sides)
     return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit=unit)

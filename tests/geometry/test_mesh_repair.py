@@ -208,9 +208,6 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
     assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02
 
 
-# Broken mesh files, a seeded few of those `python -m benchmarks.fuzz` tries.
-
-
 def test_broken_files_are_read_or_refused_without_traceback_hang_or_more_memory_than_whole_ones(tmp_path):
     """One that lost a byte in the middle; triangles without neighbours; facets too many and corners wrong, so
     that nearly every edge is a border with thousands of vertices near."""

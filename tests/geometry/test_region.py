@@ -237,9 +237,6 @@ def facets_of(count: int, squares: list[tuple[int, int]]) -> str:
     return " ".join(f"{2 * (i * count + j)} {2 * (i * count + j) + 1}" for i, j in squares)
 
 
-# Keeping away from edges: the new border lies at the margin, measured along the surface.
-
-
 @pytest.mark.parametrize("margin", [0.0005, 0.02])
 def test_a_rectangle_stays_a_rectangle(margin):
     region = region_of(BLOCK, margin=margin)

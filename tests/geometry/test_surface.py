@@ -70,8 +70,6 @@ def test_a_restricted_surface_is_the_whole_where_it_is_and_bends_as_it_to_the_la
     assert np.abs(surface.shape[facets]).max() > 0.0
 
 
-# Properties of the geometry, looked for counterexamples by hypothesis; every run tries the same ones.
-
 CHECKED = settings(
     max_examples=6,
     deadline=None,

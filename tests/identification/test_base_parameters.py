@@ -112,8 +112,6 @@ def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves
     assert any(name.startswith("Izz2 + ") for name in names)
 
 
-# Estimates.
-
 KNOWN = known_robot()
 
 

@@ -209,9 +209,6 @@ def test_no_profile_within_the_limits_is_shorter():
         assert sum(times) <= time[(top <= v) & (way <= length)].min() * (1.0 + 1e-9)
 
 
-# Chains of way points, and the torques of a serial chain.
-
-
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 3.0, np.pi - 1e-5])
 def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
     axes = np.array([[1.0, 0.0, 0.0], [np.cos(angle), np.sin(angle), 0.0]])

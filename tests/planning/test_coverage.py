@@ -64,9 +64,6 @@ def test_one_line_across_a_plate_covers_a_stripe():
     assert not strictly_covered(mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04).any()
 
 
-# Time under the pad against closed forms, and its invariants.
-
-
 def flat_steps(points, feed):
     """Steps of the pad over a plane, pressed in a little."""
     points = np.asarray(points, dtype=float)
@@ -122,9 +119,6 @@ def test_thinned_points_are_apart_and_leave_nothing_out():
     some = thin(points, 0.004)
     assert len(cKDTree(points[some.kept]).query_pairs(0.004 * (1.0 - 1e-9))) == 0
     assert np.linalg.norm(points - points[some.kept][some.stands_for], axis=1).max() < 0.004
-
-
-# Every cm^2 of the region asked for is polished, or left out for one reason.
 
 
 def planned_part(folder, solid, pad_mm=50.0, **plan) -> PlanResult:

@@ -102,8 +102,6 @@ def _every_pair(points):
     return int((parted(i, j) & parted(j, i)).sum())
 
 
-# Runs that cross are cut at the crossing: constructed figures on a plane, crossings counted before and after.
-
 STEPOVER = 0.008
 FLOOR = Floor()
 

@@ -79,9 +79,6 @@ def test_a_step_has_the_asked_length_to_a_picometre_ahead_in_the_plane_of_direct
     assert ((way * along).sum(axis=1) >= 0.9 * lengths).all()
 
 
-# The fine triangulation: conforming, fine enough, on the surface; its level lines; holes closed smoothly.
-
-
 def coarse_plate(tmp_path, hole=None):
     outline = shapely.box(-80, -80, 80, 80)
     plate(outline if hole is None else outline - hole).export(tmp_path / "plate.stl")

@@ -107,9 +107,6 @@ def test_a_part_twice_as_large_gets_a_path_twice_as_large(pattern):
     assert max(distance.max() for distance in apart) < 2.5e-3
 
 
-# Parts of chance: every plan of them holds what every plan must hold; a few of the benchmark's two hundred.
-
-
 @pytest.mark.parametrize(
     ("seed", "pattern"),
     [

@@ -182,8 +182,6 @@ def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
     assert len(found.quality.spacing.distances_m) == 0
 
 
-# The measuring stick: figures of paths whose spacing is known.
-
 STEP = 0.008
 
 

@@ -128,9 +128,6 @@ def test_beside_the_saddle_s_sharp_top_edge_no_lead_is_said_to_run_into_the_part
     assert signed_distances(result.surface, ends).min() > -1e-9
 
 
-# The order of the runs: short ways through the air, and what may not be changed stays.
-
-
 def air(ends, order, flips):
     """Length of the ways from block to block."""
     walked = [ends[block][::-1] if flip else ends[block] for block, flip in zip(order, flips, strict=True)]
@@ -172,9 +169,6 @@ def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_
     assert order_blocks(ends, False, ends[7, 0]).order[0] == 7
     assert order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
     assert not order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
-
-
-# A path without some of its places: the tool lifts over them, and the rest stays as it was planned.
 
 
 @pytest.fixture(scope="module")

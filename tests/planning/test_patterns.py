@@ -65,9 +65,6 @@ def test_the_spiral_becomes_archimedean_turn_by_turn():
     assert slopes[14] == pytest.approx(1.0, abs=0.05)
 
 
-# Connected Fermat spirals: one stroke over any region, covered, never crossing itself.
-
-
 def ring(radius, **keys):
     return level(circle(radius, **keys), closed=True)
 
@@ -87,9 +84,6 @@ def test_a_fermat_spiral_ends_beside_its_beginning_and_its_turns_have_no_tails()
     assert np.linalg.norm(trimmed.positions, axis=1).max() < 0.025
     assert trimmed.length == pytest.approx(2.0 * np.pi * 0.02, rel=0.05)
     assert without_tails(ring(0.02), 0.3 * STEP).length == ring(0.02).length
-
-
-# Raster: lines side by side, rounded turns, and a turn along the border.
 
 
 def test_the_first_turn_runs_half_a_step_over_inside_and_none_is_tighter_than_a_third():

@@ -106,9 +106,6 @@ def test_small_holes_are_run_over_and_large_ones_are_not(tmp_path):
     assert np.abs(flat[:, :2]).max(axis=1).min() > 0.025
 
 
-# What can be asked for: one call per pattern, where a path begins, and requests that cannot be met.
-
-
 def test_more_force_covers_no_less():
     cap = region_of("sphere_100")
     path = plan_path(cap, PlanConfig(pattern="raster", stepover_m=0.03))

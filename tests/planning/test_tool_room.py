@@ -238,8 +238,6 @@ def test_a_pad_too_large_and_a_plan_all_of_which_is_in_the_part_are_refused(plan
         plan_on(ground, plan, None, air)
 
 
-# The pad's disc beside walls, on edges and on curved places.
-
 RADIUS = 0.010
 PAD = PadConfig(radius_m=RADIUS)
 PLAN = PlanConfig(stepover_m=0.004, pattern="contour", region="point:0,0,0")

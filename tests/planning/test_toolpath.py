@@ -70,8 +70,6 @@ def test_the_way_down_ends_where_contact_begins_and_leaves_the_rest_alone():
     assert with_way_down(planned, 0.03) is planned
 
 
-# The tool axis: lead and tilt, smoothing that keeps within its bound, turns over creases.
-
 LEAD, TILT = np.radians(12.0), np.radians(-7.0)
 
 
