@@ -146,9 +146,6 @@ def test_a_second_knee_below_the_first_is_refused():
         run_experiment(override(ARC, [REAL, "robot.real.knee_2_nm=[10,48,48,6.9,6.9,6.9]"]))
 
 
-IDEAL = override(ARC, ["robot.arm=ideal"])
-
-
 def swing(amplitude: float, dt: float = 1e-3) -> JointTargets:
     """All joints there and back, in 2 s."""
     angle, rate = np.pi * np.arange(0.0, 2.0, dt) / 2.0, 0.5 * np.pi
@@ -162,16 +159,17 @@ def played(scenario: Scenario, targets: JointTargets) -> PlayedBack:
 
 def test_a_smooth_swing_is_followed_and_with_rigid_gears_as_the_ideal_arm_does():
     """The error grows with the acceleration."""
-    errors = [np.abs(played(IDEAL, swing(a)).q - swing(a).q).max() for a in (0.0, 0.05, 0.2)]
+    ideal_arm = override(ARC, ["robot.arm=ideal"])
+    errors = [np.abs(played(ideal_arm, swing(a)).q - swing(a).q).max() for a in (0.0, 0.05, 0.2)]
     assert errors[0] < 5e-5
     assert errors[1] < 2e-4
     assert errors[1] < errors[2] < 6e-4
     folded = HOME.copy()
     folded[2] = 3.1  # the elbow closed
     with pytest.raises(ReachError, match="would touch"):
-        played(IDEAL, JointTargets(np.tile(folded, (50, 1)), np.zeros((50, 6))))
+        played(ideal_arm, JointTargets(np.tile(folded, (50, 1)), np.zeros((50, 6))))
     # And its motors give what the ideal arm's servos and its weight's compensation give together.
-    scenario = override(IDEAL, ["simulation.timestep_s=2.5e-4"])
+    scenario = override(ideal_arm, ["simulation.timestep_s=2.5e-4"])
     targets = swing(0.2, 2.5e-4)
     ideal, again = (played(scenario, targets) for _ in range(2))
     for one, other in zip(ideal, again, strict=True):

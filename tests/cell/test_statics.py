@@ -63,9 +63,6 @@ def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_le
         assert np.abs((run.log[name][-1] - on_part) / size).max() < 0.01, name
 
 
-STIFFNESS = 5000.0  # of head and pad in series [N/m]
-
-
 def phasor(run: CellRun, frequency: float, turns: int) -> complex:
     """Force at this frequency [N], as the complex amplitude against sin(2 pi f t), over the last turns."""
     steps = round(turns / frequency * 1000)
@@ -82,6 +79,7 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the
     delay is that of command, sensor, the sensor's low-pass and the servos. Without a force loop F = k d.
     """
+    stiffness = 5000.0  # of head and pad in series [N/m]
     s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
     motion = f"part.motion_m={travel}", f"part.motion_hz={frequency}", "controller.force_filter_hz=10"
     run = cells.on_plane(f"controller.name={controller}", *motion, hold=4.0).run()
@@ -89,12 +87,12 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
     np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
     if controller == "position":
-        assert abs(found) == pytest.approx(STIFFNESS * travel, rel=0.02)
+        assert abs(found) == pytest.approx(stiffness * travel, rel=0.02)
         assert cmath.phase(found) == pytest.approx(0.0, abs=0.1)
         return
     delay = 0.006 + 0.002 + 1.0 / (2.0 * math.pi * 80.0) + 0.004
     controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 10.0)) * cmath.exp(-s * delay)
-    spring = 1.0 / (1.0 / (STIFFNESS * 4.0 / 3.0 + 60.0 * s) + 1.0 / (STIFFNESS * 4.0 + 3.0 * 20.0 * s))
+    spring = 1.0 / (1.0 / (stiffness * 4.0 / 3.0 + 60.0 * s) + 1.0 / (stiffness * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
 

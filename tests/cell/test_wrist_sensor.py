@@ -94,9 +94,6 @@ def test_a_drift_walks_at_random_and_readings_are_whole_quanta_within_the_range(
         np.testing.assert_allclose(last, sign * np.array([3.0, -4.0, 20.0, 0.1, -0.15, 0.03]))
 
 
-G63 = 0.3 * 0.0063 * 2.0 * math.pi * 100.0  # m e omega^2 of 0.3 kg at G6.3 and 6000 1/min [N]
-
-
 def pull_of(spindle: Spindle) -> Array:
     """On an upright head [N]."""
     force = np.zeros(3)
@@ -114,11 +111,12 @@ def pulls(config: SpindleConfig, steps: int) -> Array:
 
 def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms_and_less_when_it_runs_down():
     """Without its drive it runs down evenly, and the pull falls with the square of its speed."""
+    g63 = 0.3 * 0.0063 * 2.0 * math.pi * 100.0  # m e omega^2 of 0.3 kg at G6.3 and 6000 1/min [N]
     found = pulls(SpindleConfig(), 200)
-    assert pytest.approx(1.19, abs=0.005) == G63
+    assert pytest.approx(1.19, abs=0.005) == g63
     for silent in (SpindleConfig(speed_rpm=0.0), SpindleConfig(imbalance_m_s=0.0)):
         np.testing.assert_array_equal(pulls(silent, 20), 0.0)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), G63, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), g63, rtol=1e-12)
     np.testing.assert_allclose(found[10:], found[:-10], atol=1e-12)
     np.testing.assert_allclose(found[5:], -found[:-5], atol=1e-12)
     np.testing.assert_array_equal(found[:, 2], 0.0)
@@ -128,19 +126,17 @@ def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms_and_less_wh
         for _ in range(round(0.5 * RUN_DOWN_S / DT)):
             turn_spindle(spindle, DT)
         assert spindle.speed == pytest.approx(speed * spindle.commanded, abs=1e-9)
-        assert np.linalg.norm(pull_of(spindle)) == pytest.approx(speed**2 * G63, abs=1e-9)
-
-
-NO_OFFSET = [
-    "sensor.force_bias_n=0", "sensor.torque_bias_nm=0", "sensor.force_drift_n_s=0",
-    "sensor.torque_drift_nm_s=0", "sensor.warm_up_force_n=0", "sensor.warm_up_torque_nm=0",
-    "sensor.cross_talk=0",
-]  # fmt: skip
+        assert np.linalg.norm(pull_of(spindle)) == pytest.approx(speed**2 * g63, abs=1e-9)
 
 
 @pytest.mark.parametrize("model", ["ur5e-built-in", "axia80", "hex-125hz"])
 def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
-    config = override(default_scenario("force"), [f"sensor.model={model}", *NO_OFFSET]).sensor
+    no_offset = [
+        "sensor.force_bias_n=0", "sensor.torque_bias_nm=0", "sensor.force_drift_n_s=0",
+        "sensor.torque_drift_nm_s=0", "sensor.warm_up_force_n=0", "sensor.warm_up_torque_nm=0",
+        "sensor.cross_talk=0",
+    ]  # fmt: skip
+    config = override(default_scenario("force"), [f"sensor.model={model}", *no_offset]).sensor
     shown = dict(SENSOR_MODELS[model])
     noise, quanta, full = (
         np.repeat([shown[f"force_{name}_n"], shown[f"torque_{name}_nm"]], 3)

@@ -32,23 +32,22 @@ from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke
 from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 from tests.planning.shapes import path_through
 
-CHAIN = ClosedChain(
-    from_pose([-1.15, 0.0, 0.0, 0.0, 0.0, np.pi]),
-    from_pose([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
-    from_pose([0.0, 0.0, 0.05, 0.0, 0.0, 0.3]),
-    from_pose([0.0, 0.0, 0.18, 0.02, -0.01, 0.4]),
-)
-
 
 def test_a_wrong_chain_shows_as_it_is():
+    chain = ClosedChain(
+        from_pose([-1.15, 0.0, 0.0, 0.0, 0.0, np.pi]),
+        from_pose([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
+        from_pose([0.0, 0.0, 0.05, 0.0, 0.0, 0.3]),
+        from_pose([0.0, 0.0, 0.18, 0.02, -0.01, 0.4]),
+    )
     turns, places = (
         Rotation.random(10, random_state=0).as_matrix(),
         np.random.default_rng(0).normal(size=(10, 3)),
     )
     T_master_work, T_work_tool = transform(turns, places).reshape(2, 5, 4, 4)
-    first, second = CHAIN.master_flange(T_master_work), CHAIN.follower_flange(T_master_work, T_work_tool)
-    moved = CHAIN._replace(T_flange_tool=CHAIN.T_flange_tool @ from_pose([0.0, 0.0, 1e-3, 0.0, 2e-3, 0.0]))
-    np.testing.assert_allclose(CHAIN.residual(first, second, T_work_tool), 0.0, atol=1e-12)
+    first, second = chain.master_flange(T_master_work), chain.follower_flange(T_master_work, T_work_tool)
+    moved = chain._replace(T_flange_tool=chain.T_flange_tool @ from_pose([0.0, 0.0, 1e-3, 0.0, 2e-3, 0.0]))
+    np.testing.assert_allclose(chain.residual(first, second, T_work_tool), 0.0, atol=1e-12)
     off = moved.residual(first, second, T_work_tool)
     np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
 
@@ -146,23 +145,21 @@ def test_marks_span_a_narrow_strip_s_part_and_a_long_slanted_one(tmp_path):
     assert spread[1] > 0.1 * spread[0]
 
 
-RADIUS = 0.2
-
-
 def rim(radius: float, count: int = 12) -> Array:
     angle = 2.0 * np.pi * np.arange(count) / count
     return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
 
 
 def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smooth_where_it_closes():
-    spline = fit_closed_spline(rim(RADIUS))
+    radius = 0.2
+    spline = fit_closed_spline(rim(radius))
     u = np.linspace(0.0, length_of(spline), 4001)
-    assert np.abs(np.linalg.norm(spline(u), axis=1) - RADIUS).max() <= 3.2e-7
-    twice = rim(RADIUS)
+    assert np.abs(np.linalg.norm(spline(u), axis=1) - radius).max() <= 3.2e-7
+    twice = rim(radius)
     twice[4] = twice[3]
     with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
         fit_closed_spline(twice)
-    spline = fit_closed_spline(rim(RADIUS) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
+    spline = fit_closed_spline(rim(radius) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
     knots = np.unique(spline.t[5:-5])
     for derivative in range(5):
         before, behind = spline(knots - 1e-9, derivative), spline(knots + 1e-9, derivative)

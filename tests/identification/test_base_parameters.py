@@ -21,12 +21,11 @@ from tests.identification.known import (
     odd_model,
 )
 
-TERMS = ("viscous", "armature")
-
 
 @pytest.mark.parametrize(("engine", "joints"), [(arm_model(), ARM_JOINTS), (odd_model(), None)])
 def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(engine, joints):
-    model = regressor.TorqueModel(read_chain(engine, joints), TERMS)
+    terms = ("viscous", "armature")
+    model = regressor.TorqueModel(read_chain(engine, joints), terms)
     states = regressor.random_states(model.joints, 200, np.random.default_rng(0))
     torque = model.torque(states, model.truth())
     assert np.abs(torque - inverse_dynamics(engine, *states)).max() <= 1e-10

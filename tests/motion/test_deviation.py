@@ -266,18 +266,16 @@ def test_segments_end_in_the_next_frame_and_points_that_repeat_tip_and_axis_are_
     assert len(build_chain(tips[:1], frames[:1]).lengths) == 0
 
 
-ROBOT = mujoco.MjModel.from_xml_path(str(robot_model_path()))
-
-
 @pytest.mark.parametrize(("joints", "count"), [(ARM_JOINTS, 6), (None, 7)], ids=["arm", "arm and slide"])
 def test_torques_are_those_of_the_regressor_and_without_gravity_scale_with_the_masses(joints, count):
-    chain = read_chain(ROBOT, joints)
+    robot = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    chain = read_chain(robot, joints)
     rigid, states = TorqueModel(chain, ("armature",)), random_states(count, 100, np.random.default_rng(1))
     wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(count)
     for row in range(100):
         chain_torque(model, states.q[row], states.qd[row], states.qdd[row], 1.0, torque)
         np.testing.assert_allclose(torque, wanted[row], atol=1e-11)
-    chain, torque, more = read_chain(ROBOT, ARM_JOINTS), np.zeros(6), np.zeros(6)
+    chain, torque, more = read_chain(robot, ARM_JOINTS), np.zeros(6), np.zeros(6)
     q, qdd, still = np.linspace(-1.0, 1.0, 6), np.linspace(2.0, -3.0, 6), np.zeros(6)
     chain_torque(chain_model(chain), q, still, qdd, 0.0, torque)
     chain_torque(chain_model(chain, 1.2), q, still, qdd, 0.0, more)

@@ -98,9 +98,6 @@ def test_every_rule_turns_on_the_spot_and_takes_single_segments(name):
         assert found.axis.value <= AXIS_TOLERANCE * (1.0 + 1e-9)
 
 
-INFINITE = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.inf)
-
-
 @pytest.mark.parametrize(
     ("limits", "each"),
     [
@@ -111,11 +108,12 @@ INFINITE = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.in
     ],
 )
 def test_limits_may_be_infinite_but_not_all(limits, each):
+    infinite = dict.fromkeys(("axis_speed", "axis_acceleration", "axis_jerk"), np.inf)
     chain = build_chain(0.01 * np.eye(4)[:, :3][[3, 0, 3]], np.tile(np.eye(3), (3, 1, 1)))
     for plan in (*PAPER, plan_exact_stop):
-        smoothed = plan(chain, SmoothingLimits(**{**INFINITE, **limits}), 0.0, 0.0, None)
+        smoothed = plan(chain, SmoothingLimits(**{**infinite, **limits}), 0.0, 0.0, None)
         assert smoothed.end == pytest.approx(2.0 * each)
-    none = SmoothingLimits(**INFINITE, tip_speed=np.inf, tip_acceleration=np.inf, tip_jerk=np.inf)
+    none = SmoothingLimits(**infinite, tip_speed=np.inf, tip_acceleration=np.inf, tip_jerk=np.inf)
     with pytest.raises(SmoothingError, match=r"limits .* segment 1"):
         plan_exact_stop(chain, none)
 

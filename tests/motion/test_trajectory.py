@@ -70,10 +70,8 @@ def test_a_single_pose_is_a_path_of_no_length_and_a_motion_of_no_duration():
     np.testing.assert_allclose(run.velocities, 0.0)
 
 
-LINE = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
-
-
 def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_given():
+    line = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
     x = np.repeat(np.linspace(0.0, 0.1, 11), [1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1])
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))
@@ -88,7 +86,7 @@ def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_give
     table = trajectory.build_path_table(0.096 * on_part, np.tile(np.eye(3), (200, 1, 1)), s=0.1 * angle)
     assert table.length == pytest.approx(0.1)
     np.testing.assert_allclose(np.linalg.norm(sample(table, 0.05)[1]), 0.96, atol=1e-6)
-    s, table = np.array([0.3, 0.35, 0.5]), trajectory.build_path_table(LINE, np.tile(np.eye(3), (41, 1, 1)))
+    s, table = np.array([0.3, 0.35, 0.5]), trajectory.build_path_table(line, np.tile(np.eye(3), (41, 1, 1)))
     assert trajectory.sample_column(table, table.feed_share, 0.123) == 1.0  # exactly, where none is given
     values = trajectory.at_rows(table, s, np.array([1.0, 2.0, 0.5]))
     for place, share in ((0.0, 1.0), (0.025, 1.5), (0.05, 2.0), (0.125, 1.25), (0.2, 0.5), (0.4, 0.5)):

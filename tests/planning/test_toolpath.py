@@ -17,8 +17,6 @@ from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
 from polish_sim.spatial import angles_between
 from tests.planning.shapes import UP, region_of, shipped_plan
 
-CLEARANCE = 0.03
-
 
 def straight(count=50):
     x = np.linspace(0.0, 0.05, count)
@@ -42,14 +40,15 @@ def test_a_path_cannot_be_changed_and_pressing_moves_its_process_points_against_
 
 @pytest.mark.parametrize("name", LEADS)
 def test_every_lead_in_ends_at_the_first_point_from_above_and_behind(name):
-    move = with_leads(straight(), *2 * [Landing(LEADS[name], CLEARANCE)])
+    clearance = 0.03
+    move = with_leads(straight(), *2 * [Landing(LEADS[name], clearance)])
     lead_in = move.positions[move.segment == LEAD_IN]
     assert len(lead_in) > 1
     assert np.diff(lead_in[:, 2]).max() < 0.0
     assert lead_in[:, 0].max() <= 1e-12
     assert np.linalg.norm(lead_in[-1]) < 2e-3
-    assert move.positions[0, 2] == pytest.approx(CLEARANCE)
-    assert move.positions[-1, 2] == pytest.approx(CLEARANCE)
+    assert move.positions[0, 2] == pytest.approx(clearance)
+    assert move.positions[-1, 2] == pytest.approx(clearance)
     if name == "arc":  # lands along the path
         assert -lead_in[-1, 0] > lead_in[-1, 2] / np.tan(np.radians(4.0))
 
