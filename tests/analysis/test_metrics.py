@@ -59,7 +59,7 @@ def test_a_constant_radial_error_and_a_slow_ripple_of_the_speed_are_those_of_the
     centre, normal = np.asarray(metrics.PAPER_ARC.center), np.asarray(metrics.PAPER_ARC.normal)
     rim_top = centre + np.array([0.0, 0.0, metrics.PAPER_ARC.radius])
     points = np.array([centre, rim_top, rim_top + 0.03 * normal])
-    assert metrics.distance_to_circle(points, metrics.PAPER_ARC) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
+    assert metrics.distance_to_arc(points) == pytest.approx([0.1, 0.0, 0.03], abs=1e-12)
     # But for the first second: the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it.
     trace = arc_trace(ripple_m_s=2e-4)
     ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
@@ -76,7 +76,7 @@ def test_every_bump_of_the_path_is_one_curvature_peak_and_a_dip_of_force_there_i
     assert len(metrics.curvature_peaks(replace(path, curvature=rippled))) == 6
     s = np.linspace(0.0, 2.0, 200_000)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
-    errors = metrics.errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
+    errors = metrics.errors_at_peaks(bumpy_path(bumps=10), s, noise)
     assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
     path = bumpy_path(bumps=6)
     trace = surface_trace(path, dip_n=5.0)

@@ -34,6 +34,7 @@ class PeakErrors(NamedTuple):
     """Largest force error per window, averaged over the windows at the peaks and over those away from
     them."""
 
+    passed: int  #: Peaks
     at_peaks_n: float
     between_peaks_n: float
 
@@ -52,19 +53,15 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     return process[[top for top in tops if magnitude[top] > SHARP_1_M and not bent.all()]]
 
 
-def peaks_passed(path: ToolPath, path_s: Array) -> Array:
-    """Places of a path's curvature peaks up to the last of some places on it (n,) [m]."""
-    peaks_s = path.s[curvature_peaks(path)]
-    return peaks_s[peaks_s <= (path_s[-1] if len(path_s) else -math.inf)]
-
-
-def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
-    """Means of the force error [N] (n,) at peaks [m] of the path and in stretches of the same length
-    elsewhere; NaN if none.
+def errors_at_peaks(path: ToolPath, path_s: Array, force_error: Array) -> PeakErrors:
+    """Means of the force error [N] (n,) at places on a path [m] (n,), at its curvature peaks up to the last
+    of them and in stretches of the same length elsewhere; NaN if none.
 
     The largest of many noisy samples is large anywhere, so the peaks are compared with the same statistic
     between them.
     """
+    peaks_s = path.s[curvature_peaks(path)]
+    peaks_s = peaks_s[peaks_s <= path_s.max(initial=-math.inf)]
     magnitude = np.abs(force_error)
     at_peaks = [_largest(path_s, magnitude, s - WINDOW_M, s + WINDOW_M) for s in peaks_s]
     edges = np.arange(path_s[0], path_s[-1] - 2 * WINDOW_M, 2 * WINDOW_M) if len(path_s) else np.empty(0)
@@ -73,7 +70,7 @@ def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakEr
         for low in edges
         if not np.any((peaks_s > low - WINDOW_M) & (peaks_s < low + 3 * WINDOW_M))
     ]
-    return PeakErrors(_mean(at_peaks), _mean(between))
+    return PeakErrors(len(peaks_s), _mean(at_peaks), _mean(between))
 
 
 def _largest(path_s: Array, magnitude: Array, low: float, high: float) -> float:
@@ -230,7 +227,7 @@ def measure_arc(trace: Trace) -> Figures:
     part = steady_feed(trace.fed, trace.time_s, trace.path_s_m)
     time = trace.time_s[part]
     speed = trace.tcp_speed_m_s[part]
-    distance = distance_to_circle(trace.tcp_position_m[part], PAPER_ARC)
+    distance = distance_to_arc(trace.tcp_position_m[part])
     # The median leaves ramps at the ends out.
     feed = _reduce(np.median, np.diff(trace.path_s_m[part]) / np.diff(time))
     deviation = moving_average(time, speed, SPEED_WINDOW_S) - feed
@@ -290,8 +287,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     path_s = trace.path_s_m[part]
     error = force - plan.force_at(path_s, contact_force)
     off = np.abs(error)
-    passed = peaks_passed(plan, path_s)
-    peak_errors = errors_at_peaks(path_s, error, passed)
+    peaks = errors_at_peaks(plan, path_s, error)
     return {
         "force_mean_n": _reduce(np.mean, force),
         "force_rms_error_n": _reduce(rms, error),
@@ -305,18 +301,18 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
         "speed_std_m_s": _reduce(np.std, trace.tcp_speed_m_s[part]),
         "feed_time_s": time[-1] - time[0] if len(time) else math.nan,
-        "curvature_peaks": len(passed),
-        "force_error_at_peaks_n": peak_errors.at_peaks_n,
-        "force_error_between_peaks_n": peak_errors.between_peaks_n,
+        "curvature_peaks": peaks.passed,
+        "force_error_at_peaks_n": peaks.at_peaks_n,
+        "force_error_between_peaks_n": peaks.between_peaks_n,
     }
 
 
-def distance_to_circle(points: Array, circle: Circle) -> Array:
-    """Distance from points to a circle in space [m]; points (n, 3) in the circle's frame, result (n,)."""
-    offset = points - circle.center
-    height = offset @ circle.normal
-    in_plane = norms(offset - height[:, None] * circle.normal)
-    return np.hypot(height, in_plane - circle.radius)
+def distance_to_arc(points: Array) -> Array:
+    """Distance from points, base frame, to the circle of ``arc`` [m], (n, 3) -> (n,)."""
+    offset = points - PAPER_ARC.center
+    height = offset @ PAPER_ARC.normal
+    in_plane = norms(offset - height[:, None] * PAPER_ARC.normal)
+    return np.hypot(height, in_plane - PAPER_ARC.radius)
 
 
 def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:

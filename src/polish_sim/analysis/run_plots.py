@@ -14,7 +14,7 @@ from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, figure_of,
 from polish_sim.analysis.metrics import (
     PAPER_ARC,
     column_of,
-    distance_to_circle,
+    distance_to_arc,
     first_contact,
     moving_average,
     steady_feed,
@@ -59,7 +59,7 @@ def plot_arc(record: RunRecord) -> Figure:
     counted = steady_feed(process, column_of(record.log, "time_s"), column_of(record.log, "path_s_m"))[
         process
     ]
-    _draw_error(error, time - start, distance_to_circle(positions, PAPER_ARC), counted)
+    _draw_error(error, time - start, distance_to_arc(positions), counted)
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
     plane = figure.add_subplot(grid[:, 1])
@@ -89,7 +89,7 @@ def plot_arc_runs(records: Records) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
-        return record.fed("path_s_m"), distance_to_circle(record.fed("tcp_position_m"), PAPER_ARC) * 1e6
+        return record.fed("path_s_m"), distance_to_arc(record.fed("tcp_position_m")) * 1e6
 
     return compare_runs(
         records,

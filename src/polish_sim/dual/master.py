@@ -53,23 +53,17 @@ class PartWay(NamedTuple):
         return np.asarray(poses)
 
 
-def to_and_fro(times: Array, leg: float) -> Array:
-    """Times (n,) [s] of a way that is gone there and back, turning after every ``leg`` [s] as steeply as it
-    sets off from rest; C2."""
-    number, since = np.divmod(times, leg + math.pi / RAMP_PEAK)
-    gone = np.minimum(since, leg) + np.sin(RAMP_PEAK * np.maximum(since - leg, 0.0)) / RAMP_PEAK
-    return np.where(number % 2.0, leg - gone, gone)
-
-
 def along_arc(velocity: Array, bend: float, leg: float = math.inf) -> Callable[[Array], Array]:
     """Constant speed along a line, or along an arc whose direction turns by ``bend`` [rad/s] about z, and
-    back after every ``leg`` [s]."""
+    back after every ``leg`` [s], turning as steeply as it sets off from rest; C2."""
     across = np.array([-velocity[1], velocity[0], 0.0])
     level = np.array([velocity[0], velocity[1], 0.0])
     rise = np.array([0.0, 0.0, velocity[2]])
 
     def shift(times: Array) -> Array:
-        times = to_and_fro(times, leg)
+        number, since = np.divmod(times, leg + math.pi / RAMP_PEAK)
+        gone = np.minimum(since, leg) + np.sin(RAMP_PEAK * np.maximum(since - leg, 0.0)) / RAMP_PEAK
+        times = np.where(number % 2.0, leg - gone, gone)
         half = 0.5 * bend * times
         ratio = np.sinc(half / math.pi)  # sin(half) / half
         along, aside = ratio * np.cos(half), ratio * np.sin(half)

@@ -51,13 +51,12 @@ def plot_dual(record: RunRecord) -> Figure | None:
     """Draw the errors of the tool on the part over time, and the force if there is one; None before the
     feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    rows = _from_first_feed_to_last(record)
     m = record.metrics
-    if rows.stop - rows.start < 2:
+    time = _while_fed(record, "time_s")
+    if len(time) < 2:
         return None
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
     panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
-    time = column_of(record.log, "time_s")[rows]
     _draw_error(panels[0], time - time[0], _while_fed(record, "relative_error_m"))
     if pressing:
         _draw_force(panels[1], time - time[0], record)
@@ -89,17 +88,13 @@ def plot_dual_runs(records: Records) -> Figure:
     )  # fmt: skip
 
 
-def _from_first_feed_to_last(record: RunRecord) -> slice:
-    on = np.flatnonzero(record.log.fed)
-    return slice(int(on[0]), int(on[-1]) + 1) if len(on) else slice(0, 0)
-
-
 def _while_fed(record: RunRecord, name: str) -> Array:
     """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
-    rows = _from_first_feed_to_last(record)
-    values = column_of(record.log, name)[rows]
-    values[~record.log.fed[rows]] = np.nan
-    return values
+    fed = record.log.fed
+    on = np.flatnonzero(fed)
+    values = column_of(record.log, name)
+    values[~fed] = np.nan
+    return values[on[0] : on[-1] + 1] if len(on) else values[:0]
 
 
 def _draw_error(axes: Axes, time: Array, error: Array) -> None:

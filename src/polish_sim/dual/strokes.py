@@ -12,7 +12,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, evenly_to, joined, midpoints, norms, running_sums
 from polish_sim.cell import Stroke
-from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
+from polish_sim.cell.stroke import LIFT_ACCELERATION, RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
@@ -211,7 +211,11 @@ def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[V
     yield fed
     lift, takes = stroke.way_up
     times = _times(max(takes, RAMP_S), step)
-    up = fed.points[-1] + np.minimum(RETRACT_SPEED * times, lift)[:, None] * fed.axes[-1]
+    ramp = RETRACT_SPEED / LIFT_ACCELERATION
+    begun, ending = (np.clip(times - start, 0.0, ramp) for start in (0.0, takes - ramp))
+    level = np.clip(times - ramp, 0.0, takes - 2.0 * ramp) + ending
+    risen = 0.5 * LIFT_ACCELERATION * (begun**2 - ending**2) + RETRACT_SPEED * level
+    up = fed.points[-1] + np.clip(risen, 0.0, lift)[:, None] * fed.axes[-1]
     held = time_held(float(fed.time[-1]) - touch_down, times)
     yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), float(fed.s[-1]), times)._replace(
         clock=fed.clock[-1] + held.clock, rate=held.rate, meant=np.full(len(times), fed.clock[-1])

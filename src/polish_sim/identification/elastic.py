@@ -17,6 +17,7 @@ some 80 Hz on.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from polish_sim.identification.estimate import (
     BaseParameters,
     Estimate,
     against_truth,
-    base_of_rows,
+    base_of,
     condition_number,
     equilibrated,
     inverse_of,
@@ -36,7 +37,7 @@ from polish_sim.identification.estimate import (
 )
 from polish_sim.identification.gear_fit import BLOCK_S, LOW_PASS_HZ, GearFit, off_turns, slope_of
 from polish_sim.identification.log_file import LoggedGears, RobotLog
-from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
+from polish_sim.identification.regressor import FULL, States, TorqueModel, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
@@ -51,7 +52,6 @@ LIKELY = 0.1
 LOADS = 2  #: Parameters of friction by load, a joint
 _ORDER = 8
 _ROUNDS = 5
-_SAMPLES = 200
 
 
 class SprungHead(NamedTuple):
@@ -107,8 +107,7 @@ def elastic_base(model: TorqueModel) -> BaseParameters:
     assert model.terms == FULL
     links = 10 * model.joints
     terms = len(FULL) * model.joints
-    states = random_states(model.joints, _SAMPLES, np.random.default_rng(0))
-    rigid = base_of_rows(model.regressor(states)[:, :, :links].reshape(-1, links))
+    rigid = base_of(replace(model, terms=()))
     combination = np.zeros((rigid.rank + terms, links + terms))
     combination[: rigid.rank, :links] = rigid.combination
     combination[rigid.rank :, links:] = np.eye(terms)

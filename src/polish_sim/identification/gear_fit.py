@@ -144,7 +144,7 @@ class GearFit(NamedTuple):
         }
 
 
-def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFit:
+def fit_gears(log: RobotLog, real: RealArmConfig, period: float) -> GearFit:
     """Find the gears of a log with both sides' encoders; of ``real`` what a catalogue says is used, the rest
     is truth.
 
@@ -197,7 +197,7 @@ class _Gear:
         self._slope = waves * slope_of(waves * angle)
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
-        self._phase = self._sampled((log.time % period) if period else log.time - log.time[0])
+        self._phase = self._sampled(log.time % period)
 
     def _sampled(self, values: Array) -> Array:
         """The samples that are fitted and count."""

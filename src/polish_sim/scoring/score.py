@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import errors_at_peaks, peaks_passed
+from polish_sim.analysis.metrics import errors_at_peaks
 from polish_sim.cell import CellRun
 from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_arm import take_arm
@@ -121,7 +121,7 @@ def _figures(task: Task, place: Workplace, run: CellRun) -> Row:
     if not task.case.moving:
         return figures | {"peaks_error_n": None, "slowed": None}
     error = (trace.normal_force_n - wanted)[fed]
-    at_peaks = errors_at_peaks(path_s, error, peaks_passed(place.path, path_s)).at_peaks_n
+    at_peaks = errors_at_peaks(place.path, path_s, error).at_peaks_n
     # Share of the wanted feed that was not driven [-].
     planned = len(path_s) * run.dt * process.feed_m_s
     slowed = 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Outline
 
 from polish_sim.analysis.style import (
     BLUE,
@@ -30,7 +28,7 @@ from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import ORDERS
 from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.spatial import perpendicular, turns_along, unit
+from polish_sim.spatial import foot_on_chord, perpendicular, turns_along, unit
 
 SUFFIX = ("/s", "/s²", "/s³")
 LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
@@ -42,6 +40,7 @@ SHOWN = 6  #: Corners in the figure
 LEAST_VIEW_M = 5e-6  #: Half the width of a view is this at least
 VIEW = 2.5  #: Half the width of a view in distances of the corner from the tip
 LEAST_TURN = 1e-4  #: A way point the path turns less at is no corner [rad]
+GRID = 300  #: Places along each side of a view where the distance from the path is known
 SAMPLES = 1500  #: Of each way through a view
 WINDOW = 12  #: Way points on either side that a view's path is made of
 
@@ -277,10 +276,12 @@ def _draw_corner(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:
     half = MICRO * max(VIEW * max(view.vertex, view.tolerance), LEAST_VIEW_M)
     path = MICRO * view.path
     if view.tolerance > 0.0:
-        tubes = [_tube(a, b, MICRO * view.tolerance) for a, b in pairwise(path) if np.any(a != b)]
-        # One outline of several, so that where they overlap it is no darker.
-        tube = PathPatch(Outline.make_compound_path(*tubes), color=GREEN, alpha=0.13, lw=0, label="tolerance")
-        axes.add_patch(tube)
+        across = np.linspace(-half, half, GRID)
+        grid = np.stack(np.meshgrid(across, across), axis=-1)
+        off = [foot_on_chord(grid - a, b - a)[1] for a, b in pairwise(path)]
+        within = [0.0, MICRO * view.tolerance]
+        axes.contourf(across, across, np.min(off, axis=0), within, colors=[GREEN], alpha=0.13)
+        axes.fill([], [], color=GREEN, alpha=0.13, lw=0, label="tolerance")
     axes.plot(path[:, 0], path[:, 1], ".-", color=GREY, lw=1.0, ms=5, label="path")
     for way, label, (colour, dashes) in list(zip(view.ways, labels, LOOKS, strict=False))[::-1]:
         axes.plot(MICRO * way[:, 0], MICRO * way[:, 1], color=colour, ls=dashes, lw=1.4, label=label)
@@ -288,13 +289,3 @@ def _draw_corner(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:
     axes.set(
         xlim=(-half, half), ylim=(-half, half), xlabel="along the old segment [µm]", ylabel="across [µm]"
     )
-
-
-def _tube(start: Array, end: Array, radius: float) -> Outline:
-    """Outline of what is nearer to a segment than a radius, counter-clockwise."""
-    along = (end - start) / np.linalg.norm(end - start)
-    side = np.array([-along[1], along[0]])
-    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 33)[:, None]
-    half_circle = radius * (np.cos(angles) * along + np.sin(angles) * side)
-    outline = np.concatenate([end + half_circle, start - half_circle])
-    return Outline(np.concatenate([outline, outline[:1]]), closed=True)
