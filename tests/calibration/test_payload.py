@@ -122,30 +122,21 @@ def test_honest_readings_are_kept_of_a_few_all_and_where_too_many_disagree_nobod
         fit_without_outliers(knocked(rng, knocks))
 
 
-TURNS = Rotation.from_matrix(POSES)
-FORMS = {
-    QUATERNION: TURNS.as_quat(scalar_first=True),
-    ROTATION_VECTOR: TURNS.as_rotvec(),
-    MATRIX: POSES.reshape(-1, 9),
-}
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path, form):
+def test_every_way_to_write_an_orientation_gives_the_same_tool_and_what_we_write_we_read(tmp_path):
     """In any order of the columns, with others between them, and in capitals."""
-    first = readings_in(POSES)
-    names = (*(name.upper() for name in WRENCH), "Temperature", *form, TIME)
-    values = np.column_stack([first.wrenches, np.full(12, 21.0), FORMS[form], first.time])
-    rows = [",".join(names), *(",".join(f"{value:.12g}" for value in row) for row in values)]
-    file = tmp_path / "readings.csv"
-    file.write_text("# of our robot\n\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
-
-
-def test_what_we_write_we_read(tmp_path):
+    first, file, turns = readings_in(POSES), tmp_path / "readings.csv", Rotation.from_matrix(POSES)
+    for form, turned in (
+        (QUATERNION, turns.as_quat(scalar_first=True)),
+        (ROTATION_VECTOR, turns.as_rotvec()),
+        (MATRIX, POSES.reshape(-1, 9)),
+    ):
+        names = (*(name.upper() for name in WRENCH), "Temperature", *form, TIME)
+        values = np.column_stack([first.wrenches, np.full(12, 21.0), turned, first.time])
+        rows = [",".join(names), *(",".join(f"{value:.12g}" for value in row) for row in values)]
+        file.write_text("# of our robot\n\n" + "\n".join(rows) + "\n", encoding="utf-8")
+        np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
     first = readings_in(POSES, errors=NOISE * np.random.default_rng(0).standard_normal((12, 6)))
     found = fit_without_outliers(first)
-    file = tmp_path / "residuals.csv"
     file.write_text(residual_table(first, found, np.zeros((12, 6))), encoding="utf-8")
     again = fit_without_outliers(read_readings(file))
     np.testing.assert_allclose(again.theta, found.theta, atol=1e-7)

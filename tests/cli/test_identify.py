@@ -116,7 +116,7 @@ def test_the_predicted_error_is_asked_of_the_default_task_and_of_an_elastic_arm_
     assert {claim.figure for claim in GEARS} <= claims.keys()
 
 
-def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim):
+def test_another_robot_is_identified_from_its_log_and_a_make_of_arm_with_its_gears_from_currents(polish_sim):
     Path("odd.xml").write_text(ODD, encoding="utf-8")
     model = TorqueModel(read_chain(mujoco.MjModel.from_xml_string(ODD)))
     reach = np.array([[-2.0, 2.0], [-0.5, 0.5], [-2.0, 2.0], [-2.0, 2.0]])
@@ -126,29 +126,11 @@ def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim):
     planted[model.names.index("fc3")] = 2.0
     states = played(random_motion(limits, np.random.default_rng(0)), 2)
     log = write_log(Path("odd.csv"), model, states, 0.05, planted)
-    done(polish_sim("identify", "--data", log, "--model", Path("odd.xml"), "--out", "found"))
-    written = TorqueModel(read_chain(mujoco.MjModel.from_xml_path("found/identified.xml")))
+    done(polish_sim("identify", "--data", log, "--model", Path("odd.xml"), "--out", "odd"))
+    written = TorqueModel(read_chain(mujoco.MjModel.from_xml_path("odd/identified.xml")))
     truth = model.torque(states, planted)
     assert np.abs(written.torque(states, written.truth()) - truth).max() < 0.05
     assert np.abs(model.torque(states, model.truth()) - truth).max() > 2.0
-
-
-def test_a_payload_is_found_from_a_second_log_or_the_model_alone(polish_sim):
-    known = known_robot()
-    loaded = known.model.truth()
-    center = np.array([0.02, -0.01, 0.08]) - known.model.chain.origins[-1]
-    loaded[50:60] += link_parameters(1.5, center, np.zeros((3, 3)))
-    empty = write_log(Path("empty.csv"), known.model, played(known.motion, 1), SIGMA)
-    other = write_log(Path("loaded.csv"), known.model, played(known.motion, 1), SIGMA, loaded, seed=1)
-    for words in (["--data", empty], []):
-        done(polish_sim("identify", *words, "--payload-data", other, "--out", "found", "--overwrite"))
-        found = {row["name"]: row for row in _rows("found/payload.csv")}
-        for name, true in (("mass", 1.5), ("center_x", 0.02), ("center_y", -0.01), ("center_z", 0.08)):
-            assert float(found[name]["value"]) == pytest.approx(true, abs=4.5 * float(found[name]["std"]))
-        assert float(found["mass"]["std"]) < 0.01
-
-
-def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim):
     robot, known = arm_of_table("ur10e"), known_robot()
     states = played(known.motion, 2)
     torque = robot.model.torque(states, robot.model.truth())
@@ -165,3 +147,18 @@ def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim):
     np.savez(Path("bare.npz"), time_s=columns["time_s"], q_rad=states.q)
     refused(polish_sim("identify", "--data", "bare.npz", "--arm", "ur10e", "--out", "none"), "torque_nm")
     assert not Path("none").exists()
+
+
+def test_a_payload_is_found_from_a_second_log_or_the_model_alone(polish_sim):
+    known = known_robot()
+    loaded = known.model.truth()
+    center = np.array([0.02, -0.01, 0.08]) - known.model.chain.origins[-1]
+    loaded[50:60] += link_parameters(1.5, center, np.zeros((3, 3)))
+    empty = write_log(Path("empty.csv"), known.model, played(known.motion, 1), SIGMA)
+    other = write_log(Path("loaded.csv"), known.model, played(known.motion, 1), SIGMA, loaded, seed=1)
+    for words in (["--data", empty], []):
+        done(polish_sim("identify", *words, "--payload-data", other, "--out", "found", "--overwrite"))
+        found = {row["name"]: row for row in _rows("found/payload.csv")}
+        for name, true in (("mass", 1.5), ("center_x", 0.02), ("center_y", -0.01), ("center_z", 0.08)):
+            assert float(found[name]["value"]) == pytest.approx(true, abs=4.5 * float(found[name]["std"]))
+        assert float(found["mass"]["std"]) < 0.01

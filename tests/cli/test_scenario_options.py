@@ -50,7 +50,7 @@ def test_every_option_lands_in_its_key_in_si():
     assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
-def test_set_beats_options_and_options_beat_the_file(tmp_path):
+def test_set_beats_options_that_beat_the_file_and_a_zero_is_given_a_switch_that_is_off_not(tmp_path):
     assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
     file = tmp_path / "mine.toml"
     file.write_text("[process]\nfeed_m_s = 0.002\ncontact_force_n = 5.0\n[pad]\npoints = 50\n")
@@ -63,6 +63,13 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path):
     file.write_text('experiment = "arc"\n')
     with pytest.raises(ConfigError, match=r"'arc', not 'surface'"):
         built({}, **{"--config": file})
+
+    @takes("--spindle-rpm", "--set", "--view")
+    def command(given: dict[str, Any]) -> dict[str, Any]:
+        return given
+
+    given = command(option_0=0.0, option_1=False, option_2=[])
+    assert given == {"--spindle-rpm": 0.0, "--set": None, "--view": None}
 
 
 @pytest.mark.parametrize(
@@ -160,12 +167,3 @@ def test_a_user_s_files_are_named_from_the_root(tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert built({}, **{"--set": [f"controller.name={controller.name}"]}).controller == controller
-
-
-def test_a_zero_is_given_and_a_switch_that_is_off_is_not():
-    @takes("--spindle-rpm", "--set", "--view")
-    def command(given: dict[str, Any]) -> dict[str, Any]:
-        return given
-
-    given = command(option_0=0.0, option_1=False, option_2=[])
-    assert given == {"--spindle-rpm": 0.0, "--set": None, "--view": None}

@@ -165,9 +165,9 @@ def test_a_log_of_a_tool_that_pressed_is_replayed_without_the_force(logged, poli
         ("--payload-center 0,0,2000", "at most 1000"),
         ("--asked 20", "--beside"),
         ("--beside nowhere", "nowhere"),
-        ("--beside out --overwrite", "--out 'out' is read itself"),
+        ("--beside . --overwrite --out .", "--out '.' is read itself"),
         ("--to 0.0001", "fewer than two"),
     ],
 )
 def test_what_cannot_be_done_is_one_message(log, polish_sim, words, what):
-    assert_refused(polish_sim("compare", log, *words.split(), "--out", "out"), what)
+    assert_refused(polish_sim("compare", log, "--out", "out", *words.split()), what)

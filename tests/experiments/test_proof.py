@@ -232,22 +232,18 @@ def with_pads_that_fit(monkeypatch, much: float, answer) -> tuple[int, Proven]:
 
 
 @pytest.mark.parametrize("error", [ReachError("out of reach"), PlanError("too narrow")])
-def test_smaller_pads_that_cannot_be_used_leave_the_plan_with_the_first(monkeypatch, error):
+def test_smaller_pads_that_cannot_be_used_or_take_too_long_leave_the_plan_with_the_first(monkeypatch, error):
     def only_the_first(number, scenario, work):
         if number > 1:
             raise error
         return proven_at_the_corner()
 
-    found = with_pads_that_fit(monkeypatch, 0.0, only_the_first)
-    assert found == (1 + proof.MOST_PADS, proven_at_the_corner())
-
-
-def test_once_the_proofs_time_is_used_up_no_further_pad_is_tried(monkeypatch):
     def late(number, scenario, work):
         work.done_s, work.most_s = 2.0, 1.0
         return proven_at_the_corner()
 
-    assert with_pads_that_fit(monkeypatch, 0.0, late) == (1, proven_at_the_corner())
+    for answer, pads in ((only_the_first, 1 + proof.MOST_PADS), (late, 1)):
+        assert with_pads_that_fit(monkeypatch, 0.0, answer) == (pads, proven_at_the_corner())
 
 
 @pytest.mark.parametrize(("reason", "pads"), [(HOLLOW, 1 + proof.MOST_PADS), ("at the border", 1)])
