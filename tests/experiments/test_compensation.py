@@ -90,7 +90,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
 
 
 def test_two_arms_that_know_their_gears_put_the_tool_on_the_part():
-    asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=1.5", "simulation.log_rate_hz=0"]
+    asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=2.5", "simulation.log_rate_hz=0"]
     figures = run_experiment(override(default_scenario("dual"), asked)).figures
     assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know
     assert figures["force_max_deviation_n"] < 1.5
