@@ -21,6 +21,7 @@ from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_pre
 GAINS = adaptive_gains(AdaptiveConfig())
 PACE = force_loop.LoopSpeed(40.0, 40.0, 40.0)
 STILL = measurement_at_rest()
+DOWN = 0.005  #: Planned speed of an approach [m/s]
 
 
 def test_a_ramp_shows_as_late_as_the_sensor_is_and_the_tools_own_force_is_mass_and_dampers():
@@ -99,7 +100,7 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
     for k in range(60300):
         rise = 0.1 * max(k - 60000, 0)
         reading += blend * (white * rng.normal() - reading)
-        if landing.watch_air(memory, reading + 0.7 + rise, True, DT):
+        if landing.watch_air(memory, reading + 0.7 + rise, DOWN, False, DT):
             break
     assert 60000 <= k < 60299
     assert rise < 1.0 + 5.0 * noise
@@ -109,7 +110,7 @@ def test_an_arm_that_swings_by_more_than_it_presses_does_not_lose_contact_and_on
     """2 N and a swing of 3 N at 25 Hz; then nothing."""
     memory = PressMemory()
     for _ in range(500):
-        landing.watch_air(memory, 0.0, True, DT)
+        landing.watch_air(memory, 0.0, DOWN, False, DT)
     lost, memory.force.age = [], 0.1
     for t in DT * np.arange(1000):
         reading = 2.0 + 3.0 * math.sin(2.0 * math.pi * 25.0 * t) if t < 0.5 else 0.0
@@ -117,6 +118,20 @@ def test_an_arm_that_swings_by_more_than_it_presses_does_not_lose_contact_and_on
         lost.append(landing.fell_back(memory))
     assert not any(lost[100:500])
     assert all(lost[700:])
+
+
+def test_a_force_where_contact_was_taken_for_lost_is_not_learned_as_noise_of_the_air():
+    """It would be: the next contact is then missed up to a larger force, and the tool strikes harder each
+    time."""
+    rng, memory = np.random.default_rng(2), PressMemory()
+    for _ in range(2000):
+        landing.watch_air(memory, rng.normal(), DOWN, False, DT)
+    rise = landing.fast_rise(memory)
+    found = 0
+    for k in range(4000):
+        found += landing.watch_air(memory, 5.0 * math.sin(0.01 * k) + rng.normal(), DOWN, True, DT)
+    assert landing.fast_rise(memory) == rise
+    assert found > 500
 
 
 @pytest.mark.parametrize("travel", [0.0003, 0.004, 0.02])

@@ -1,10 +1,10 @@
 """Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force.
 
-Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass
-takes off and from what it leaves (values beyond two deviations count as two: a rising force must not pass for
-noise). The part is there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow
-ones), leaves the mean by five standard deviations. Where it falls back it was noise, and the approach
-continues.
+Contact is what the air was not: on the way down the reading's mean is learned, and its noise, from what a
+low-pass takes off and from what it leaves (values beyond two deviations count as two: a rising force must not
+pass for noise). The part is there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz
+for slow ones), leaves the mean by five standard deviations. Where it falls back it was noise, and the
+approach continues.
 
 The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without
 overshoot: v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach
@@ -47,10 +47,14 @@ def smooth_reading(memory: PressMemory, reading: float, dt: float) -> None:
 
 
 @kernel
-def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float) -> bool:
-    """Learn what the reading [N] is like in the air; True once it is not like that any more."""
+def watch_air(memory: PressMemory, reading: float, planned: float, controlled: bool, dt: float) -> bool:
+    """Learn what the reading [N] is like in the air; True once it is not like that any more.
+
+    It is learned on the way down alone, at a ``planned`` speed [m/s]: where contact was lost with the force
+    ``controlled``, the tool may touch, and a force taken for noise would be missed the more.
+    """
     air = memory.air
-    if not approaching:
+    if planned <= 1e-5 and not controlled:
         air.watched = 0.0
         return False
     air.watched += dt
@@ -61,6 +65,8 @@ def watch_air(memory: PressMemory, reading: float, approaching: bool, dt: float)
     slow_rise = max(_SLOW_LEAST, _SLOW_SHARE / _FAST_SHARE * _SIGMAS * _deviation(memory))
     if is_armed(memory) and (air.fast - air.mean > fast_rise(memory) or air.slow - air.mean > slow_rise):
         return True
+    if controlled and is_armed(memory):
+        return False
     share, rough, off = dt / min(air.watched, _AIR_MEMORY), reading - air.fast, air.fast - air.mean
     counted = min(off * off, 4.0 * air.fast_variance) if is_armed(memory) else off * off
     air.fast_variance += dt / min(air.watched, _NOISE_MEMORY) * (counted - air.fast_variance)

@@ -227,7 +227,7 @@ def _touches(
     else:
         if not controlled:
             air.approach_speed = max(air.approach_speed, planned)
-        air.touches = landing.watch_air(memory, reading, planned > 1e-5 or controlled, dt)
+        air.touches = landing.watch_air(memory, reading, planned, controlled, dt)
         air.touches |= controlled and not landing.is_armed(memory)
     if air.touches and not before:
         force = max(air.fast, 0.0) if g.touch_down else reading
