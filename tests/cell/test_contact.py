@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -12,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Stroke, build_course, build_pad, limits, no_part
+from polish_sim.cell import Stroke, build_course, build_pad, limits, no_part, press_pad
 from polish_sim.cell.course import nearest_earlier
 from polish_sim.cell.linear_arm import joints_about, motion_matrices
 from polish_sim.control import Course
@@ -132,6 +133,43 @@ def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed
     drag = -STILL.friction * FORCE * developed * direction
     np.testing.assert_allclose(found.force, drag + [0.0, 0.0, FORCE], rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
+
+
+WEIGHT = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <body name="weight" pos="0 0 {height}">
+      <freejoint/>
+      <inertial pos="0 0 0.02" mass="{mass}" diaginertia="0.002 0.002 0.003"/>
+      <site name="pad" euler="180 0 0"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(("mass", "height"), [(0.3, 0.002), (0.3, 0.02), (2.0, 0.01)])
+def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass, height):
+    model = mujoco.MjModel.from_xml_string(WEIGHT.format(mass=mass, height=height))
+    data, pad = mujoco.MjData(model), build_pad(PAD)
+    force, torque, rows = np.zeros(3), np.zeros(3), []
+    for _ in range(1500):
+        mujoco.mj_step1(model, data)
+        center, velocity = data.site("pad").xpos.copy(), np.zeros(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, 0, velocity, 0)
+        turning, linear = velocity[:3].copy(), velocity[3:].copy()
+        R_base_pad = np.ascontiguousarray(data.site("pad").xmat.reshape(3, 3))
+        press_pad(pad, FLAT, 0.0, R_base_pad, center, linear, turning, force, torque)
+        lever = center - data.body("weight").xipos
+        data.body("weight").xfrc_applied = np.concatenate([force, torque + np.cross(lever, force)])
+        rows.append((center[2], force[2]))
+        mujoco.mj_step2(model, data)
+    h, pressed = np.array(rows).T
+    tops = h[1:-1][(h[1:-1] >= h[:-2]) & (h[1:-1] > h[2:]) & (pressed[1:-1] == 0.0)]
+    heights = np.append(height, tops)
+    assert np.all(heights[1:] <= 1.001 * heights[:-1])
+    assert pressed[-1] == pytest.approx(mass * 9.81, rel=1e-3)
 
 
 TANGENTIAL_MASS = 4.0  # [kg]

@@ -12,7 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Cell, CellRun
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.loop import advance
+from polish_sim.cell.recorder import build_recorder
 from polish_sim.experiments import run_experiment
+from polish_sim.models import robot_model_path
 from tests.cell import cells
 from tests.cell.fields import plane, sphere
 from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
@@ -95,6 +99,52 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     spring = 1.0 / (1.0 / (stiffness * 4.0 / 3.0 + 60.0 * s) + 1.0 / (stiffness * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
+
+
+# The engine's own contact in place of ours, pressed by the head's spring alone: as stiff.
+
+STIFFNESS = 5000.0  # of head and pad in series [N/m]
+HARD = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
+LEANING = cells.tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
+
+
+def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
+    """The robot with a colliding pad, over a plane or a ball touched at a tool pose."""
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    spec.joint("head_slide").stiffness[0] = STIFFNESS
+    pad = spec.geom("head_pad")
+    pad.contype, pad.conaffinity, pad.solref = 2, 2, HARD
+    outward = Rotation.from_matrix(T_base_touch[:3, :3] @ np.diag([1.0, -1.0, -1.0]))
+    kind, size, below = {
+        "plane": (mujoco.mjtGeom.mjGEOM_PLANE, [0.2, 0.2, 0.01], 0.0),
+        "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, [0.06, 0.0, 0.0], 0.06),
+    }[shape]
+    spec.worldbody.add_geom(
+        name="part", type=kind, size=size, pos=cells.along_tool(T_base_touch, z=below)[:3, 3],
+        quat=outward.as_quat(scalar_first=True), contype=2, conaffinity=2, solref=HARD,
+    )  # fmt: skip
+    return spec.compile()
+
+
+@pytest.mark.parametrize(("T_base_touch", "shape"), [(cells.TOUCH, "plane"), (LEANING, "sphere")])
+def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, shape):
+    model, depth, steps = scene(T_base_touch, shape), 0.004, 3000
+    above, below = cells.along_tool(T_base_touch, z=-0.005), cells.along_tool(T_base_touch, z=depth)
+    stroke = cells.free_stroke(above, below, feed=0.01, hold=2.5)
+    cell = cells.cell_for(cells.ideal("force", "controller.name=position"), stroke, model=model)
+    advance(cell.kernel, cell.real_arm, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
+    mujoco.mj_forward(model, cell.data)
+    assert cell.state.status.stop == NO_STOP
+    on_part, part = np.zeros(3), model.geom("part").id
+    for i, contact in enumerate(cell.data.contact):
+        wrench = np.zeros(6)
+        mujoco.mj_contactForce(model, cell.data, i, wrench)
+        on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
+        on_part += on_second if contact.geom[1] == part else -on_second
+    pushed = T_base_touch[:3, :3].T @ on_part
+    assert pushed[2] == pytest.approx(STIFFNESS * depth, rel=0.02)
+    assert np.linalg.norm(pushed[:2]) < 0.02 * pushed[2]
+    np.testing.assert_allclose(cell.state.measurement.wrench[:3], pushed, atol=0.05)
 
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
