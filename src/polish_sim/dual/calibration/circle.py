@@ -148,7 +148,13 @@ def _problem(points: Array) -> Problem[_Shape]:
         return np.stack([np.hypot(xi, eta) - shape.radius, w], axis=1)
 
     def slopes(shape: _Shape) -> Array:
-        return slopes_of(lambda step: residuals(shape.moved(step)), 6)
+        xi, eta, w = ((points - shape.center) @ shape.frame).T
+        rho = np.maximum(np.hypot(xi, eta), 1e-12)
+        zero = np.zeros_like(xi)
+        one = np.ones_like(xi)
+        radial = np.stack([-xi / rho, -eta / rho, zero, -w * xi / rho, -w * eta / rho, -one], axis=1)
+        axial = np.stack([zero, zero, -one, xi, eta, zero], axis=1)
+        return np.stack([radial, axial], axis=1)
 
     return Problem(residuals, slopes, _Shape.moved)
 
