@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from operator import call
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from polish_sim.ur.script.sockets import TICK_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.robot import SignalType, SimulatedRobot
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
@@ -81,11 +80,30 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
 """What needs no robot, with its parameters as a programme names them."""
 
 
+class Listener(Protocol):
+    """Receives what a programme says."""
+
+    def text(self, text: str) -> None:
+        """A line."""
+
+    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
+        """A message."""
+
+    def started(self, name: str) -> None:
+        """It began."""
+
+    def stopped(self, name: str) -> None:
+        """It ended."""
+
+    def runtime_exception(self, line: int, column: int, text: str) -> None:
+        """It failed, and where."""
+
+
 class BuiltIns(Sockets):
     """The functions by their names in URScript; without robot and listener they can be named, not called."""
 
     robot: SimulatedRobot
-    listener: RobotController  #: Receives what a programme says
+    listener: Listener
 
     def __init__(self) -> None:
         super().__init__()

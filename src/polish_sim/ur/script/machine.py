@@ -10,11 +10,10 @@ from time import thread_time
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.ur.script import values
-from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
+from polish_sim.ur.script.built_ins import STOP_A, BuiltIns, Listener
 from polish_sim.ur.script.translate import FILE, Program
 
 if TYPE_CHECKING:
-    from polish_sim.ur.controller import RobotController
     from polish_sim.ur.robot import SimulatedRobot
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
@@ -53,7 +52,7 @@ class Machine(BuiltIns):
         ScriptError: It cannot be run; says where.
     """
 
-    def __init__(self, program: Program, listener: RobotController, client: str = "") -> None:
+    def __init__(self, program: Program, listener: Listener, client: str = "") -> None:
         super().__init__()
         self.program = program
         self.listener = listener
