@@ -21,7 +21,7 @@ Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4
 
 
 class FileRows:
-    """FileRows of a file, named by their places in errors."""
+    """Rows of a file, named by their places in errors."""
 
     file: Path
     lines: Sequence[int]  #: The line each row stands on

@@ -75,7 +75,7 @@ class IdentifiedJoints(NamedTuple):
 
 
 def read_robot_model(file: Path) -> mujoco.MjModel:
-    """Compile a user's MJCF; InputError if there is no such file, or with what the compiler said."""
+    """Compile a user's MJCF; InputError if it is no file, or with what the compiler said."""
     return _compiled(_read(file), file)
 
 
@@ -118,7 +118,7 @@ def friction_by_load(file: Path) -> Array:
 
 def _read(file: Path) -> Any:
     if not file.is_file():
-        raise InputError(f"cannot read the robot model '{file}': there is no such file.")
+        raise InputError(f"cannot read the robot model '{file}': it is no file.")
     try:
         return mujoco.MjSpec.from_file(str(file))
     except ValueError as error:

@@ -40,7 +40,7 @@ def joint_speeds(J: Array, twist: Array) -> Array:
 
 def pose_of(T: Array) -> Array:
     """Pose (6,) of a transform (4, 4): x, y, z [m] and a rotation vector [rad], as of `from_pose`; by MuJoCo,
-    a hundred times as fast as scipy."""
+    for scipy's conversion of one rotation is slow in every tick."""
     quaternion, turn = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quaternion, T[:3, :3].ravel())
     mujoco.mju_quat2Vel(turn, quaternion, 1.0)
