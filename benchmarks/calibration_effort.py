@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.table import Row, print_rows
+from polish_sim.dual import CALIBRATIONS
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, predict
 from polish_sim.dual.calibrate import TcpTrial
-from polish_sim.dual.experiment import CALIBRATIONS
 
 EFFORTS = ((3, 0), (6, 0), (12, 0), (3, 3), (3, 6), (3, 12), (3, 24), (6, 12), (6, 24))
 """Marks on the part and closing touches."""

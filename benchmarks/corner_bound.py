@@ -17,7 +17,7 @@ from benchmarks.table import words
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline.motion import smooth_by_spline
-from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_path
 
 

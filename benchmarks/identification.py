@@ -15,6 +15,7 @@ from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
 from benchmarks.identification_unmatched import Known, covers, unmatched_lines
 from benchmarks.table import Row, print_rows, words
 from polish_sim.config import RobotConfig
+from polish_sim.identification import IdentifySettings
 from polish_sim.identification.arm import believe, build_simulated_arm, motion_limits, play_motion
 from polish_sim.identification.estimate import (
     INTERVAL_95,
@@ -38,7 +39,6 @@ from polish_sim.identification.identify import run_identification
 from polish_sim.identification.log_file import periodic_states, with_noise
 from polish_sim.identification.physical import fit_consistent, is_consistent
 from polish_sim.identification.regressor import FULL, States, rigid_regressor
-from polish_sim.identification.settings import IdentifySettings
 from polish_sim.models import robot_model_path
 
 SEEDS, SEEDS_GEARS = 50, 20

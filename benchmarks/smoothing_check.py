@@ -27,8 +27,7 @@ from benchmarks.random_paths import RandomPath, draw_path
 from polish_sim.errors import PolishSimError
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from polish_sim.motion.rules.rule import RULES, Rule
-from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
+from polish_sim.motion.rules.schedule import RULES, Rule, Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
 Array = NDArray[np.float64]

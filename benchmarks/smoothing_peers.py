@@ -20,10 +20,10 @@ from benchmarks.table import Row, print_rows
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.limits import SmoothingLimits
-from polish_sim.motion.rules.rule import RULES
+from polish_sim.motion.rules.schedule import RULES
 from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.spline.motion import smooth_by_spline
-from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 
 Array = NDArray[np.float64]

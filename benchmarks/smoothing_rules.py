@@ -24,9 +24,8 @@ from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import block_triples, filter_times
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.motion.rules.schedule import RULES, SmoothMotion
+from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path
 from polish_sim.spatial import rotation_to_axis, unit
 

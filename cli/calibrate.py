@@ -34,7 +34,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.config.key import SENSOR
-from polish_sim.dual.experiment import CALIBRATIONS
+from polish_sim.dual import CALIBRATIONS
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, takes
 from polish_sim.config.key import DEG, MM
-from polish_sim.dual.experiment import CALIBRATIONS
+from polish_sim.dual import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics

@@ -21,12 +21,12 @@ from polish_sim.row_file import write_metrics
 
 if TYPE_CHECKING:
     from polish_sim.cell import Observer
+    from polish_sim.identification import IdentifySettings
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
     from polish_sim.identification.log_file import RobotLog
     from polish_sim.identification.payload import Weighed
     from polish_sim.identification.regressor import States
-    from polish_sim.identification.settings import IdentifySettings
 
 PANEL = "Identification"
 FOUND = ("unit", "value", "std", "true")  #: Headings of what was identified
@@ -62,7 +62,7 @@ def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
     model."""
     _refuse_idle(given)
-    from polish_sim.identification.settings import IdentifySettings
+    from polish_sim.identification import IdentifySettings
 
     if given["--report"]:
         show_identifiable(_robot(given))
@@ -125,7 +125,7 @@ def simulated(settings: IdentifySettings, given: Given) -> int:
 
 def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:
     """What is asked of a simulated identification, for a task or for any motion."""
-    from polish_sim.identification.settings import ELASTIC, GEARS, IDENTIFY
+    from polish_sim.identification import ELASTIC, GEARS, IDENTIFY
 
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
     claims = IDENTIFY["task" if for_task else kind]
@@ -139,10 +139,10 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 def from_logs(given: Given, draft: Path) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, or the payload alone, the
     model believed as it is; write the folder."""
+    from polish_sim.identification import IDENTIFY
     from polish_sim.identification.folder import write_folder, write_payload
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs
-    from polish_sim.identification.settings import IDENTIFY
 
     robot, file, loaded = _robot(given), given["--data"], given["--payload-data"]
     found, run = None, None

@@ -21,7 +21,7 @@ from polish_sim.motion import use_arm
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import deviation_curve
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_toml, load_limits
-from polish_sim.motion.rules.rule import RULES, check_rule
+from polish_sim.motion.rules.schedule import RULES, check_rule
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning import PlanObserver
 from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics

@@ -11,8 +11,8 @@ import numpy as np
 
 from polish_sim import default_scenario, override, run_experiment
 from polish_sim.config import RobotConfig
+from polish_sim.identification import IdentifySettings
 from polish_sim.identification.identify import run_identification
-from polish_sim.identification.settings import IdentifySettings
 
 # %%
 # One period (10 s) of an exciting motion, on the arm without elastic gears. The search for the motion is cut

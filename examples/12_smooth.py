@@ -11,7 +11,7 @@ import numpy as np
 from polish_sim.motion.rules.chain import chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits
-from polish_sim.motion.rules.rule import RULES
+from polish_sim.motion.rules.schedule import RULES
 
 TOLERANCE, AXIS_TOLERANCE = 2e-5, np.radians(0.02)  # [m], [rad]
 corners = 0.02 * np.array(

@@ -7,7 +7,7 @@ import pytest
 from polish_sim import __version__
 from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
-from polish_sim.dual.faults import PAIR_FAULTS
+from polish_sim.dual.cell import PAIR_FAULTS
 from polish_sim.experiments.registry import known_faults
 from tests.cli.conftest import assert_refused
 

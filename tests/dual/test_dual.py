@@ -12,10 +12,9 @@ import pytest
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.dual import task
+from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
 from polish_sim.dual.arms import follow_joints, pair_arms
 from polish_sim.dual.carrier import FIRST_JOINT
-from polish_sim.dual.experiment import FREE_CLAIMS, PRESSING_CLAIMS
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual

@@ -9,10 +9,10 @@ from polish_sim.cell.real_arm import gear_twists
 from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.hand_guiding import CLAIMS, kind_of
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
 from polish_sim.hand_guiding.drag import drag_table
-from polish_sim.hand_guiding.experiment import CLAIMS, kind_of
 from polish_sim.hand_guiding.figures import compare_modes
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_jerk, move_table, moves_of

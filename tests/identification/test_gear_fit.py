@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from polish_sim.cell.gears import elastic_torque, slip
+from polish_sim.identification import GEARS, SCENARIO, IdentifySettings
 from polish_sim.identification.elastic import SprungHead, filtered
 from polish_sim.identification.gear_fit import _hysteresis, _spring
 from polish_sim.identification.identify import run_identification
 from polish_sim.identification.regressor import States
-from polish_sim.identification.settings import GEARS, SCENARIO, IdentifySettings
 from polish_sim.scenario_file import override
 from tests.cell.elastic import HOME, joints_at
 from tests.cli.conftest import ran

@@ -9,12 +9,12 @@ import pytest
 from polish_sim.config import RobotConfig
 from polish_sim.errors import ConfigError, IdentificationError
 from polish_sim.exchange.robot_log import read_robot_recording
+from polish_sim.identification import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_simulated_arm, play_states
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
 from polish_sim.identification.log_file import RobotLog, log_of, spline_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
-from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.motion.makes import used_arm
 from polish_sim.scenario_file import override
 from tests.identification.known import SIGMA, known_robot, played, write_log

@@ -15,10 +15,9 @@ from polish_sim.motion.rules import paper_rules
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits, six
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import SmoothMotion
+from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
-from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
+from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 
 PAPER = (paper_rules.plan_joint_jerk, paper_rules.plan_joint_acceleration)

@@ -10,7 +10,7 @@ from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import path_page
 from polish_sim.geometry import load_part
-from polish_sim.geometry.fixture import joined_meshes, load_fixture
+from polish_sim.geometry.fit import joined_meshes, load_fixture
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
 from tests.planning.shapes import moved

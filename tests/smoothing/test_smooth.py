@@ -6,10 +6,9 @@ import pytest
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.motion.rules.chain import chain_from_axes
 from polish_sim.motion.rules.fir import fir_schedule
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Smoothed
+from polish_sim.motion.rules.schedule import RULES, Smoothed
 from polish_sim.scenario_file import override
-from polish_sim.smoothing.experiment import CLAIMS
+from polish_sim.smoothing import CLAIMS
 from polish_sim.smoothing.figures import find_peaks
 from polish_sim.smoothing.smooth import LENGTH
 from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking

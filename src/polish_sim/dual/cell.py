@@ -1,4 +1,5 @@
-"""The cell of two robots: the loop of one with a master that carries the part."""
+"""The cell of two robots: the loop of one with a master that carries the part, and the master's own
+faults."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
+from polish_sim.cell.faults import FAULTS, Fault, set_field
 from polish_sim.cell.gears import HostArm, RealArm, compensate, hear_joints, host_hears, read_encoders
 from polish_sim.cell.guards import REASONS
 from polish_sim.cell.kernel import CODES, CellKernel, CellState
@@ -50,12 +52,34 @@ from polish_sim.dual.carrier import (
     drive_master,
     see_tool_on_part,
 )
-from polish_sim.dual.faults import PAIR_FAULTS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel, memory_of, scaled, set_to
 from polish_sim.log import RunLog, with_column
 
 MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
+
+
+SLOW = 0.5
+
+_MASTERS = {
+    "master-stop": ("the master stops itself, as its own guards would", "halted", True),
+    "master-silent": ("the host no longer receives the master's position", "unheard", True),
+    "master-slow": (f"the master moves at {SLOW:g} of its speed", "slow", 1.0 - SLOW),
+}
+
+PAIR_FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        **FAULTS,
+        **{
+            name: Fault(
+                text,
+                set_field("master.state", field, value),
+                lacking="no second robot: it is one of 'run dual'",
+            )
+            for name, (text, field, value) in _MASTERS.items()
+        },
+    }
+)
 
 
 class PairCell(Cell):

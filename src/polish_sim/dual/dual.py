@@ -16,8 +16,8 @@ from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_r
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Checked, Scenario
 from polish_sim.control import build_controller
+from polish_sim.dual import TOOL_ON_PART
 from polish_sim.dual.cell import PairCell
-from polish_sim.dual.experiment import TOOL_ON_PART
 from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.scene import Held, build_pair_scene, seat_note
 from polish_sim.dual.task import DualTask, prepare_dual

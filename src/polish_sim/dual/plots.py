@@ -31,10 +31,10 @@ from polish_sim.analysis.style import (
 )
 from polish_sim.arrays import Array, longest_side, norms, rms
 from polish_sim.calibration.arm import fit_placement
+from polish_sim.dual import BAND_N
 from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.bases import Group
 from polish_sim.dual.calibration.pair import INSTRUMENTS
-from polish_sim.dual.experiment import BAND_N
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share

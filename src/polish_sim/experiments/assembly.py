@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from polish_sim.config import PartConfig, Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
-    from polish_sim.geometry.fixture import Fixture
+    from polish_sim.geometry.fit import Fixture
     from polish_sim.planning import ToolPath
 
 

@@ -32,9 +32,9 @@ ROWS: Mapping[str, str] = {
     "arc": "polish_sim.experiments.rows:ARC",
     "force": "polish_sim.experiments.rows:FORCE",
     "surface": "polish_sim.experiments.rows:SURFACE",
-    "smooth": "polish_sim.smoothing.experiment:SMOOTH",
-    "teach": "polish_sim.hand_guiding.experiment:TEACH",
-    "dual": "polish_sim.dual.experiment:DUAL",
+    "smooth": "polish_sim.smoothing:SMOOTH",
+    "teach": "polish_sim.hand_guiding:TEACH",
+    "dual": "polish_sim.dual:DUAL",
 }
 """Where the row of each experiment is; a branch is known by this name only."""
 

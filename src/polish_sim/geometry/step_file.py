@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from inspect import getsource
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ SECONDS, SECONDS_PER_MB = 9.0, 6.0  #: A file that takes longer is refused [s, s
 MEMORY = 4_000_000_000  #: Of the process that reads it [bytes]
 ENDINGS = (".step", ".stp")  #: Of files that state their own unit
 _FIRST, _LAST = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_CHILD = Path(__file__).with_name("step_child.py")
 
 
 def is_step(content: bytes) -> bool:
@@ -62,9 +62,10 @@ def parse_step(content: bytes, path: Path) -> FileTriangles:
 
 
 def _triangulate(source: Path, target: Path, path: Path, longest: float) -> None:
-    """Run the child for no more than ``longest`` [s]; what the CAD kernel prints is not kept."""
-    settings = str(CHORD_MM), str(ANGLE_RAD), str(MEMORY)
-    command = [sys.executable, "-P", str(_CHILD), str(source), str(target), *settings]
+    """Run `_write_triangles` for no more than ``longest`` [s] in a process of its own, which imports nothing
+    of this package: a CAD kernel may hang or crash on a broken file. What it prints is not kept."""
+    call = f"_write_triangles{(str(source), str(target), CHORD_MM, ANGLE_RAD, MEMORY)}"
+    command = [sys.executable, "-P", "-c", f"{getsource(_write_triangles)}\n{call}"]
     few = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}  # each thread would take of the memory
     quiet = subprocess.DEVNULL
     try:
@@ -87,3 +88,23 @@ def _triangulate(source: Path, target: Path, path: Path, longest: float) -> None
             f"{path}: the CAD kernel cannot read the STEP file (broken, or it needs more than "
             f"{MEMORY / 1e9:g} GB). Export the part alone, or as STL."
         )
+
+
+def _write_triangles(source: str, target: str, chord_mm: float, angle_rad: float, memory: int) -> None:
+    """Write the triangles of a STEP file [m], shape (m, 3, 3), as a npy file, in ``memory`` [bytes] at
+    most."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    except (ImportError, ValueError, OSError):
+        pass  # Windows and macOS have no such limit; that of time stays
+    import numpy as np
+    import trimesh
+
+    with open(source, "rb") as file:
+        scene = trimesh.load_scene(file, file_type="step", tol_linear=chord_mm, tol_angular=angle_rad)
+    np.save(
+        target,
+        np.asarray(scene.to_mesh().triangles if scene.geometry else np.empty((0, 3, 3)), dtype=np.float64),
+    )

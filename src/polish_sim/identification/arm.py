@@ -17,6 +17,7 @@ from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.scene import arm_spec, bend_links, links_of, robot_with_tool
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
+from polish_sim.identification import SCENARIO, STEP_S
 from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import LoggedGears, RobotLog, read_by
@@ -30,7 +31,6 @@ from polish_sim.identification.robot_model import (
     own_parameters,
     read_chain,
 )
-from polish_sim.identification.settings import SCENARIO, STEP_S
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.motion.serial_chain import ChainGeometry

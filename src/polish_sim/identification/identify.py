@@ -13,6 +13,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools
 from polish_sim.cell import SILENT, Observer
 from polish_sim.errors import IdentificationError
+from polish_sim.identification import IdentifySettings
 from polish_sim.identification.arm import (
     LoggedRobot,
     SimulatedArm,
@@ -58,7 +59,6 @@ from polish_sim.identification.log_file import RobotLog, periodic_states, with_n
 from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
 from polish_sim.identification.regressor import FULL, States, TorqueModel
-from polish_sim.identification.settings import IdentifySettings
 
 USE_MOTIONS = 12  #: Random motions under the same limits: what the identified model is designed to predict
 USE_SAMPLES = 200

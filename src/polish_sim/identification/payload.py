@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Indices, Uncertain, rms
+from polish_sim.identification import IdentifySettings
 from polish_sim.identification.arm import LoggedRobot, build_simulated_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
@@ -27,7 +28,6 @@ from polish_sim.identification.log_file import RobotLog, periodic_states, with_n
 from polish_sim.identification.physical import is_consistent, nearest_bodies
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.robot_model import CarriedLoad
-from polish_sim.identification.settings import IdentifySettings
 from polish_sim.motion.serial_chain import (
     LINK_PARAMETERS,
     body_of,

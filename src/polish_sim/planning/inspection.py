@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, Bools, dots, longest_side, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
-from polish_sim.geometry.fixture import load_fixture
+from polish_sim.geometry.fit import load_fixture
 from polish_sim.geometry.surface import join_surfaces
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground import SHARPEST, Ground, bridge_holes, with_skirt

@@ -14,7 +14,7 @@ from polish_sim.arrays import Array, Bools, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
+from polish_sim.geometry.fit import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
     NARROWEST,

@@ -19,8 +19,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.rule import RULES, check_rule
-from polish_sim.motion.rules.schedule import SmoothMotion
+from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import from_pose, turns_along
 

@@ -31,8 +31,7 @@ from polish_sim.motion import forward, track, use_arm
 from polish_sim.motion.kinematics import NOMINAL, inverse_near
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, build_arm, load_limits, six
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import SmoothMotion
+from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.place import place_path

@@ -1,16 +1,18 @@
-"""When each segment of a chain is passed: its progress as cubic pieces of time.
+"""Smoothing rules by name, and what they plan: when each segment of a chain is passed.
 
-The paper's rules answer in this form: boxes filtered twice are piecewise cubic.
+The paper's rules answer in cubic pieces of time: boxes filtered twice are piecewise cubic.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
     add_to,
@@ -22,7 +24,9 @@ from polish_sim.kernels import (
     third_by_turning,
     turn_about,
 )
+from polish_sim.lazy import FunctionOnUse
 from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.spatial import crosses
 
 
@@ -74,6 +78,29 @@ class SmoothMotion(Protocol):
 
     def stretched(self, factor: float) -> SmoothMotion:
         """The same in ``factor`` times the time: accelerations fall by its square, jerks by its cube."""
+
+
+Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], SmoothMotion]
+"""Plans the motion along a chain, within limits of tool and joints and tolerances of tip [m] and tool axis
+[rad].
+
+The rule says of which distance of the tip. An arm of None leaves the joints out. Last come the tip's largest
+speeds on the segments [m/s], shape (n,), infinite where there is none; None for no such limits. Raises a
+ReachError for a place out of reach or singular, a SmoothingError if no speed keeps the joint limits."""
+
+RULES: Mapping[str, Rule] = {
+    "spline": FunctionOnUse("polish_sim.motion.spline.motion", "smooth_by_spline"),
+    "joint-jerk": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_jerk"),
+    "joint-acceleration": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_acceleration"),
+}
+
+
+def check_rule(where: str, name: str, known: Mapping[str, object]) -> None:
+    """Raise an InputError, which says where the rule was named, if it is not a known one."""
+    if name == "certified":
+        raise InputError(f"{where} 'certified' is no longer there: set it to 'spline', which took its place.")
+    if name not in known:
+        raise unknown_name(where, name, known)
 
 
 class Smoothed(NamedTuple):

@@ -13,7 +13,7 @@ from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.fixture import Fixture
+from polish_sim.geometry.fit import Fixture
 from polish_sim.geometry.regions.patches import middle_points
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning.curve import Curve

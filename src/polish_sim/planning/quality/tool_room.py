@@ -15,7 +15,7 @@ from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.closest import box_distance2
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.geometry.fixture import Fixture
+from polish_sim.geometry.fit import Fixture
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, matvec, minus, plus, scaled, set_to
 from polish_sim.planning.quality.coverage import checked_rows
