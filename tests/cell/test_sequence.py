@@ -66,6 +66,15 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
         assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.3)
 
 
+def test_a_law_that_presses_with_less_than_counts_as_contact_has_landed_once_the_search_is_over():
+    scenario = cells.ideal("force", "controller.name=hybrid-adaptive")
+    stroke = cells.pressing_stroke(wanted=3.0)._replace(threshold=5.0)
+    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
+    assert run.stop_reason is None
+    assert run.trace.normal_force_n.max() < 4.0
+    assert run.trace.normal_force_n[-1] == pytest.approx(3.0, abs=0.3)
+
+
 def test_the_feed_time_ends_the_feed_early():
     stroke = cells.pressing_stroke(slide=0.03)._replace(feed_time=1.0)
     run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under(plane())).run()

@@ -330,7 +330,10 @@ def advance_sequence(
             state.depth = 0.0
             _enter(state, SEEK)
         elif state.depth >= stroke.search_depth:
-            return False
+            # Never down there, a law that presses with less than counts holds the tool up on the part.
+            if not -reach < state.depth + deeper < 0.5 * stroke.search_depth:
+                return False
+            _enter(state, TOUCH_DOWN)
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
         if measured_force >= LANDED_SHARE * target.force or state.time >= LONGEST_TOUCH_DOWN:
             _enter(state, FEEDING)
