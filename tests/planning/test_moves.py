@@ -1,5 +1,6 @@
 """Between strokes: leads and travels keep clear of the part, ways are short, places can be left out."""
 
+from dataclasses import replace
 from itertools import pairwise, permutations, product
 
 import numpy as np
@@ -27,7 +28,8 @@ from polish_sim.planning.moves.travel import (
     rim_depths,
     travel,
 )
-from polish_sim.planning.toolpath import PROCESS, stretches
+from polish_sim.planning.quality.areas import CutOut
+from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
 CLEARANCE = 0.03
@@ -215,6 +217,11 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
     assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force, rel=0.02)
     assert rest.path.force[process][-1] == plan.tool.force
     assert len(rest.mends[-1].places) > 0
+    # What the whole leaves out the rest does, for the same reasons, wherever else the path was cut.
+    cut = replace(plan, cuts=(CutOut("a cut", whole.positions_work[whole.process]),)).behind(0.5)
+    lost = dict(cut.figures["left_out"])
+    assert lost.pop(BEFORE) > 0.0
+    assert lost == plan.figures["left_out"]
     # Little behind the first landing the stroke is pressed from its start again, by little less.
     near = plan.behind(places[0] + 0.004)
     assert near.mends == ()

@@ -36,19 +36,20 @@ class AskedRegion:
 
     ground: Ground  #: All of it, prepared
     reasons: tuple[str, ...] = ()
-    #: Number of each vertex's reason, -1: it may be polished, shape (v,); None: all may be
-    why: Indices | None = None
-    touched: Array | None = None  #: Share of each vertex's area that the pad can touch, shape (v,); None: all
+    why: Indices | int = -1  #: Number of each vertex's reason, -1: it may be polished, shape (v,) or of all
+    touched: Array | float = 1.0  #: Share of each vertex's area that the pad can touch, shape (v,) or of all
     unreachable_m2: float = 0.0  #: The area it cannot touch
 
     def without(self, out: Bools, reason: str) -> AskedRegion:
         """The same with some more vertices (v,) left out; an edge margin is under the pad all the same."""
-        before = np.full(len(out), -1) if self.why is None else self.why
-        why = np.where(out & (before < 0), len(self.reasons), before)
-        touched = self.touched
-        if reason != MARGIN:
-            touched = np.where(out, 0.0, 1.0 if touched is None else touched)
+        why = np.where(out & (self.why < 0), len(self.reasons), self.why)
+        touched = self.touched if reason == MARGIN else np.where(out, 0.0, self.touched)
         return replace(self, reasons=(*self.reasons, reason), why=why, touched=touched)
+
+    def after(self, whole: AreaAccount, rest: AreaAccount, reason: str) -> AskedRegion:
+        """The same for the ``rest`` of a ``whole`` path: what the rest lacks is left out for a reason."""
+        why = np.where((whole.why < 0) & (rest.why >= 0), len(whole.reasons), whole.why)
+        return replace(self, reasons=(*whole.reasons, reason), why=why)
 
     @property
     def area_m2(self) -> float:
@@ -77,6 +78,8 @@ class AreaAccount:
     region_m2: float
     polished_m2: float
     left_out: Mapping[str, LeftOutRow]  #: By reason, the largest first
+    reasons: tuple[str, ...]
+    why: Indices  #: Number of each vertex's reason, -1: it is polished, shape (v,)
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -107,9 +110,9 @@ def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Seque
     the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
-    reasons = [*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED]
+    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
     border, uncovered = len(reasons) - 2, len(reasons) - 1
-    why = np.full(len(areas), -1) if asked.why is None else np.where(polished, -1, asked.why)
+    why = np.where(polished, -1, asked.why)
     missed = np.flatnonzero(~polished & (why < 0) & (areas > 0.0))
     if len(missed):
         before = why >= 0
@@ -125,7 +128,7 @@ def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Seque
         rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
     left_out = {reason: _row(asked, areas, out) for reason, out in rows.items() if out.any()}
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
-    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out)
+    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out, reasons, why)
 
 
 def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:

@@ -249,16 +249,16 @@ class ExposureMap(NamedTuple):
     under_area_m2: float  #: Less than half of it, what is not covered included
 
 
-def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | None = None) -> ExposureMap:
+def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | float = 1.0) -> ExposureMap:
     """Carry the pad along a path: the times and their figures.
 
-    ``counted`` (v,) is the share of each ground vertex's area that counts; None for all.
+    ``counted`` (v,) is the share of each ground vertex's area that counts, or that of all.
     """
     mesh = ground.mesh
     some = thin(mesh.vertices, TIMED_APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
-    own = ground.part_areas * (1.0 if counted is None else counted)
+    own = ground.part_areas * counted
     areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
     total = areas.sum()
     mean = (areas * times).sum() / total
