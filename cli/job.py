@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
-from polish_sim.cli.finished_plan import check_part
+from polish_sim.cli.inspect import check_part
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, refuse_taken, room_for, unused
 from polish_sim.config.key import OUTPUT

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, Outcome
 from polish_sim.cli.catalogue import PanelledCommand
-from polish_sim.cli.finished_plan import take_plan
+from polish_sim.cli.inspect import take_plan
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,

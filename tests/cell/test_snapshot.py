@@ -7,10 +7,10 @@ import pytest
 
 from polish_sim.cell import Cell
 from polish_sim.cell.cell import CellRun, Played
-from polish_sim.cell.snapshot import restore_cell, save_cell, use_strokes
 from polish_sim.experiments import default_scenario, prepare_surface
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import planned
+from polish_sim.experiments.proof_play import restore_cell, save_cell, use_strokes
 from polish_sim.scenario_file import override
 from tests.kept import plate_file
 

@@ -6,7 +6,7 @@ import pytest
 
 from polish_sim.analysis.claim import shortfalls
 from polish_sim.calibration import plan_payload_poses, write_calibration
-from polish_sim.calibration.poses import move
+from polish_sim.calibration.payload import move
 from polish_sim.cell import weight_of
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.experiments import (

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.curve import Curve
-from polish_sim.planning.ground import prepare_ground
+from polish_sim.planning.ground import prepare_ground, triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.points import thin
 from polish_sim.planning.quality.areas import CutOut
@@ -24,7 +24,6 @@ from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
-from polish_sim.planning.triangulation import triangulate
 from tests.planning.shapes import UP, path_through, region_of
 
 PAD = PadConfig()

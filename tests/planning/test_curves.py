@@ -10,9 +10,8 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.geometry.surface import boundary_loops
 from polish_sim.planning.curve import Curve, step_on_surface
-from polish_sim.planning.ground import bridge_holes
+from polish_sim.planning.ground import bridge_holes, triangulate
 from polish_sim.planning.offset_curve import LevelLine, adapted_spacing, level_lines, offset_curve
-from polish_sim.planning.triangulation import triangulate
 from polish_sim.planning.turns import border_curves
 from tests.planning.shapes import UP, Ball, Bar, Floor, circle, level, plate, region_of, square
 

@@ -24,7 +24,7 @@ from polish_sim.experiments import default_scenario
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Link, RobotController
-from polish_sim.ur.dashboard import answer
+from polish_sim.ur.ports import answer
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import UNPROVEN, Started, ran, undrawn

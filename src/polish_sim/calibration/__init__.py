@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         fit_payload,
         fit_without_outliers,
         payload_regressor,
+        plan_payload_poses,
     )
     from polish_sim.calibration.payload_file import (
         estimate_figures,
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
         residual_table,
         write_calibration,
     )
-    from polish_sim.calibration.poses import plan_payload_poses
     from polish_sim.calibration.tables import calibration_kind
 else:
     __getattr__ = names_on_use(__name__)

@@ -23,9 +23,9 @@ from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, kernel, minus, plus_cross, scaled
 from polish_sim.log import RunLog, Trace
+from polish_sim.planning.ground import Triangulation, triangulate
 from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.planning.triangulation import Triangulation, triangulate
 from polish_sim.spatial import unit
 
 # How the pad moved on the part, and how hard it pressed, in short straight steps (log, trace -> PadMotion).

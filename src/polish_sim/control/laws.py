@@ -14,8 +14,7 @@ from typing import Any
 
 from polish_sim.config import ControllerConfig
 from polish_sim.config.key import key
-from polish_sim.control.force_mode import force_mode
-from polish_sim.control.hybrid import hybrid_pi, hybrid_pi_position, position
+from polish_sim.control.hybrid import force_mode, hybrid_pi, hybrid_pi_position, position
 from polish_sim.control.signals import CompiledController, Controller
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.lazy import FunctionOnUse

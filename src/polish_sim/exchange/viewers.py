@@ -24,10 +24,10 @@ from polish_sim.page.page import (
     page_html,
 )
 from polish_sim.planning import PlanResult, ToolPath
+from polish_sim.planning.ground import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS
-from polish_sim.planning.triangulation import triangulate
 from polish_sim.spatial import crosses, perpendicular, rotation_to_axis, transform, turned, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).

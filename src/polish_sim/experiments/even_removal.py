@@ -33,9 +33,9 @@ from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.geometry.polygon_files import read_vertex_column
 from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.ground import Triangulation, triangulate
 from polish_sim.planning.part_plan import UNSEEN, PlanObserver
 from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
-from polish_sim.planning.triangulation import Triangulation, triangulate
 from polish_sim.spatial import unit
 
 EVEN = "even"

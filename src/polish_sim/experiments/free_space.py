@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, norms
 from polish_sim.calibration import PayloadReadings
-from polish_sim.calibration.poses import move, move_time
+from polish_sim.calibration.payload import move, move_time
 from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Checked

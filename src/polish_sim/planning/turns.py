@@ -10,8 +10,8 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices, dots, in_groups
 from polish_sim.planning.curve import Curve, CurveSet, SurfaceQuery, nearest_of
+from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.offset_curve import ROUNDING, LevelLine, level_lines, offset_curve
-from polish_sim.planning.triangulation import Triangulation
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
 #

@@ -13,9 +13,17 @@ from typing import Any
 
 from polish_sim.errors import InputError
 from polish_sim.ur.controller import RobotController
-from polish_sim.ur.dashboard import BYE, GREETING, LONGEST, answer
 from polish_sim.ur.physics import TICK_S
-from polish_sim.ur.primary import STATE_HZ, realtime_state, robot_state, version_message
+from polish_sim.ur.ports import (
+    BYE,
+    GREETING,
+    LONGEST,
+    STATE_HZ,
+    answer,
+    realtime_state,
+    robot_state,
+    version_message,
+)
 from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING
 from polish_sim.ur.rtde import UNSENT, ProtocolError, RtdeSession
 from polish_sim.ur.script.parse import LONGEST_PROGRAM

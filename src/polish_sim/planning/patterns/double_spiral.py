@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices, dots, norms
 from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.patterns.fermat import connect
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, with_loops
@@ -26,7 +27,6 @@ from polish_sim.planning.patterns.run import PatternRequest, Run, averaged_twice
 from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Turn, border_curves
 from polish_sim.spatial import unit
 

@@ -11,10 +11,10 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms
+from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.patterns.run import Run, dense, numbered
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Turn, distance_to
 from polish_sim.spatial import unit
 

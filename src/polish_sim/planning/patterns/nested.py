@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array
 from polish_sim.geometry.surface import enclosed
 from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.offset_curve import LevelLine, level_lines
 from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import (
     Turn,
     border_curves,

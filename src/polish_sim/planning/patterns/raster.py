@@ -15,12 +15,11 @@ from polish_sim.arrays import Array, Bools, longest_side, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, nearest_of
-from polish_sim.planning.ground import footprint
+from polish_sim.planning.ground import Triangulation, footprint
 from polish_sim.planning.offset_curve import LevelLine, level_lines, offset_curve
 from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun
 from polish_sim.planning.toolpath import arc_length, stretches
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Report, border_curves, distance_to
 from polish_sim.spatial import unit
 

@@ -16,9 +16,9 @@ from polish_sim.arrays import Array, Indices, norms
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
 from polish_sim.planning.curve import Curve
+from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.offset_curve import stations
 from polish_sim.planning.toolpath import arc_length, interpolate
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.planning.turns import Report
 
 ROUNDING = 0.5  #: A corner is rounded over this much on either side, as a share of the step-over

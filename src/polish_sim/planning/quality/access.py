@@ -14,7 +14,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
-from polish_sim.planning.ground import Ground
+from polish_sim.planning.ground import Ground, Triangulation
 from polish_sim.planning.points import thin
 from polish_sim.planning.quality.areas import AskedRegion
 from polish_sim.planning.quality.coverage import pad_depths
@@ -27,7 +27,6 @@ from polish_sim.planning.quality.tool_room import (
     most_hollow,
     pressed_places,
 )
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.spatial import into_plane, plane_axes, unit
 
 BEYOND = 0.5  #: Largest room that is measured [pad radii]

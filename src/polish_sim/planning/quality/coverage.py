@@ -14,11 +14,10 @@ from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
 from polish_sim.planning.curve import Curve, nearest_of
-from polish_sim.planning.ground import Ground
+from polish_sim.planning.ground import Ground, Triangulation
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.toolpath import rows_apart
-from polish_sim.planning.triangulation import Triangulation
 from polish_sim.spatial import directions_at, unit
 
 STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
