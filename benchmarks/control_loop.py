@@ -24,7 +24,7 @@ from polish_sim.dual.cell import advance_pair
 from polish_sim.dual.dual import build_dual_cell
 from polish_sim.dual.task import prepare_dual
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.force import prepare_force
+from polish_sim.experiments.surface import prepare_force
 
 STEPS, CHUNK, ROUNDS = 20_000, 500, 7  # a run without pictures goes by as many steps at a time
 _ENGINE = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))

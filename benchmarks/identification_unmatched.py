@@ -26,7 +26,7 @@ from polish_sim.identification.estimate import (
     sum_samples,
     torque_error,
 )
-from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.excitation import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states
 from polish_sim.identification.regressor import SIGN_WIDTH, States, TorqueModel
 

@@ -35,7 +35,7 @@ import numpy as np
 
 from benchmarks.served import serving
 from polish_sim.experiments.assembly import build_cell, build_part
-from polish_sim.experiments.force import place_force
+from polish_sim.experiments.surface import place_force
 from polish_sim.scenario_file import override
 from polish_sim.scoring import BATTERY, Entry, Task, choose_cases, measure_row, measured
 from polish_sim.spatial import apply

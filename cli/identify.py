@@ -107,7 +107,7 @@ def simulated(settings: IdentifySettings, given: Given) -> int:
     """Identify simulated arms, for a task if one is given: one, or as many as there are ``--seeds``."""
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
-    from polish_sim.identification.use_motion import use_states
+    from polish_sim.identification.log_file import use_states
 
     use = None if given["--task"] is None else use_states(given["--task"])
 

@@ -1,5 +1,7 @@
-"""`polish-sim inspect`: the quality of any tool path on a part, ours or not; and finished plans as commands take
-them: path, the settings it was made with, the part it was made on."""
+"""`polish-sim inspect`: the quality of any tool path on a part, ours or not.
+
+A finished plan as commands take it: its path, the settings it was made with, the part it was made on.
+"""
 
 from __future__ import annotations
 

@@ -203,8 +203,7 @@ def _case(given: Given) -> Task | None:
 
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.experiments.assembly import build_part, check
-    from polish_sim.experiments.force import measure_hold, place_force
-    from polish_sim.experiments.surface import measure_run, prepare_surface
+    from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
 
     if task is not None and not task.case.moving:
         scenario = check(task.scenario)
@@ -280,7 +279,7 @@ def _serve(
     """Serve until interrupted, one of the others has ended or the time is over; whether it was not the
     time."""
     from polish_sim.cell.observer import interrupts_noted
-    from polish_sim.motion.makes import used_arm
+    from polish_sim.motion.kinematics import used_arm
     from polish_sim.ur.physics import TICK_S
     from polish_sim.ur.server import Server
 

@@ -13,7 +13,7 @@ from pathlib import Path
 _PACKAGE = __name__.partition(".")[0]
 _CLI, _MODELS = f"{_PACKAGE}.cli", f"{_PACKAGE}.models"  # in a checkout they are elsewhere
 # The first two only find what was compiled; kernels take an arm as an argument.
-_NOT_COMPILED_IN = {f"{_PACKAGE}.{name}" for name in ("kernel_cache", "source_stamp", "arms", "motion.makes")}
+_NOT_COMPILED_IN = {f"{_PACKAGE}.{name}" for name in ("kernel_cache", "source_stamp", "arms")}
 
 # they share runs out and show results: no figure depends on them
 _ONLY_SHOWN = ("page/", "workers")

@@ -11,7 +11,7 @@ from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.dual import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
-from polish_sim.hand_guiding.figures import measure_taught
+from polish_sim.hand_guiding.drag import measure_taught
 from polish_sim.identification import IDENTIFY
 from polish_sim.log import Trace
 from polish_sim.scenario_file import merge, override

@@ -15,8 +15,7 @@ from polish_sim.calibration import (
     read_readings,
     residual_table,
 )
-from polish_sim.calibration.payload_file import TIME, WRENCH
-from polish_sim.calibration.tables import MATRIX, QUATERNION, ROTATION_VECTOR
+from polish_sim.calibration.tables import MATRIX, QUATERNION, ROTATION_VECTOR, TIME, WRENCH
 from polish_sim.errors import CalibrationError, InputError
 
 MASS, CENTER = 2.0, np.array([0.002, -0.0013, 0.0896])

@@ -13,8 +13,7 @@ from polish_sim.cli.identify import asked_of
 from polish_sim.config import RobotConfig
 from polish_sim.identification import ELASTIC, GEARS, IdentifySettings
 from polish_sim.identification.arm import arm_of_table
-from polish_sim.identification.excitation import random_motion
-from polish_sim.identification.fourier import MotionLimits
+from polish_sim.identification.excitation import MotionLimits, random_motion
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
 from polish_sim.motion.serial_chain import link_parameters

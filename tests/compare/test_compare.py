@@ -12,7 +12,7 @@ from polish_sim.compare.replay import CarriedPayload, compare_joints
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.identification.estimate import torque_error
-from polish_sim.motion.makes import use_arm
+from polish_sim.motion.kinematics import use_arm
 from polish_sim.scenario_file import override
 from tests.cli.conftest import _undrawn, assert_refused, done, polish_sim
 from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv

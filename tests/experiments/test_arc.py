@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.arc import arc_path
+from polish_sim.experiments.free_space import arc_path
 from polish_sim.scenario_file import override
 
 CENTER, RADIUS, NORMAL = np.array([0.0, -0.52, 0.0]), 0.1, np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)

@@ -16,9 +16,9 @@ from polish_sim.experiments import (
     run_payload_calibration,
 )
 from polish_sim.experiments.beliefs import believe_tool, readings_at_rest
-from polish_sim.experiments.force import prepare_force
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
+from polish_sim.experiments.surface import prepare_force
 from polish_sim.motion import forward
 from polish_sim.scenario_file import override
 from tests.cell.cells import IDEAL_SENSOR, cell_for, free_stroke, tool_pose

@@ -12,11 +12,10 @@ from polish_sim.cell.scene import robot_with_tool, tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.experiments.arc import prepare_arc
 from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.beliefs import track_arm
-from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.motion.makes import use_arm
+from polish_sim.experiments.free_space import prepare_arc
+from polish_sim.motion.kinematics import NOMINAL, use_arm
 from polish_sim.scenario_file import override
 
 SEED = 541

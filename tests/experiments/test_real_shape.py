@@ -11,8 +11,8 @@ from polish_sim.config import Scenario
 from polish_sim.errors import MeshError
 from polish_sim.experiments import default_scenario, prepare_force, run_experiment
 from polish_sim.experiments.assembly import build_part
-from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_setup import shape_figures
+from polish_sim.experiments.surface import place_force
 from polish_sim.geometry import field_distance
 from polish_sim.models import workpiece_path
 from polish_sim.models.parts import part

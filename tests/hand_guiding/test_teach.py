@@ -13,9 +13,15 @@ from polish_sim.hand_guiding import CLAIMS, kind_of
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
 from polish_sim.hand_guiding.drag import drag_table
-from polish_sim.hand_guiding.figures import compare_modes
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_jerk, move_table, moves_of
+from polish_sim.hand_guiding.teach import (
+    PlayedMove,
+    compare_modes,
+    figures_of_moves,
+    minimum_jerk,
+    move_table,
+    moves_of,
+)
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.robot_model import own_parameters

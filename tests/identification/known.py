@@ -13,8 +13,12 @@ from numpy.typing import NDArray
 from polish_sim.exchange.robot_log import columns_of
 from polish_sim.identification import IdentifySettings, identify
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_of
-from polish_sim.identification.excitation import random_motion
-from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.excitation import (
+    FourierMotion,
+    MotionLimits,
+    random_motion,
+    started_and_stopped,
+)
 from polish_sim.identification.regressor import FULL, States, TorqueModel
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.models import robot_model_path

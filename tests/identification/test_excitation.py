@@ -9,10 +9,10 @@ import pytest
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.identification import excitation
-from polish_sim.identification.fourier import Clearance, FourierMotion, started_and_stopped
+from polish_sim.identification.excitation import Clearance, FourierMotion, started_and_stopped
+from polish_sim.identification.log_file import use_states
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
-from polish_sim.identification.use_motion import use_states
 from polish_sim.motion import forward
 from tests.identification.known import LIMITS, RATE, SIGMA, arm_model, known_robot, played, write_log
 

@@ -15,7 +15,7 @@ from polish_sim.identification.identify import Identification, identify_from_log
 from polish_sim.identification.log_file import RobotLog, log_of, spline_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
-from polish_sim.motion.makes import used_arm
+from polish_sim.motion.kinematics import used_arm
 from polish_sim.scenario_file import override
 from tests.identification.known import SIGMA, known_robot, played, write_log
 

@@ -9,7 +9,7 @@ import pytest
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import columns_of, read_column_map, read_robot_recording
 from polish_sim.identification import log_file
-from polish_sim.identification.use_motion import use_states
+from polish_sim.identification.log_file import use_states
 from polish_sim.motion.serial_chain import HINGE, SLIDE
 from tests.identification.known import known_robot
 

@@ -18,13 +18,11 @@ from polish_sim.experiments import (
     default_scenario,
     run_payload_calibration,
 )
-from polish_sim.experiments.arc import prepare_arc
 from polish_sim.experiments.assembly import Workplace, check, strokes_for
 from polish_sim.experiments.even_removal import planned
-from polish_sim.experiments.force import place_force
-from polish_sim.experiments.surface import prepare_surface
-from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
-from polish_sim.motion.makes import use_arm, used_arm
+from polish_sim.experiments.free_space import prepare_arc
+from polish_sim.experiments.surface import place_force, prepare_surface
+from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution, use_arm, used_arm
 from polish_sim.scenario_file import load_scenario, override, to_toml
 from polish_sim.smoothing.smooth import prepare_smooth
 from polish_sim.spatial import apply

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
         payload_regressor,
         plan_payload_poses,
     )
-    from polish_sim.calibration.payload_file import (
+    from polish_sim.calibration.tables import (
+        calibration_kind,
         estimate_figures,
         read_calibrated_tool,
         read_readings,
         residual_table,
         write_calibration,
     )
-    from polish_sim.calibration.tables import calibration_kind
 else:
     __getattr__ = names_on_use(__name__)

@@ -18,8 +18,7 @@ from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
 from polish_sim.cell.scene import bend_links, links_of, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import ConfigError
-from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
-from polish_sim.motion.makes import use_arm
+from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes, use_arm
 from polish_sim.scenario_file import check_words
 
 _STREAM = 17  # of the scenario's seed, for what is drawn of the arms themselves

@@ -16,8 +16,7 @@ from polish_sim.config import Scenario
 from polish_sim.exchange.log_sources import JOINT_NAMES
 from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
-from polish_sim.motion.kinematics import NOMINAL, link_poses
-from polish_sim.motion.makes import use_arm
+from polish_sim.motion.kinematics import NOMINAL, link_poses, use_arm
 from polish_sim.spatial import apply, inverse, transform, wxyz
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]

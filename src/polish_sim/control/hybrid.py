@@ -1,5 +1,5 @@
 """Hybrid position/force control: the loops of paper 1 composed axis by axis in the tool frame (fig. 10,
-11)."""
+11), or with a UR robot's own force mode along tool z, as far as that is public."""
 
 from __future__ import annotations
 

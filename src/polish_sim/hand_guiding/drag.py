@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, Figures, Indices, norms
+from polish_sim.arrays import Array, Figures, Indices, dots, norms, rms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked, DragConfig, HandConfig, SimulationConfig
 from polish_sim.errors import PlanError
@@ -26,7 +27,6 @@ from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.geometry.surface import ClosestPoints
 from polish_sim.hand_guiding.arm import LaidPart, believe_arm, guided_arm, hand_of, torque_arm
 from polish_sim.hand_guiding.cell import HandMotion, run_guided
-from polish_sim.hand_guiding.figures import measure_taught
 from polish_sim.hand_guiding.teach import (
     HELD,
     HOLD_S,
@@ -339,3 +339,37 @@ def _teach(
         "points_taught": len(taught.path.s),
     }
     return taught, figures | counts | {"off_surface_max_m": taught.off_surface}
+
+
+def distance_to_line(points: Array, line: Array) -> Array:
+    """Distances (n,) [m] of points (n, 3) to a dense polyline (m, 3)."""
+    near = np.asarray(cKDTree(line).query(points)[1])
+    best = np.full(len(points), np.inf)
+    for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
+        away, chord = points - line[first], line[first + 1] - line[first]
+        best = np.minimum(best, foot_on_chord(away, chord)[1])
+    return best
+
+
+def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:
+    """Compare the recorded tool points (n, 3), work frame, and the path taught from them with the path that
+    was meant.
+
+    recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path;
+    taught_missed_max_m: of the meant path to the taught one, so that nothing was left out;
+    taught_axis_error_max_rad: tool axis against that of the nearest meant point; taught_length_m.
+    """
+    raw = distance_to_line(recorded, meant.positions_work)
+    off = distance_to_line(taught.positions_work, meant.positions_work)
+    missed = distance_to_line(meant.positions_work, taught.positions_work)
+    near = np.asarray(cKDTree(meant.positions_work).query(taught.positions_work)[1])
+    aligned = dots(taught.axes_work, meant.axes_work[near])
+    return {
+        "recorded_deviation_max_m": float(raw.max()),
+        "recorded_deviation_rms_m": rms(raw),
+        "taught_deviation_max_m": float(off.max()),
+        "taught_deviation_rms_m": rms(off),
+        "taught_missed_max_m": float(missed.max()),
+        "taught_axis_error_max_rad": float(np.arccos(np.clip(aligned, -1.0, 1.0)).max()),
+        "taught_length_m": taught.length_m,
+    }

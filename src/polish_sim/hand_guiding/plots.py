@@ -26,7 +26,7 @@ from polish_sim.analysis.style import (
     styled,
 )
 from polish_sim.arrays import Array, norms
-from polish_sim.hand_guiding.figures import distance_to_line
+from polish_sim.hand_guiding.drag import distance_to_line
 from polish_sim.planning.toolpath import arc_length
 
 COLORS = {"assist": BLUE, "classical": ORANGE, "inertia": SKY, "gravity": PINK, "none": GREY}

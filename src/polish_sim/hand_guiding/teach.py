@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Figures
+from polish_sim.arrays import Array, Figures, norms, rms
 from polish_sim.cell import SILENT, Observer
 from polish_sim.config import Checked, GuideConfig, HandConfig
 from polish_sim.errors import InputError, unknown_name
@@ -27,7 +28,6 @@ from polish_sim.hand_guiding.arm import (
     torque_arm,
 )
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
-from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import FADE_FROM, MODES
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, Trace
 from polish_sim.planning.toolpath import arc_length
@@ -261,3 +261,63 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         scenario, free_log(scenario, played, move_columns), trace_of_move(played[-1]), figures,
         figures["protective_stop"], bool(figures["interrupted"]),
     )  # fmt: skip
+
+
+COAST_S = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
+#: Compared with the classical mode, and how their figures begin
+RATIOS = {"inertia": "", "assist": "assist_"}
+
+
+def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
+    """The hand's force (n, 3) [N] while it moves, undefined if the move was cut short; the energy lent.
+
+    hand_force_peak_n, hand_force_rms_n: of its norm; lent_energy_j: most the compensation had lent beyond
+    what friction took.
+    """
+    sizes = norms(force)
+    known = whole and len(sizes) > 0
+    return {
+        "hand_force_peak_n": float(sizes.max()) if known else math.nan,
+        "hand_force_rms_n": rms(sizes) if known else math.nan,
+        "lent_energy_j": lent_j,
+    }
+
+
+def measure_drift(time: Array, q: Array) -> Figures:
+    """What the joints (n, 6) do after the hand has released it, at times (n,) [s].
+
+    coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s:
+    how long that is. Undefined if it was not released or for no longer than that.
+    """
+    if not len(time) or time[-1] - time[0] <= COAST_S:
+        return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}
+    rolled = np.searchsorted(time, time[0] + COAST_S)
+    return {
+        "coast_rad": float(np.abs(q[: rolled + 1] - q[0]).max()),
+        "drift_rad": float(np.abs(q[rolled:] - q[rolled]).max()),
+        "drift_time_s": float(time[-1] - time[rolled]),
+    }
+
+
+def compare_modes(moves: Mapping[str, Figures]) -> Figures:
+    """Modes beside each other, from figures by ``mode_direction_pace``; only if both moves exist, undefined
+    if cut short.
+
+    fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move
+    (``assist_`` before
+    it: with the start-up assist); slow_peak_n: largest of the assist's slow moves.
+    """
+    figures: Figures = {}
+    for mode, prefix in RATIOS.items():
+        for direction in ("x", "y"):
+            ours, theirs = (moves.get(f"{name}_{direction}_fast") for name in (mode, "classical"))
+            if ours is None or theirs is None:
+                continue
+            for what in ("peak", "rms"):
+                name = f"hand_force_{what}_n"
+                figures[f"{prefix}fast_{what}_ratio_{direction}"] = ours[name] / theirs[name]
+    for figure, some in (("none", "none_*"), ("classical", "classical_*"), ("slow", "assist_[xy]_slow")):
+        forces = [moves[name]["hand_force_peak_n"] for name in fnmatch.filter(moves, some)]
+        if forces:
+            figures[f"{figure}_peak_n"] = float(np.max(forces))
+    return figures

@@ -19,7 +19,7 @@ from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification import SCENARIO, STEP_S
 from polish_sim.identification.elastic import KnownArm, SprungHead
-from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.excitation import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import LoggedGears, RobotLog, read_by
 from polish_sim.identification.model_file import RobotSource, read_robot_model
 from polish_sim.identification.physical import Drawing
@@ -31,8 +31,7 @@ from polish_sim.identification.robot_model import (
     own_parameters,
     read_chain,
 )
-from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.motion.makes import use_arm, used_arm
+from polish_sim.motion.kinematics import NOMINAL, use_arm, used_arm
 from polish_sim.motion.serial_chain import ChainGeometry
 
 RAMP_S = 2.0

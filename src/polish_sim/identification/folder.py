@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95
-from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.excitation import FourierMotion
 from polish_sim.identification.identify import Identification
 from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, identified_xml, write_portable
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed

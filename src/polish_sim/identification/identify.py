@@ -46,14 +46,15 @@ from polish_sim.identification.estimate import (
     torque_error,
 )
 from polish_sim.identification.excitation import (
+    FREQUENCY,
     Excitation,
     ExcitationTask,
+    FourierMotion,
     allowed_motions,
     design,
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.fourier import FREQUENCY, FourierMotion
 from polish_sim.identification.gear_fit import GearFit, fit_gears
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.payload import Weighed, guessed_load, weigh_block

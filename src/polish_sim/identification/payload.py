@@ -23,7 +23,7 @@ from polish_sim.identification.estimate import (
     require_excited,
     sum_samples,
 )
-from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.excitation import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.physical import is_consistent, nearest_bodies
 from polish_sim.identification.regressor import States, TorqueModel

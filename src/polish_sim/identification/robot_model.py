@@ -11,7 +11,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.exchange.log_sources import JOINT_NAMES
-from polish_sim.identification.fourier import Clearance
+from polish_sim.identification.excitation import Clearance
 from polish_sim.motion.serial_chain import (
     HINGE,
     SLIDE,

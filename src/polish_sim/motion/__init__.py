@@ -11,5 +11,6 @@ from polish_sim.motion.kinematics import (
     nearest_solution,
     smallest_singular_values,
     track,
+    use_arm,
+    used_arm,
 )
-from polish_sim.motion.makes import use_arm, used_arm

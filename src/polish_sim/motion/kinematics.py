@@ -9,13 +9,13 @@ inverse is in closed form for the nominal table, and by Newton's method from the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arms import ARMS, FIRST, ArmTable, arm_table
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
@@ -23,18 +23,28 @@ from polish_sim.kernels import kernel
 from polish_sim.spatial import crosses, inverse, place_of
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
-"""Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); `motion.makes` sets
-it."""
-_label = [""]
+"""Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); set by `use_arm`."""
+_used = [ARMS[FIRST]]
 
 
-def set_nominal(d: Sequence[float], a: Sequence[float], label: str) -> None:
-    """Take another make's lengths, six of each [m], and its name for messages."""
+def use_arm(name: str) -> ArmTable:
+    """Make the arm that a word of ``robot.arm`` names the one this process computes with.
+
+    A process works with one make at a time: everything that begins with a scenario calls this first.
+    """
+    _used[0] = arm = arm_table(name)
     NOMINAL.setflags(write=True)
-    NOMINAL[1], NOMINAL[2], _label[0] = d, a, label
+    NOMINAL[1], NOMINAL[2] = arm.d, arm.a
     NOMINAL.setflags(write=False)
+    return arm
 
 
+def used_arm() -> ArmTable:
+    """The make of the arm in use."""
+    return _used[0]
+
+
+use_arm(FIRST)
 JOINT_LIMITS = (
     np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 )
@@ -327,9 +337,9 @@ def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
         x, y, z = 1e3 * np.asarray(T_base_flange)[:3, 3]
         d4, d5, a2, a3 = 1e3 * np.abs(arm_lengths()[[1, 2, 4, 5]])
         raise ReachError(
-            f"the {_label[0]} cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame "
-            f"with the wanted direction: its wrist reaches {a2 + a3 + d5:.0f} mm from the shoulder and not "
-            f"closer than {d4:.0f} mm to its own axis. Move the part or turn the tool."
+            f"the {used_arm().label} cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base "
+            f"frame with the wanted direction: its wrist reaches {a2 + a3 + d5:.0f} mm from the shoulder and "
+            f"not closer than {d4:.0f} mm to its own axis. Move the part or turn the tool."
         )
     return q
 

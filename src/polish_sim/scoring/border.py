@@ -23,8 +23,8 @@ from polish_sim.cell.linear_arm import arm_modes, joints_about
 from polish_sim.config import Checked, Scenario
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import Memory, Workplace, build_cell, build_part, check, place_key
-from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_pose import PartPlacing
+from polish_sim.experiments.surface import place_force
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry, latency_settings

@@ -31,9 +31,8 @@ from polish_sim.experiments.assembly import (
     config_hash,
     place_key,
 )
-from polish_sim.experiments.force import hold_done
 from polish_sim.experiments.part_setup import path_done
-from polish_sim.experiments.surface import place_work
+from polish_sim.experiments.surface import hold_done, place_work
 from polish_sim.row_file import Row, plain
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score

@@ -13,7 +13,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.motion import link_frames
-from polish_sim.motion.makes import used_arm
+from polish_sim.motion.kinematics import used_arm
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.robot import (
     IDLE,

@@ -9,8 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from polish_sim.motion import JOINT_LIMITS
-from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.motion.makes import used_arm
+from polish_sim.motion.kinematics import NOMINAL, used_arm
 from polish_sim.ur.controller import UNLOCK_TICKS, VERSION, RobotController, framed, message
 from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED
 from polish_sim.ur.rtde import output_numbers
