@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.exact_stop import plan_exact_stop
 from benchmarks.random_paths import RandomPath
 from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares
+from polish_sim.arrays import unit
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
@@ -27,7 +28,7 @@ from polish_sim.motion.rules.paper_rules import block_triples, filter_times
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path
-from polish_sim.spatial import rotation_to_axis, unit
+from polish_sim.spatial import rotation_to_axis
 
 Array = NDArray[np.float64]
 ALL = {"exact stop": plan_exact_stop, **RULES}

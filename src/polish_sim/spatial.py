@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, dots, norms
+from polish_sim.arrays import Array, Bools, crosses, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 
@@ -177,68 +176,3 @@ def steady_rotations(z_axes: Array) -> Array | None:
 def skew(v: Array) -> Array:
     """Matrix S with S w = v x w, shape (3, 3)."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-# Arrays of vectors (numpy only).
-
-
-def unit(vectors: Array) -> Array:
-    """Scale vectors (..., 3) to length one; zero stays zero."""
-    return vectors / np.maximum(norms(vectors)[..., None], 1e-300)
-
-
-def crosses(first: Array, second: Array) -> Array:
-    """Vector products of vectors (..., 3), bit for bit those of `np.cross`, whose look at the axes takes most
-    of its time where vectors are few."""
-    ahead, behind = [1, 2, 0], [2, 0, 1]
-    return first.take(ahead, -1) * second.take(behind, -1) - first.take(behind, -1) * second.take(ahead, -1)
-
-
-def into_plane(directions: Array, normals: Array) -> Array:
-    """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
-    return directions - dots(directions, normals)[..., None] * normals
-
-
-def directions_at(angles: Array) -> Array:
-    """Unit vectors in a plane at angles (n,) [rad] from its first axis, shape (n, 2)."""
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
-def angles_between(first: Array, second: Array) -> Array:
-    """Angles between vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
-    return np.arctan2(norms(crosses(first, second)), dots(first, second))
-
-
-def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
-    """Where along chords (..., d) the nearest point to points ``away`` (..., d) from their beginnings lies.
-
-    Returns shares of the chords, 0 to 1, and distances, shape (...).
-    """
-    share = np.clip(dots(away, chord) / np.maximum(dots(chord, chord), 1e-300), 0.0, 1.0)
-    return share, norms(away - share[..., None] * chord)
-
-
-def turns_along(directions: Array) -> Array:
-    """Angles from each vector to the next [rad], (n, 3) -> (n - 1,)."""
-    return angles_between(directions[:-1], directions[1:])
-
-
-def perpendicular(vectors: Array) -> Array:
-    """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
-
-    It does not turn with the vectors: where a result must turn with the part, nothing may depend on the
-    choice.
-    """
-    return unit(crosses(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))
-
-
-def plane_axes(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors square to each unit normal and to each other, as of `perpendicular`, (..., 3) each."""
-    first = perpendicular(normals)
-    return first, crosses(normals, first)
-
-
-def turned(first: Array, second: Array, angles: Any) -> Array:
-    """Vectors (..., 3) at angles (...) [rad] from ``first`` towards ``second``, unit vectors square to each
-    other; arrays broadcast."""
-    return np.cos(angles)[..., None] * first + np.sin(angles)[..., None] * second

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from polish_sim.arrays import angles_between
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import pressed
@@ -14,7 +15,6 @@ from polish_sim.planning.moves.stroke import STEEPEST, lean, smooth_axes, soften
 from polish_sim.planning.moves.travel import move_in
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
-from polish_sim.spatial import angles_between
 from tests.planning.shapes import UP, region_of, shipped_plan
 
 

@@ -7,10 +7,9 @@ import mujoco
 import numpy as np
 import trimesh
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, perpendicular
 from polish_sim.models import robot_model_path
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import perpendicular
 from tests.cell.cells import drawn_vertices
 
 HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)

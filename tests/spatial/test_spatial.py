@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim import spatial
+from polish_sim import arrays, spatial
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -48,16 +48,16 @@ def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be():
 def test_vector_products_of_stacks_are_numpys_to_the_last_bit():
     for shape in ((3,), (206, 3), (2, 1, 3)):
         first = VECTORS[: math.prod(shape) // 3].reshape(shape)
-        assert spatial.crosses(first, VECTORS).tobytes() == np.cross(first, VECTORS).tobytes()
+        assert arrays.crosses(first, VECTORS).tobytes() == np.cross(first, VECTORS).tobytes()
 
 
 def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_product():
-    units, across = spatial.unit(VECTORS), spatial.perpendicular(VECTORS)
+    units, across = arrays.unit(VECTORS), arrays.perpendicular(VECTORS)
     np.testing.assert_allclose(np.linalg.norm([units, across], axis=-1), 1.0)
     np.testing.assert_allclose((units * VECTORS).sum(axis=1), np.linalg.norm(VECTORS, axis=1))
     np.testing.assert_allclose((across * units).sum(axis=1), 0.0, atol=1e-15)
-    np.testing.assert_array_equal(spatial.perpendicular(VECTORS[7]), across[7])
-    assert (spatial.unit(np.zeros(3)) == 0.0).all()
+    np.testing.assert_array_equal(arrays.perpendicular(VECTORS[7]), across[7])
+    assert (arrays.unit(np.zeros(3)) == 0.0).all()
     np.testing.assert_allclose(
         spatial.skew(VECTORS[0]) @ VECTORS[1], np.cross(VECTORS[0], VECTORS[1]), rtol=1e-14
     )

@@ -37,7 +37,7 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
-from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
+from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side, unit
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
@@ -52,7 +52,6 @@ from polish_sim.planning.toolpath import (
     interpolate,
     stretches,
 )
-from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import StopMark

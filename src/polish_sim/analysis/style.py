@@ -19,9 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.arrays import Array, Bools, diagonal_of, norms
+from polish_sim.arrays import Array, Bools, diagonal_of, norms, unit
 from polish_sim.row_file import Metrics
-from polish_sim.spatial import unit
 
 P = ParamSpec("P")
 FigureT = TypeVar("FigureT", Figure, Figure | None)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, crosses
 from polish_sim.errors import CalibrationError
-from polish_sim.spatial import crosses, inverse, rotation_angle, skew, transform
+from polish_sim.spatial import inverse, rotation_angle, skew, transform
 
 LEAST_POINTS = 3
 LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it

@@ -20,11 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Uncertain, rms
+from polish_sim.arrays import Array, Bools, Indices, Uncertain, crosses, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
-from polish_sim.spatial import GRAVITY, crosses, no_rotations
+from polish_sim.spatial import GRAVITY, no_rotations
 
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3

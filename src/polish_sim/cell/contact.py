@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, directions_at
 from polish_sim.cell.engine import HEAD, EngineViews
 from polish_sim.cell.gears import slip
 from polish_sim.config import HeadConfig, PadConfig, SpindleConfig
@@ -21,7 +21,7 @@ from polish_sim.control.loops import low_pass_share
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel, matvec, minus, set_to
-from polish_sim.spatial import GRAVITY, directions_at
+from polish_sim.spatial import GRAVITY
 
 
 class PadMaterial(Record):

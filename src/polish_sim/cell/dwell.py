@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from polish_sim.arrays import Array, Bools, running_sums
+from polish_sim.arrays import Array, Bools, directions_at, perpendicular, running_sums
 from polish_sim.cell.contact import Pad, RealPart, build_pad, press_pad
 from polish_sim.cell.real_part import PartFields, place_part
 from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes, _room_for
@@ -22,7 +22,6 @@ from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, kernel
 from polish_sim.planning.points import build_point_grid
-from polish_sim.spatial import directions_at, perpendicular
 
 #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
 ROUNDS = 20

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array, Indices, joined, midpoints, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Indices, joined, midpoints, next_corners, norms, running_sums, unit
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -26,7 +26,6 @@ from polish_sim.log import RunLog, Trace
 from polish_sim.planning.ground import Triangulation, triangulate
 from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import unit
 
 # How the pad moved on the part, and how hard it pressed, in short straight steps (log, trace -> PadMotion).
 #

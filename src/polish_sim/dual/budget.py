@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import quad_vec
 from scipy.optimize import brentq
 
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, directions_at, norms
 from polish_sim.calibration.fit import slopes_of
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
@@ -39,7 +39,7 @@ from polish_sim.dual.frames import (
     true_chain,
 )
 from polish_sim.dual.placement import default_poses
-from polish_sim.spatial import apply, directions_at, transform
+from polish_sim.spatial import apply, transform
 
 TOGETHER = "together"
 #: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.claim import shortfalls
 from polish_sim.analysis.metrics import measure_removal, measure_surface
-from polish_sim.arrays import Array, Figures, norms, rms
+from polish_sim.arrays import Array, Figures, into_plane, norms, rms, unit
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Checked, Scenario
@@ -33,7 +33,7 @@ from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, into_plane, inverse, matrices, transform, unit
+from polish_sim.spatial import apply, inverse, matrices, transform
 
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> Workplace:

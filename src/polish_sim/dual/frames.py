@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, directions_at, perpendicular
 from polish_sim.calibration.matched_points import frame_offset
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
@@ -43,16 +43,7 @@ from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, rea
 from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.spatial import (
-    apply,
-    directions_at,
-    from_pose,
-    inverse,
-    perpendicular,
-    rotation_to_axis,
-    to_pose,
-    transform,
-)
+from polish_sim.spatial import apply, from_pose, inverse, rotation_to_axis, to_pose, transform
 
 #: Where the simulated tracker sees the master
 T_TRACKER_MASTER = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])

@@ -10,7 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, evenly_to, joined, midpoints, norms, running_sums
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    evenly_to,
+    into_plane,
+    joined,
+    midpoints,
+    norms,
+    running_sums,
+    unit,
+)
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import LIFT_ACCELERATION, RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
 from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
@@ -21,7 +32,7 @@ from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.trajectory import TimedPath, build_path_table, time_path, with_feed_share
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
-from polish_sim.spatial import apply, into_plane, matrices, unit
+from polish_sim.spatial import apply, matrices
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 SPARE_S = 1.0

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from polish_sim.arrays import Array, evenly_to, joined, norms, running_sums
+from polish_sim.arrays import Array, evenly_to, joined, norms, running_sums, unit
 from polish_sim.cell import SILENT, Observer, Stroke
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked, DualConfig
@@ -49,7 +49,7 @@ from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.travel import Move, move_in, path_of
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length, interpolate
-from polish_sim.spatial import inverse, unit
+from polish_sim.spatial import inverse
 
 SAMPLES = 60  # moments of the work at which a placement is tried, at least
 SAMPLE_M = 0.02  # between its places then, at the usual feed, at most [m]

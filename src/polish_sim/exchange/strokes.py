@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, into_plane, norms, unit
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
-from polish_sim.spatial import into_plane, steady_rotations, unit
+from polish_sim.spatial import steady_rotations
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult

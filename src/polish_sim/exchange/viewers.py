@@ -8,7 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices, Ints, joined, longest_side, running_sums
+from polish_sim.arrays import (
+    Array,
+    Indices,
+    Ints,
+    crosses,
+    joined,
+    longest_side,
+    perpendicular,
+    running_sums,
+    turned,
+    unit,
+)
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import (
@@ -28,7 +39,7 @@ from polish_sim.planning.ground import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS
-from polish_sim.spatial import crosses, perpendicular, rotation_to_axis, transform, turned, unit
+from polish_sim.spatial import rotation_to_axis, transform
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
 

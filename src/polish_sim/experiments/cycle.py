@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, joined, midpoints, norms, running_sums
+from polish_sim.arrays import Array, angles_between, joined, midpoints, norms, running_sums
 from polish_sim.cell.stroke import (
     TARE_START,
     TARE_TIME,
@@ -26,7 +26,7 @@ from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import ScanNoise
 from polish_sim.motion.trajectory import TimedPath
 from polish_sim.planning.toolpath import ToolPath, interpolate
-from polish_sim.spatial import angles_between, matrices
+from polish_sim.spatial import matrices
 
 OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 

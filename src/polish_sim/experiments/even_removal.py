@@ -21,7 +21,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.arrays import Array, diagonal_of, evenly_to, joined, midpoints
+from polish_sim.arrays import Array, diagonal_of, evenly_to, joined, midpoints, unit
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
@@ -36,7 +36,6 @@ from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.ground import Triangulation, triangulate
 from polish_sim.planning.part_plan import UNSEEN, PlanObserver
 from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
-from polish_sim.spatial import unit
 
 EVEN = "even"
 PLANNED = "removal planned"

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
     from polish_sim.config import RobotConfig, Scenario
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
+from polish_sim.arrays import turned
 from polish_sim.cell import SILENT
 from polish_sim.experiments.assembly import kept_place
 from polish_sim.experiments.beliefs import believe_tool
@@ -41,7 +42,6 @@ from polish_sim.experiments.placement import check_whole_path, find_reach, tool_
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
-from polish_sim.spatial import turned
 
 
 class ToolMotion(NamedTuple):

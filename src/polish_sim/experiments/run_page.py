@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.claim import figure_table
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import RunRecord, changed_settings, other_conditions, stop_mark
-from polish_sim.arrays import Array, Indices, Ints, dots, norms
+from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, norms
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
@@ -27,7 +27,7 @@ from polish_sim.motion import track
 from polish_sim.page import Table
 from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, into_plane, matrices, transform
+from polish_sim.spatial import apply, matrices, transform
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult

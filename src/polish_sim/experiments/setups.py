@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, unit
 from polish_sim.cell import Observer
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
@@ -31,7 +31,6 @@ from polish_sim.planning.moves.travel import nearest_neighbours, turn_between
 from polish_sim.planning.part_plan import load_mesh, prepare_region
 from polish_sim.planning.quality.tool_room import Tool
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
-from polish_sim.spatial import unit
 
 ALIKE = np.cos(np.radians(20.0))  #: Patches that look ways this close are tried together
 SAME_SIDE = np.cos(np.radians(5.0))  #: Sides up that are closer are one

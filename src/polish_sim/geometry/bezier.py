@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, next_corners, norms
+from polish_sim.arrays import Array, crosses, dots, into_plane, next_corners, norms, unit
 from polish_sim.kernel_cache import njit
-from polish_sim.spatial import crosses, into_plane, unit
 
 EDGE_MIDDLES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])  #: Barycentric, by edge
 _AGREEMENT = np.cos(np.radians(15.0))

@@ -12,15 +12,16 @@ from polish_sim.arrays import (
     Indices,
     Ints,
     by_slices,
+    crosses,
     dots,
     longest_side,
     next_corners,
     norms,
     running_sums,
     summed,
+    unit,
 )
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
-from polish_sim.spatial import crosses, unit
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
 #: Facets are coplanar if they deviate by less than this share of the size (float32 noise)

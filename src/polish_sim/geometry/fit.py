@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, next_corners, norms
+from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, into_plane, next_corners, norms, unit
 from polish_sim.geometry.bezier import area_elements, edge_control, quadratic_normals
 from polish_sim.geometry.features import (
     FEATURE_ANGLE,
@@ -26,7 +26,6 @@ from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh, load_part
 from polish_sim.geometry.surface import SourcePatches, Surface, build_on, join_surfaces
 from polish_sim.geometry.topology import Adjacency, find_adjacency
-from polish_sim.spatial import into_plane, unit
 
 FLAT_TILT = 1e-7  #: A facet is flat when its corners' normals differ from its own by less than this [rad]
 #: A patch folds where its area element, seen along the facet's normal, turns negative by this share

@@ -13,11 +13,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, next_corners, norms, running_sums, summed
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    Ints,
+    next_corners,
+    norms,
+    plane_axes,
+    running_sums,
+    summed,
+    unit,
+)
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot
-from polish_sim.spatial import plane_axes, unit
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared

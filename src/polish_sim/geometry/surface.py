@@ -10,12 +10,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, in_groups, norms, summed
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    Ints,
+    by_slices,
+    crosses,
+    dots,
+    in_groups,
+    into_plane,
+    norms,
+    plane_axes,
+    summed,
+    turned,
+    unit,
+)
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, SearchRoom, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
-from polish_sim.spatial import crosses, into_plane, plane_axes, turned, unit
 
 
 class SurfacePoints(NamedTuple):

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, Figures, Indices, dots, norms, rms
+from polish_sim.arrays import Array, Figures, Indices, dots, foot_on_chord, norms, rms, unit
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked, DragConfig, HandConfig, SimulationConfig
 from polish_sim.errors import PlanError
@@ -45,7 +45,7 @@ from polish_sim.motion import forward
 from polish_sim.planning.moves.travel import move_in, path_of
 from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
-from polish_sim.spatial import apply, foot_on_chord, inverse, unit
+from polish_sim.spatial import apply, inverse
 
 DEGREE = 3
 MOVING_SHARE = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import ARMS, FIRST, ArmTable, arm_table
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, crosses
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
-from polish_sim.spatial import crosses, inverse, place_of
+from polish_sim.spatial import inverse, place_of
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
 """Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); set by `use_arm`."""

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, Ints, dots, evenly_to, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, evenly_to, midpoints, norms, running_sums, unit
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import unit, wxyz
+from polish_sim.spatial import wxyz
 
 
 class PathTable(NamedTuple):

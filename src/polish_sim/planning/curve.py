@@ -10,12 +10,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, running_sums, unit
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.spatial import into_plane, unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built
 # from.

@@ -11,7 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, dots, joined, next_corners, norms, running_sums
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    crosses,
+    dots,
+    into_plane,
+    joined,
+    next_corners,
+    norms,
+    plane_axes,
+    running_sums,
+    unit,
+)
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -20,7 +33,6 @@ from polish_sim.geometry.cut import ALIKE, CutFacets, find_edges, halve_edges, w
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces, trace_border
 from polish_sim.geometry.topology import counting_order, facets_at_edges, find_adjacency, label_within
-from polish_sim.spatial import crosses, into_plane, plane_axes, unit
 
 
 class Bridged(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, dots, longest_side, norms
+from polish_sim.arrays import Array, Bools, dots, into_plane, longest_side, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
@@ -33,7 +33,6 @@ from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
-from polish_sim.spatial import into_plane
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 BESIDE_M = 1e-4  #: So near the foot of a point, along each axis, a face meets it [m]

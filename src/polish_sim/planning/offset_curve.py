@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, midpoints, next_corners, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, midpoints, next_corners, norms, running_sums, unit
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curve import Curve, CurveSet, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.ground import Triangulation
-from polish_sim.spatial import unit
 
 # Lines of equal value of a field on a triangulation, as ordered point lists (vertex values -> polylines).
 

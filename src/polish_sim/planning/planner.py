@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, norms, turned, unit
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import ClosestPoints, Region
@@ -27,7 +27,6 @@ from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import ToolPath, interpolate
 from polish_sim.planning.turns import Report
-from polish_sim.spatial import turned, unit
 
 TOO_NARROW = "too narrow for a turn half a step-over inside its border"
 CUT_HERE = "cut where the path would cross itself"

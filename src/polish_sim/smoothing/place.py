@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, in_groups, norms
+from polish_sim.arrays import Array, Indices, in_groups, norms, turns_along
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
 from polish_sim.exchange import WayPoints, plan_facts
@@ -21,7 +21,7 @@ from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_f
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
-from polish_sim.spatial import from_pose, turns_along
+from polish_sim.spatial import from_pose
 
 FEW = 3  #: Segments that suffice to have a rule compiled
 SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out

@@ -23,12 +23,11 @@ from polish_sim.analysis.style import (
     small_title,
     styled,
 )
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Indices, foot_on_chord, norms, perpendicular, turns_along, unit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import ORDERS
 from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.spatial import foot_on_chord, perpendicular, turns_along, unit
 
 SUFFIX = ("/s", "/s²", "/s³")
 LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))

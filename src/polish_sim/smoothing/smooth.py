@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, norms, running_sums
+from polish_sim.arrays import Array, Figures, directions_at, into_plane, norms, running_sums, unit
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, PlayedBack, play_joints
 from polish_sim.cell.scene import build_scene
@@ -36,7 +36,7 @@ from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
-from polish_sim.spatial import directions_at, into_plane, rotation_to_axis, transform, unit
+from polish_sim.spatial import rotation_to_axis, transform
 
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the

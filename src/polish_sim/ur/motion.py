@@ -20,10 +20,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, crosses, unit
 from polish_sim.motion import inverse_near
 from polish_sim.motion.kinematics import inverse_on_branch
-from polish_sim.spatial import crosses, from_pose, inverse, transform, unit
+from polish_sim.spatial import from_pose, inverse, transform
 from polish_sim.ur.kinematics import joint_speeds, pose_from, tool_at
 
 LEVER_M = 0.25  #: A line's rotation takes as long as a way of this length for each radian

@@ -12,14 +12,14 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array, norms
+from polish_sim.arrays import Array, norms, unit
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.cell.scene import on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import inverse_near, jacobian
 from polish_sim.motion.kinematics import beyond_range
-from polish_sim.spatial import GRAVITY, from_pose, inverse, place_of, unit
+from polish_sim.spatial import GRAVITY, from_pose, inverse, place_of
 from polish_sim.ur.kinematics import joint_speeds, pose_of, tool_at
 from polish_sim.ur.motion import (
     FIXED,

@@ -18,11 +18,11 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, angles_between, crosses, unit
 from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, slopes_of, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import angles_between, crosses, transform, unit
+from polish_sim.spatial import transform
 
 LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]

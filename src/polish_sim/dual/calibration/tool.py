@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, Figures, rms_length
+from polish_sim.arrays import Array, Bools, Figures, rms_length, unit
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit, slopes_of
 from polish_sim.calibration.tables import (
     QUATERNION,
@@ -35,7 +35,7 @@ from polish_sim.dual.calibration.tool_checks import (
     touch_rows,
 )
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import matrices, place_of, transform, unit
+from polish_sim.spatial import matrices, place_of, transform
 from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]

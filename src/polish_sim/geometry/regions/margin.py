@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, longest_side, next_corners, norms
+from polish_sim.arrays import Array, Indices, Ints, dots, foot_on_chord, longest_side, next_corners, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import (
@@ -25,7 +25,6 @@ from polish_sim.geometry.cut import (
 )
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, along_edges, enclosed, trace_border
-from polish_sim.spatial import foot_on_chord
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, dots, norms
+from polish_sim.arrays import Array, Bools, Ints, crosses, dots, norms
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
 from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets
 from polish_sim.geometry.topology import corner_fans
-from polish_sim.spatial import crosses
 
 OPEN_ANGLE = np.radians(80.0)  #: A patch lies open when its normals are within this angle of their mean [rad]
 _OPEN_SHARE = 0.995  #: This share of its area is enough

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, next_corners, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, angles_between, dots, next_corners, norms
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
 from polish_sim.geometry.repair.skin import Skin, middle_in_mm, number_rows
-from polish_sim.spatial import angles_between
 
 SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meaningful normal
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle

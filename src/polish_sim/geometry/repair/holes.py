@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side
+from polish_sim.arrays import Array, Bools, Indices, Ints, crosses, longest_side
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
 from polish_sim.geometry.repair.skin import Skin, middle_in_mm
-from polish_sim.spatial import crosses
 
 SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]

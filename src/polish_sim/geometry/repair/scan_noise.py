@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Ints, joined, next_corners, norms, summed
+from polish_sim.arrays import Array, Ints, joined, next_corners, norms, summed, unit
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.jets import solve_symmetric, tangent_frames
 from polish_sim.geometry.repair.skin import ScanNoise, Skin
 from polish_sim.geometry.topology import find_adjacency
-from polish_sim.spatial import unit
 
 #: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
 NOISY = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, longest_side, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, crosses, dots, longest_side, norms
 from polish_sim.errors import MeshError, count_text, place_in_mm
 from polish_sim.geometry.closest import build_boxes
 from polish_sim.geometry.topology import (
@@ -24,7 +24,6 @@ from polish_sim.geometry.topology import (
 )
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus
-from polish_sim.spatial import crosses
 
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 

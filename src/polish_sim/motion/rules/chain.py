@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, Bools, norms, unit
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to, turn_about
-from polish_sim.spatial import no_rotations, steady_rotations, unit
+from polish_sim.spatial import no_rotations, steady_rotations
 
 
 class Chain(NamedTuple):

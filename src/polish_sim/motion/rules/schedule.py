@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, crosses
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
@@ -27,7 +27,6 @@ from polish_sim.kernels import (
 from polish_sim.lazy import FunctionOnUse
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.spatial import crosses
 
 
 class Schedule(NamedTuple):

@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices, evenly_to, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, crosses, evenly_to, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot as dot3
 from polish_sim.kernels import minus, plus, scaled, set_to, turn_about
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.spatial import crosses
 
 # Functions of one variable with their derivatives, carried along exactly.
 #

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, joined
+from polish_sim.arrays import Array, dots, joined, unit
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.travel import (
     APART_M,
@@ -23,7 +23,6 @@ from polish_sim.planning.moves.travel import (
 from polish_sim.planning.quality.located import ground_under
 from polish_sim.planning.quality.tool_room import Places, pressed_places
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length
-from polish_sim.spatial import unit
 
 LEAD_SHARE = 1.0 / 3.0  #: Height of the lead-in as a share of the clearance
 RAMP = np.radians(20.0)  #: Angle of the tangent lead-in to the surface [rad]

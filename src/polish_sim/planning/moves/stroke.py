@@ -8,7 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, Bools, Indices, evenly_to, joined, midpoints, norms
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    angles_between,
+    evenly_to,
+    into_plane,
+    joined,
+    midpoints,
+    norms,
+    turned,
+    unit,
+)
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
@@ -28,7 +40,6 @@ from polish_sim.planning.toolpath import (
     rows_apart,
     stretches,
 )
-from polish_sim.spatial import angles_between, into_plane, turned, unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
 

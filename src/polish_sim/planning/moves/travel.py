@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Indices, crosses, norms, perpendicular, plane_axes, turned, unit
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Places, Tool
 from polish_sim.planning.toolpath import APPROACH, ToolPath, arc_length, rows_apart
-from polish_sim.spatial import crosses, perpendicular, plane_axes, turned, unit
 
 DIRECTIONS = 40  #: Directions tried in the half space the tool looks away to, besides up and the tool axis
 KEPT = 0.7  #: Share of the clearance the travelling tool keeps from the part

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, norms, running_sums
+from polish_sim.arrays import Array, angles_between, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve
@@ -22,7 +22,6 @@ from polish_sim.planning.patterns.run import (
     SurfaceRun,
     averaged_twice,
 )
-from polish_sim.spatial import angles_between
 
 STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
 SHARE_OF_LOOP = 0.15  #: It is at most this share of the smaller loop

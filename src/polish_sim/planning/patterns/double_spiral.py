@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, dots, norms, unit
 from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.ground import Triangulation
@@ -28,7 +28,6 @@ from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.turns import Turn, border_curves
-from polish_sim.spatial import unit
 
 #: A place whose middle is this far from the turns [step-overs] gets a loop; others are closed evenly
 SHALLOWEST = 1.0

@@ -10,13 +10,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms
+from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms, unit
 from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.patterns.run import Run, dense, numbered
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.turns import Turn, distance_to
-from polish_sim.spatial import unit
 
 WORTH_A_LINK = 0.1  #: Smallest uncovered area a run is led into, in squared step-overs
 WORTH_A_LIFT = 0.5  #: Smallest uncovered area the tool is lifted for, in squared step-overs

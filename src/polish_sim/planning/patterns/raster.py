@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, longest_side, norms
+from polish_sim.arrays import Array, Bools, longest_side, norms, unit
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, nearest_of
@@ -21,7 +21,6 @@ from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fi
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun
 from polish_sim.planning.toolpath import arc_length, stretches
 from polish_sim.planning.turns import Report, border_curves, distance_to
-from polish_sim.spatial import unit
 
 # Lines side by side across a region, a step-over apart on the surface (Region -> rows of open curves).
 #

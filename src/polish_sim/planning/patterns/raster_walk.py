@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, unit
 from polish_sim.planning.curve import Curve, nearest_of
 from polish_sim.planning.toolpath import arc_length, interpolate
-from polish_sim.spatial import unit
 
 ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
 LINK = 8.0  #: Longest way along the border from line to line, in step-overs

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, dots, norms, summed
+from polish_sim.arrays import Array, Bools, Indices, dots, into_plane, norms, plane_axes, summed, unit
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
@@ -27,7 +27,6 @@ from polish_sim.planning.quality.tool_room import (
     most_hollow,
     pressed_places,
 )
-from polish_sim.spatial import into_plane, plane_axes, unit
 
 BEYOND = 0.5  #: Largest room that is measured [pad radii]
 SCOUTED_APART = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, dots, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, directions_at, dots, norms, running_sums, unit
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
@@ -18,7 +18,6 @@ from polish_sim.planning.ground import Ground, Triangulation
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.planning.toolpath import rows_apart
-from polish_sim.spatial import directions_at, unit
 
 STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
 CHORD = 0.15  #: Length of the chords the path is measured by, in step-overs

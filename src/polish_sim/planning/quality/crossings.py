@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, into_plane, norms, unit
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curve import Curve
-from polish_sim.spatial import into_plane, unit
 
 SAME_PLACE_M = 1e-6  #: Points closer than this are the same place [m]
 #: The way the later segment counts as moved, along no plane of a part

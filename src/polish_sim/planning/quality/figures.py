@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, norms
+from polish_sim.arrays import Array, Figures, angles_between, into_plane, norms
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
@@ -24,7 +24,6 @@ from polish_sim.planning.quality.located import PathOnSurface, locate
 from polish_sim.planning.quality.spacing import Stepover, guess_stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
-from polish_sim.spatial import angles_between, into_plane
 
 # How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path ->
 # figures).

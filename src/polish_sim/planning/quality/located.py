@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints, dots, in_groups, norms, running_sums
+from polish_sim.arrays import Array, Indices, Ints, dots, in_groups, norms, running_sums, unit
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.planning.curve import Curve, interpolated
 from polish_sim.planning.ground import Ground
 from polish_sim.planning.toolpath import ToolPath, arc_length
-from polish_sim.spatial import unit
 
 LONGEST_M = 2e-3  #: Chords in contact longer than this are looked at in between as well [m]
 

@@ -10,14 +10,13 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, dots
+from polish_sim.arrays import Array, Bools, Indices, crosses, dots, foot_on_chord, unit
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.points import build_point_grid, cells_between
 from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.toolpath import ToolPath, stretches
-from polish_sim.spatial import crosses, foot_on_chord, unit
 
 SAMPLES = 8  #: Samples per step-over along the path
 OWN_STRETCH = 2.0  #: Points closer than this many step-overs along the path belong to the same turn

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, dots
+from polish_sim.arrays import Array, Bools, Indices, dots, plane_axes
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
@@ -21,7 +21,6 @@ from polish_sim.kernels import cross, dot, matvec, minus, plus, scaled, set_to
 from polish_sim.planning.quality.coverage import checked_rows
 from polish_sim.planning.quality.located import PathOnSurface, UnderPad
 from polish_sim.planning.toolpath import arc_length
-from polish_sim.spatial import plane_axes
 
 
 class Body(NamedTuple):
