@@ -54,7 +54,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
 
 def _colors(times: Array) -> NDArray[np.uint8]:
     top = np.percentile(times, 99.0) or 1.0
-    colors = np.asarray(colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True))[:, :3].copy()
+    colors = colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True)[:, :3].copy()
     colors[times <= 0.0] = BARE
     return colors
 

@@ -235,7 +235,7 @@ COMMENT = (
 def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and
     removal_m."""
-    colors = np.asarray(removal_colors()(SCALE(removal.relative), bytes=True))[:, :3].copy()
+    colors = removal_colors()(SCALE(removal.relative), bytes=True)[:, :3].copy()
     colors[removal.exposure <= 0.0] = BARE_COLOUR
     depth = removal.preston_1_pa * removal.exposure
     columns = {"exposure_n_m": removal.exposure, "relative": removal.relative, "removal_m": depth}

@@ -192,7 +192,7 @@ def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
             scale[kind.columns] = max(spread * float(np.median(np.abs(e[:, kind.columns]))), kind.floor)
         weights = 1.0 / np.maximum(norms(e / scale), 1e-2)
     k = e.shape[1]
-    return x, np.asarray(np.sum((e / scale) ** 2, axis=1) <= k * _fisher(k, freedom))
+    return x, np.sum((e / scale) ** 2, axis=1) <= k * _fisher(k, freedom)
 
 
 def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
@@ -216,7 +216,7 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     own = used.astype(float)
     others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
     noise = np.maximum(others, float((floors / scale).max()) ** 2)
-    return x, np.asarray(distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0)))
+    return x, distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0))
 
 
 def slopes_of(function: Callable[[Array], Array], count: int) -> Array:

@@ -230,7 +230,7 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
         figures["drift_zero_s"] = estimate.zero_time
     return figures | {
         "mass_std_relative": estimate.mass_std / estimate.mass,
-        "center_std_max_m": float(estimate.center_std.max()),
+        "center_std_max_m": estimate.center_std.max(),
         "residual_rms_n": rms(estimate.residuals[estimate.used, :3]),
         "residual_rms_nm": rms(estimate.residuals[estimate.used, 3:]),
         "readings": len(estimate.used),

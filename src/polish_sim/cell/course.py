@@ -106,9 +106,7 @@ def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:
     few = np.arange(0, len(points), stride)
     gap = math.ceil(STRANDS_APART * reach / (spacing * stride))
     tree = cKDTree(points[few])
-    found = np.asarray(tree.query(points[few], k=min(64, len(few)), distance_upper_bound=reach)[1]).reshape(
-        len(few), -1
-    )
+    found = tree.query(points[few], k=min(64, len(few)), distance_upper_bound=reach)[1].reshape(len(few), -1)
     earlier = found < np.arange(len(few))[:, None] - gap
     first = earlier.argmax(axis=1)
     coarse = np.where(earlier.any(axis=1), found[np.arange(len(few)), first] * stride, -1)

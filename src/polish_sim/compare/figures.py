@@ -144,10 +144,10 @@ def measure_step(step: ForceStep) -> dict[str, float]:
     dt = np.median(np.diff(time))
     return {
         "settling_s": settled if settled < WINDOW_S - 0.1 else float("nan"),
-        "mean_error_n": float(np.abs(off).mean()),
-        "peak_n": float(step.force[inside].max()),
-        "lost_s": float(np.sum(step.force[inside] < _AIR_N) * dt),
-        "late_error_n": float(off[late].mean()),
+        "mean_error_n": np.abs(off).mean(),
+        "peak_n": step.force[inside].max(),
+        "lost_s": np.sum(step.force[inside] < _AIR_N) * dt,
+        "late_error_n": off[late].mean(),
     }
 
 

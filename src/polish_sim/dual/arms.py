@@ -60,9 +60,7 @@ class ClosedChain(NamedTuple):
 
     def follower_flange(self, T_master_work: Array, T_work_tool: Array) -> Array:
         """Flange of the follower, in its own base, for a pose of the tool on the part, shape (..., 4, 4)."""
-        return np.asarray(
-            inverse(self.T_master_follower) @ T_master_work @ T_work_tool @ inverse(self.T_flange_tool)
-        )
+        return inverse(self.T_master_follower) @ T_master_work @ T_work_tool @ inverse(self.T_flange_tool)
 
     def residual(self, T_master_flange: Array, T_follower_flange: Array, T_work_tool: Array) -> Array:
         """How far the chain is from closing, for both flanges in their bases and the wanted tool pose, each

@@ -114,7 +114,7 @@ class Prediction(NamedTuple):
     def covariances(self) -> dict[str, Array]:
         """Covariances of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
         J = self.slopes
-        found = {name: np.asarray(J @ C @ np.swapaxes(J, 1, 2)) for name, C in self.shares.items()}
+        found = {name: J @ C @ np.swapaxes(J, 1, 2) for name, C in self.shares.items()}
         return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
 
     def above_share(self, rms: float) -> float:
@@ -205,9 +205,9 @@ def budget_figures(
         "relative_error_rms_m": whole.drawn_rms_m,
         "relative_error_p95_m": whole.drawn_p95_m,
         "across_error_rms_m": whole.drawn_across_rms_m,
-        "across_error_p95_m": float(np.percentile(norms(across), 95.0)),
+        "across_error_p95_m": np.percentile(norms(across), 95.0),
         "axial_share": whole.drawn_axial_share,
-        "calibrations_above_share": float(np.mean(each > asked_rms)),
+        "calibrations_above_share": np.mean(each > asked_rms),
         "deviation_sigma_worst": max(abs(share.deviation_sigma) for share in shares.values()),
         "draws": len(errors),
     }

@@ -132,7 +132,7 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
     between = Slerp(times, Rotation.from_matrix(R))
-    return np.asarray(between(np.clip(wanted, times[0], times[-1])).as_matrix()) if len(wanted) else R[:0]
+    return between(np.clip(wanted, times[0], times[-1])).as_matrix() if len(wanted) else R[:0]
 
 
 def _at_rows(run: CellRun, values: Array) -> Array:
@@ -229,14 +229,14 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> Figure
     turns = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:])
     return {
         "tracking_error_max_m": tracking.tolist(),
-        "tracking_error_worst_m": float(tracking.max()),
+        "tracking_error_worst_m": tracking.max(),
         "relative_error_rms_m": rms(relative),
-        "relative_error_p95_m": float(np.percentile(relative, 95.0)),
-        "relative_error_max_m": float(relative.max()),
-        "master_turn_rad": float(turns.magnitude().sum()),
-        "master_way_m": float(np.linalg.norm(shift[-1] - shift[0])),
-        "speed_mean_m_s": float(speed.mean()),
-        "speed_std_m_s": float(speed.std()),
+        "relative_error_p95_m": np.percentile(relative, 95.0),
+        "relative_error_max_m": relative.max(),
+        "master_turn_rad": turns.magnitude().sum(),
+        "master_way_m": np.linalg.norm(shift[-1] - shift[0]),
+        "speed_mean_m_s": speed.mean(),
+        "speed_std_m_s": speed.std(),
     }
 
 

@@ -124,7 +124,7 @@ def colors_along(share: Array) -> Colors:
     """Colour of a share of the path, 0 to 1, shape (n, 3)."""
     from matplotlib import colormaps  # slow to import
 
-    return np.asarray(colormaps["viridis"](share, bytes=True))[:, :3]
+    return colormaps["viridis"](share, bytes=True)[:, :3]
 
 
 def _one_color(color: tuple[int, ...], count: int) -> Colors:

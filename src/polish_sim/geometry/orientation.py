@@ -163,13 +163,13 @@ def _whole_direction(graph: FacetGraph, face: Face) -> Array | None:
     weights = np.where(labels == labels[face.facets[0]], graph.areas, 0.0)
     total = weights @ graph.normals
     length = np.linalg.norm(total)
-    return np.asarray(total / length) if length > _SAME * weights.sum() else None
+    return (total / length) if length > _SAME * weights.sum() else None
 
 
 def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
     total = weights @ normals
     length = np.linalg.norm(total)
-    return np.asarray(total / length) if length > 1e-9 * weights.sum() else otherwise
+    return (total / length) if length > 1e-9 * weights.sum() else otherwise
 
 
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:

@@ -127,7 +127,7 @@ def sorted_half_edges(faces: Any) -> tuple[Any, Any, Indices, Indices]:
 def counting_order(keys: Ints | Indices, count: int) -> Indices:
     """Stable order of numbers below ``count``, in linear time: the rows of a sparse matrix."""
     at = np.arange(len(keys), dtype=np.int32)
-    return np.asarray(coo_array((at, (keys, at)), shape=(count, len(keys))).tocsr().data)
+    return coo_array((at, (keys, at)), shape=(count, len(keys))).tocsr().data
 
 
 def equal_runs(sorted_key: Indices) -> tuple[Indices, Indices]:

@@ -85,7 +85,7 @@ def teach_path(
     s = arc_length(way)
     corners = simplified(way, tolerance)
     at = np.linspace(0.0, s[-1], max(2, round(s[-1] / spacing)) + 1)
-    points = np.asarray(make_lsq_spline(s, way, _knots(s, s[corners]), DEGREE)(at))
+    points = make_lsq_spline(s, way, _knots(s, s[corners]), DEGREE)(at)
     found = surface.closest(points)
     off = norms(points - found.positions).max()
     return Taught(path_through(surface, found), len(corners), off)
@@ -121,7 +121,7 @@ def _moving(record: Recording, filter_hz: float) -> Array:
     """The low-passed way from where the hand begins to where it ends."""
     rate = 1.0 / np.median(np.diff(record.time))
     sections = butter(2, min(filter_hz / (0.5 * rate), 0.99), output="sos")
-    positions = np.asarray(sosfiltfilt(sections, record.positions, axis=0))
+    positions = sosfiltfilt(sections, record.positions, axis=0)
     speed = norms(np.gradient(positions, record.time, axis=0))
     usual = np.percentile(speed, 75)
     going = np.flatnonzero(speed > MOVING_SHARE * usual)
@@ -213,9 +213,7 @@ def _way(t: Array, duration: float) -> Array:
     u, v = np.clip(t / RAMP_S, 0.0, 1.0), np.clip((t - duration) / RAMP_S, 0.0, 1.0)
     ramp = RAMP_S * (u**3 - 0.5 * u**4)  # integral of 3 u^2 - 2 u^3
     back = RAMP_S * (v**3 - 0.5 * v**4)
-    return np.asarray(
-        ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back
-    )
+    return ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back
 
 
 def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: float, high: float) -> Array:
@@ -343,7 +341,7 @@ def _teach(
 
 def distance_to_line(points: Array, line: Array) -> Array:
     """Distances (n,) [m] of points (n, 3) to a dense polyline (m, 3)."""
-    near = np.asarray(cKDTree(line).query(points)[1])
+    near = cKDTree(line).query(points)[1]
     best = np.full(len(points), np.inf)
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
         away, chord = points - line[first], line[first + 1] - line[first]
@@ -362,14 +360,14 @@ def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[s
     raw = distance_to_line(recorded, meant.positions_work)
     off = distance_to_line(taught.positions_work, meant.positions_work)
     missed = distance_to_line(meant.positions_work, taught.positions_work)
-    near = np.asarray(cKDTree(meant.positions_work).query(taught.positions_work)[1])
+    near = cKDTree(meant.positions_work).query(taught.positions_work)[1]
     aligned = dots(taught.axes_work, meant.axes_work[near])
     return {
-        "recorded_deviation_max_m": float(raw.max()),
+        "recorded_deviation_max_m": raw.max(),
         "recorded_deviation_rms_m": rms(raw),
-        "taught_deviation_max_m": float(off.max()),
+        "taught_deviation_max_m": off.max(),
         "taught_deviation_rms_m": rms(off),
-        "taught_missed_max_m": float(missed.max()),
-        "taught_axis_error_max_rad": float(np.arccos(np.clip(aligned, -1.0, 1.0)).max()),
+        "taught_missed_max_m": missed.max(),
+        "taught_axis_error_max_rad": np.arccos(np.clip(aligned, -1.0, 1.0)).max(),
         "taught_length_m": taught.length_m,
     }

@@ -277,7 +277,7 @@ def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
     sizes = norms(force)
     known = whole and len(sizes) > 0
     return {
-        "hand_force_peak_n": float(sizes.max()) if known else math.nan,
+        "hand_force_peak_n": sizes.max() if known else math.nan,
         "hand_force_rms_n": rms(sizes) if known else math.nan,
         "lent_energy_j": lent_j,
     }
@@ -293,9 +293,9 @@ def measure_drift(time: Array, q: Array) -> Figures:
         return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}
     rolled = np.searchsorted(time, time[0] + COAST_S)
     return {
-        "coast_rad": float(np.abs(q[: rolled + 1] - q[0]).max()),
-        "drift_rad": float(np.abs(q[rolled:] - q[rolled]).max()),
-        "drift_time_s": float(time[-1] - time[rolled]),
+        "coast_rad": np.abs(q[: rolled + 1] - q[0]).max(),
+        "drift_rad": np.abs(q[rolled:] - q[rolled]).max(),
+        "drift_time_s": time[-1] - time[rolled],
     }
 
 

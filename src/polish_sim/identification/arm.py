@@ -151,9 +151,7 @@ def play_motion(arm: SimulatedArm, motion: FourierMotion, periods: int, rate: fl
     first = round(RAMP_S / STEP_S)
     every = round(1.0 / (rate * STEP_S))
     rows = slice(first, first + round(span / STEP_S), every)
-    return RobotLog(
-        np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows)
-    )
+    return RobotLog(t[rows] - RAMP_S, log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows))
 
 
 def play_states(arm: SimulatedArm, states: States) -> RobotLog:

@@ -93,9 +93,7 @@ def one_period(log: RobotLog, period: float) -> RobotLog:
     rows = round(period / float(np.mean(np.diff(log.time))))
 
     def mean(values: Array) -> Array:
-        return np.asarray(
-            values[: len(values) // rows * rows].reshape(-1, rows, values.shape[1]).mean(axis=0)
-        )
+        return values[: len(values) // rows * rows].reshape(-1, rows, values.shape[1]).mean(axis=0)
 
     return RobotLog(
         log.time[:rows], mean(log.q), mean(log.torque), LoggedGears(*(mean(side) for side in log.gears))

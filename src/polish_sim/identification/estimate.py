@@ -47,7 +47,7 @@ class BaseParameters(NamedTuple):
 
     def null_space(self) -> Array:
         """Orthonormal directions of pi without any effect on torques, shape (p, p - r)."""
-        return np.asarray(np.linalg.svd(self.combination)[2][self.rank :].T)
+        return np.linalg.svd(self.combination)[2][self.rank :].T
 
 
 def base_of(model: TorqueModel) -> BaseParameters:
@@ -183,7 +183,7 @@ def against_truth(off: Array, std: Array, bound: Array) -> dict[str, float]:
     variances."""
     held = np.abs(off) <= INTERVAL_95 * std
     over = np.sqrt(np.mean(off**2 / bound))
-    return {"error_over_crb": over, "interval_coverage": float(np.mean(held))}
+    return {"error_over_crb": over, "interval_coverage": np.mean(held)}
 
 
 def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:

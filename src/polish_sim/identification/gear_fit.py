@@ -137,10 +137,8 @@ class GearFit(NamedTuple):
             "gear_stiffness_nm_rad": K.tolist(),
             "gear_stiffness_std_nm_rad": std.tolist(),
             "gear_slopes_found": int(found.sum()),
-            "gear_stiffness_error_max": float(np.nanmax(off / true)) if found.any() else math.nan,
-            "gear_interval_coverage": float(np.mean((off <= INTERVAL_95 * std)[found]))
-            if found.any()
-            else math.nan,
+            "gear_stiffness_error_max": np.nanmax(off / true) if found.any() else math.nan,
+            "gear_interval_coverage": np.mean((off <= INTERVAL_95 * std)[found]) if found.any() else math.nan,
         }
 
 

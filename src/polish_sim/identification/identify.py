@@ -263,9 +263,9 @@ def measure_fit(
         "condition_scaling": "stacked regressor of the base columns, SI units, as measured",
         "condition_equilibrated": found.condition_equilibrated,
         "nrms_heldout": nrms.tolist(),
-        "nrms_heldout_mean": float(nrms.mean()),
-        "nrms_heldout_consistent_mean": float(consistent.mean()),
-        "nrms_heldout_drawing_mean": float(drawn.mean()),
+        "nrms_heldout_mean": nrms.mean(),
+        "nrms_heldout_consistent_mean": consistent.mean(),
+        "nrms_heldout_drawing_mean": drawn.mean(),
         "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma).tolist(),
         "physically_consistent": is_consistent(links),
         "r_squared": found.r_squared.tolist(),
@@ -281,10 +281,10 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
     spread = np.trace(np.linalg.solve(H, task.use)) / task.model.joints
     poses = excitation.motion(np.linspace(0.0, excitation.motion.period, 500)).q
     return {
-        "predicted_error_sigma": float(np.sqrt(spread / 1e4)),
-        "predicted_error_sigma_here": float(np.sqrt(spread / samples)),
+        "predicted_error_sigma": np.sqrt(spread / 1e4),
+        "predicted_error_sigma_here": np.sqrt(spread / samples),
         "condition_motion": condition_number(plain),
-        "clearance_min_m": float(task.clearance(poses).distance.min()),
+        "clearance_min_m": task.clearance(poses).distance.min(),
         "design_evaluations": excitation.evaluations,
     }
 
@@ -312,7 +312,7 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
     if model.load is not None:
         rigid = fit_samples(without_gears(model), states.rows(fitted), log.torque[fitted])
         plain = torque_error(rigid.torque(held_out.states), held_out.measured)
-        figures |= {"nrms_heldout_rigid": plain.tolist(), "nrms_heldout_rigid_mean": float(plain.mean())}
+        figures |= {"nrms_heldout_rigid": plain.tolist(), "nrms_heldout_rigid_mean": plain.mean()}
     figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
     figures |= {"samples": len(log.time)}
     return Identification(model, base, found, full, drawing, held_out, figures)

@@ -69,7 +69,7 @@ def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Gener
 
 def read_by(angle: Array, step: float) -> Array:
     """Angles as encoders of a step read them [rad]; 0: exactly."""
-    return np.asarray(np.round(angle / step) * step) if step > 0.0 else angle
+    return (np.round(angle / step) * step) if step > 0.0 else angle
 
 
 def spline_states(log: RobotLog, knots: float | None = None) -> States:
@@ -83,7 +83,7 @@ def spline_states(log: RobotLog, knots: float | None = None) -> States:
     inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]
     t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
     spline = make_lsq_spline(log.time, log.q, t, k=5)
-    return States(*(np.asarray(spline(log.time, nu=order)) for order in range(3)))
+    return States(*(spline(log.time, nu=order) for order in range(3)))
 
 
 #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots

@@ -184,7 +184,7 @@ def payload_figures(payload: FoundPayload, truth: Array | None) -> dict[str, Any
     """Keys of metrics.json; errors where the truth is known."""
     values, std = payload.body()
     figures: dict[str, Any] = {
-        "payload_mass_kg": float(values[0]), "payload_mass_std_kg": float(std[0]),
+        "payload_mass_kg": values[0], "payload_mass_std_kg": float(std[0]),
         "payload_center_m": values[1:4].tolist(), "payload_center_std_m": std[1:4].tolist(),
         "payload_inertia_kg_m2": values[4:].tolist(), "payload_inertia_std_kg_m2": std[4:].tolist(),
         "payload_consistent": is_consistent(payload.nearest_body()[None]),
@@ -193,8 +193,8 @@ def payload_figures(payload: FoundPayload, truth: Array | None) -> dict[str, Any
     if truth is not None:
         off = values - body_of(truth, payload.origin)
         figures |= {
-            "payload_mass_error_kg": float(off[0]),
-            "payload_center_error_m": float(np.linalg.norm(off[1:4])),
+            "payload_mass_error_kg": off[0],
+            "payload_center_error_m": np.linalg.norm(off[1:4]),
             "payload_error_over_std": rms(off / std),
         }
     return figures

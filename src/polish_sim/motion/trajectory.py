@@ -297,8 +297,8 @@ def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) ->
     cubes = ramp**3 - np.maximum(ramp - b, 0.0) ** 3 - np.maximum(ramp - c, 0.0) ** 3
     squares = ramp**2 - np.maximum(ramp - b, 0.0) ** 2 - np.maximum(ramp - c, 0.0) ** 2
     place = speed * (cubes / (6.0 * b * c) + np.maximum(near - (b + c), 0.0))
-    rate = np.asarray(speed * squares / (2.0 * b * c))
-    return np.asarray(np.where(early, place, length - place)), rate
+    rate = speed * squares / (2.0 * b * c)
+    return np.where(early, place, length - place), rate
 
 
 @njit

@@ -90,7 +90,7 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
         "settling_1n_s": settled,
         "overshoot_n": max(0.0, float(error[landing].max())) if landing.any() else math.nan,
         **_errors(steady),
-        "peak_force_n": float(force[since].max()),
+        "peak_force_n": force[since].max(),
         "contact_lost_s": lost,
         "oscillation_n": swing[0],
     }
@@ -153,10 +153,10 @@ def _errors(error: Array) -> dict[str, float]:
     size = np.abs(error)
     return {
         "rms_error_n": rms(error),
-        "p95_error_n": float(np.percentile(size, 95)),
-        "max_error_n": float(size.max()),
-        "mean_error_n": float(error.mean()),
-        "std_n": float(error.std()),
+        "p95_error_n": np.percentile(size, 95),
+        "max_error_n": size.max(),
+        "mean_error_n": error.mean(),
+        "std_n": error.std(),
     }
 
 

@@ -100,7 +100,7 @@ def measured(task: Task, place: Workplace, run: CellRun) -> Row:
         | _figures(task, place, run)
         | {
             "protective_stop": run.stop_reason,
-            "largest_force_n": float(run.trace.normal_force_n.max()),
+            "largest_force_n": run.trace.normal_force_n.max(),
             "duration": run.steps * run.dt,
         }
     )

@@ -144,8 +144,8 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
     return {
         "rule": measured.rule,
         "segments": segments,
-        "path_length_m": float(raw.lengths.sum()),
-        "axis_turn_rad": float(raw.angles.sum()),
+        "path_length_m": raw.lengths.sum(),
+        "axis_turn_rad": raw.angles.sum(),
         "cycle_time_s": measured.motion.end,
         "tip_deviation_vertex_max_m": deviation.vertex.value,
         "tip_deviation_contour_max_m": deviation.contour.value,

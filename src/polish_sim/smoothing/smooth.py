@@ -240,7 +240,7 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
 def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
     """Largest joint speed, acceleration and jerk by their limits."""
     asked = zip(ORDERS, play.targets[1:], limits.table[:, 2:], strict=True)
-    return {f"joint_{name}_ratio_max": float((np.abs(rate) / limit).max()) for name, rate, limit in asked}
+    return {f"joint_{name}_ratio_max": (np.abs(rate) / limit).max() for name, rate, limit in asked}
 
 
 def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) -> Figures:

@@ -87,10 +87,10 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
         "jerk_peaks": len(found),
         "reduction_largest": best.reduction if best else math.nan,
         "reduction_largest_joint": best.joint + 1 if best else None,
-        "reduction_median": float(np.median(shares)) if found else math.nan,
+        "reduction_median": np.median(shares) if found else math.nan,
         "rise_largest": max(0.0, -float(shares.min())) if found else math.nan,
         "at_peaks": [list(peak) for peak in found],
-        "peaks_reduced": float(np.mean(shares > 0.0)) if found else math.nan,
+        "peaks_reduced": np.mean(shares > 0.0) if found else math.nan,
         **{
             f"reduction_{kind}": [
                 1.0 - a / b if b > 0.0 else math.nan

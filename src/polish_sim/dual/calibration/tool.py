@@ -205,8 +205,8 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
         "position_m_std": tip.std.tolist(),
         "quaternion_wxyz": quaternions_of(found.T_flange_tool[:3, :3]).tolist(),
         "touched_m": tip.touched.tolist(),
-        "noise_m": float(tip.noise[0]),
-        "position_std_m": float(np.linalg.norm(tip.std)),
+        "noise_m": tip.noise[0],
+        "position_std_m": np.linalg.norm(tip.std),
         "position_crb_m": point_error_bound(
             measured.touches[tip.used, :3, :3], float(tip.noise[0]) if noise is None else noise
         ),
@@ -216,7 +216,7 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
     }
     if orientation is not None:
         std = np.sqrt(np.diag(orientation.covariance))
-        figures |= {"rotation_rad_std": std.tolist(), "rotation_std_max_rad": float(std.max())}
+        figures |= {"rotation_rad_std": std.tolist(), "rotation_std_max_rad": std.max()}
     return figures
 
 

@@ -217,7 +217,7 @@ def _cut(
 def _between(first: Array, second: Array, depth: Array) -> Array:
     """The point between two at which the depth is zero, shape (1, 3)."""
     share = depth[0] / (depth[0] - depth[1])
-    return np.asarray(first + share * (second - first))[None]
+    return (first + share * (second - first))[None]
 
 
 def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: float) -> list[Run]:

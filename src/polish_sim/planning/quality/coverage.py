@@ -111,7 +111,7 @@ def _disc_points(radius: float) -> Array:
     """Points of equal area on a disc (sunflower) [m], shape (q, 2)."""
     k = np.arange(SPRINGS)
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
-    return np.asarray(radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * directions_at(angle))
+    return radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * directions_at(angle)
 
 
 # How long each place of a region is under the pad: its compressed disc carried along the path (path ->
