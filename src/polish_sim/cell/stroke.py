@@ -324,16 +324,16 @@ def advance_sequence(
         state.pressed = state.pressed + dt if counts else 0.0
         # Of a sensor whose noise alone comes near, the drift of its zero does the rest.
         doubted = state.swing > 0.5 * least or state.floor > stroke.threshold
-        if state.pressed > (LASTS if doubted and state.depth + deeper < -reach else 0.0):
+        above = state.depth + deeper < -reach
+        # A law that presses with less than counts holds the tool up on the part.
+        held = deeper < -0.5 * stroke.search_depth and not above
+        if held or state.pressed > (LASTS if doubted and above else 0.0):
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
             _enter(state, SEEK)
         elif state.depth >= stroke.search_depth:
-            # Never down there, a law that presses with less than counts holds the tool up on the part.
-            if not -reach < state.depth + deeper < 0.5 * stroke.search_depth:
-                return False
-            _enter(state, TOUCH_DOWN)
+            return False
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
         if measured_force >= LANDED_SHARE * target.force or state.time >= LONGEST_TOUCH_DOWN:
             _enter(state, FEEDING)

@@ -289,3 +289,20 @@ def test_neither_a_force_before_the_tool_moves_nor_noise_in_the_air_is_taken_for
         speeds.append(controller.step(m, t)[2])
     assert np.max(speeds[1001:]) < 0.02
     assert np.mean(speeds[1001:]) == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_tool_held_up_on_the_part_and_let_down_is_not_hurled_at_its_target():
+    controller, speeds = adaptive(), []
+    controller.reset(DT)
+    m, t = measurement_at_rest(), target_to_press(3.0)
+    for k in range(2000):
+        down = k < 250
+        t.twist[2] = 0.005
+        t.position[2] += 0.005 * DT
+        m.twist[2] = 0.005 if down else 0.0
+        m.position[2] += m.twist[2] * DT
+        m.wrench[2] = 0.0 if down or k >= 1600 else 3.0
+        speeds.append(controller.step(m, t)[2])
+    assert t.position[2] - m.position[2] > 0.005
+    assert max(map(abs, speeds[600:1600])) < 0.004
+    assert 0.004 < max(speeds[1600:]) < 0.0101

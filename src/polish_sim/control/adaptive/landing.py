@@ -31,7 +31,7 @@ _ARMED = 0.15  # time in the air before the statistics are believed [s]
 _AIR_MEMORY, _NOISE_MEMORY = 0.4, 1.0  # [s]
 _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
 _SURE = 1.5  # further rise at which contact is beyond doubt [N]
-_SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
+SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
 _SWING = 0.06  # the slowest swing of an arm takes so long [s]
 _FOUND = 0.2  # contact that lasted this long was the part [s]
 _LANDED = 0.01  # speed below which the landing ends [m/s]
@@ -109,7 +109,7 @@ def seek_speed(memory: PressMemory) -> float:
     """Speed towards a part that should be there: as in the approach, quicker where contact was lost [m/s]."""
     if memory.force.age > _FOUND:
         return _SEEK_FASTEST
-    return min(max(memory.air.approach_speed, _SEEK_SLOWEST), _SEEK_FASTEST)
+    return min(max(memory.air.approach_speed, SEEK_SLOWEST), _SEEK_FASTEST)
 
 
 @kernel

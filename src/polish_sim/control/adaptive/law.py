@@ -179,9 +179,11 @@ def press_adaptive(
     own = landing.own_force(g, memory, m, speed, pressing if memory.air.touches else 0.0, dt)
     seen = force_loop.as_sensed(g, memory, memory.force.travel, own, dt)
     reading = m.wrench[2] - seen.own
-    if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):
+    planned = along_z(m, t.twist)
+    if not _touches(g, memory, t, planned, seen.path, reading, dt):
         force_loop.measure_delay(g, memory, speed, dt)
-        return by_position if not t.contact else landing.seek_speed(memory)
+        # Held up on the part and let down again, the tool is far behind its target.
+        return landing.seek_speed(memory) if t.contact else min(by_position, planned + landing.SEEK_SLOWEST)
     state = memory.force
     state.age += dt
     if g.estimates and (state.landed < _LANDING or (t.speed == 0.0 and not memory.fit.reached)):
