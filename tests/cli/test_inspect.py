@@ -39,13 +39,6 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim):
     assert exposure[inner].mean() == pytest.approx(np.pi * 25.0**2 / (10.0 * 10.0), rel=0.02)
 
 
-def test_the_help_gives_no_part_and_no_step_over_as_the_default(polish_sim):
-    """Of a plan they are the plan's, of another path the user's and the path's."""
-    words = " ".join(done(polish_sim("inspect", "--help")).out.split())
-    assert "default freeform" not in words
-    assert "neighbouring turns (mm). --overlap" in words
-
-
 def test_options_reach_the_figures_and_a_plan_beside_a_path_that_was_cut_is_named_with_what_to_do(polish_sim):
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")

@@ -6,7 +6,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import urllib.error
@@ -111,21 +110,6 @@ def test_this_computer_alone_is_served_unless_an_address_is_named_and_only_to_it
         (None, "", False),
     ):
         assert allowed(origin, host) is may, (origin, host)
-
-
-def test_what_cannot_be_shown_is_said_before_anything_starts(polish_sim, monkeypatch, tmp_path):
-    for words, cure in (
-        ("run force --live-port 9000", "would change nothing without --live"),
-        ("run force --live --seeds 2", "--live would change nothing with --seeds"),
-        ("run force --live", "pip install 'polish-sim[view]'"),
-        ("view nowhere", "'run'"),
-    ):
-        if words.endswith("--live"):
-            monkeypatch.setitem(sys.modules, "viser", None)
-        call = polish_sim(*words.split())
-        assert (call.code, call.err.count("\n")) == (2, 1)
-        assert cure in call.err
-    assert not list(tmp_path.iterdir())
 
 
 class Tab:

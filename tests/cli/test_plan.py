@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.models import workpiece_path
 from tests.cli.conftest import UNPROVEN, assert_refused, done, metrics_of, refused
 from tests.planning.test_fixture import asked, wall
 
@@ -66,31 +65,17 @@ def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_s
     assert not Path("results").exists()
 
 
-PLATE = workpiece_path("plate").read_bytes()[:5000]
-NARROW = "narrower than half the pad: 20 mm across, the pad 50 mm"
-BAD: dict[str, tuple[bytes | trimesh.Trimesh, str, str]] = {
-    "step-over beyond the part": (b"", "plan plate --stepover 300", "300 mm"),
-    "unknown pattern": (b"", "plan plate --pattern star", "Did you mean 'raster'? Known: "),
-    "unknown lead-in": (b"", "plan plate --lead-in jump", "Known: arc, normal, tangent"),
-    "overlap twice": (b"", "plan plate --overlap 70 --stepover 8", "give one of them"),
-    "reach map of two robots": (b"", "plan plate --dual --reach-map", "change nothing with --dual"),
-    "cut short": (PLATE, "run surface --part bad.stl", "cut short"),
-    "in metres": (trimesh.creation.box((1.2, 1.2, 0.2)), "run surface --part bad.stl", "--units m"),
-    "in inches": (trimesh.creation.box((6.299, 4.0, 0.3)), "plan bad.stl", "--units inch makes it 160 mm"),
-    "thin": (trimesh.creation.box((150, 1.5, 1.5)), "run surface --part bad.stl", "pad"),
-    "narrow": (trimesh.creation.box((100, 20, 10)), "plan bad.stl --pad-diameter 50", NARROW),
-}
-"""What the file holds, if one is needed, the command and what it says."""
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim, case):
-    content, words, said = BAD[case]
-    file = Path("bad.stl")
-    file.write_bytes(content if isinstance(content, bytes) else content.export(file_type="stl"))
-    call = polish_sim(*words.split())
-    assert_refused(call, said, "bad.stl")
-    assert "--units m " not in call.err or case == "in metres"
+@pytest.mark.parametrize(
+    ("sides", "words", "said"),
+    [
+        ((6.299, 4.0, 0.3), "plan bad.stl", "--units inch makes it 160 mm"),
+        ((150.0, 1.5, 1.5), "run surface --part bad.stl", "pad"),
+        ((100.0, 20.0, 10.0), "plan bad.stl --pad-diameter 50", "half the pad: 20 mm across, the pad 50 mm"),
+    ],
+)
+def test_a_part_too_small_or_narrow_is_one_message_and_nothing_is_written(polish_sim, sides, words, said):
+    trimesh.creation.box(sides).export("bad.stl")
+    assert_refused(polish_sim(*words.split()), said, "bad.stl")
 
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim):
@@ -206,3 +191,51 @@ def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(polish_sim, mo
     done(polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen"))
     Path("fixture.stl").unlink()
     assert polish_sim("run", "surface", "--path", folder, "--dry-run").code == 2
+
+
+ALL = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
+
+
+@pytest.fixture
+def cube(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Its square sides are turned by 90 deg at a time, half a metre away: few of the places."""
+    monkeypatch.setattr("polish_sim.experiments.reach_map.TURNS", np.radians(np.arange(0.0, 360.0, 90.0)))
+    monkeypatch.setattr("polish_sim.experiments.reach_map.DISTANCES", np.array([0.55]))
+    trimesh.creation.box((80.0, 80.0, 80.0)).export(tmp_path / "cube.stl")
+    return tmp_path / "cube.stl"
+
+
+def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim, cube):
+    _, out, err = done(polish_sim("plan", cube, *ALL))
+    setups = metrics_of("all")["setups"]
+    assert len(setups) == 2
+    numbers = [n for setup in setups for n in setup["region"].partition(":")[2].partition("/")[0].split(",")]
+    assert sorted(numbers) == list("123456")
+    assert sum(setup["region_area_m2"] for setup in setups) == pytest.approx(6 * 0.08**2)
+    assert all(setup["smallest_singular_value"] > 0.02 for setup in setups)
+    assert "384.0 cm^2 no setup reaches 0.0 cm^2" in out
+    assert "setup_1: z up" in err
+    assert polish_sim("run", "surface", "--path", "all/setup_2", "--dry-run", *UNPROVEN)[0] == 0
+    assert polish_sim("inspect", "all/setup_1", "--out", "seen")[0] == 0
+    assert metrics_of("seen")["coverage"] == pytest.approx(setups[0]["coverage"], abs=0.002)
+    refused(polish_sim("run", "surface", "--path", "all"), "setup_1")
+    run = polish_sim("run", "surface", "--part", cube, "--region", "all", "--dry-run")
+    refused(run, "--path FOLDER/setup_N")
+
+
+def test_a_setup_is_planned_again_from_its_own_words_and_narrow_walls_left_out_by_name(polish_sim, cube):
+    region = ("--region", "all:4,1/z", "--up", "y", "--stepover", "20", *UNPROVEN)
+    assert polish_sim("plan", cube, *region, "--out", "one")[0] == 0
+    path = json.loads(Path("one/path.json").read_text())
+    assert path["up"] == [0.0, 1.0, 0.0]
+    axes = np.column_stack([path["path"][name] for name in ("nx", "ny", "nz")])
+    fed = np.array(path["path"]["segment"]) == "process"
+    assert len(np.unique(np.round(axes[fed]), axis=0)) == 2
+    for words, said in (("all:0,7", "side for --up"), ("all:7/z", "patches 1 to 6")):
+        refused(polish_sim("plan", cube, "--region", words, "--out", "two"), said)
+    # Walls narrower than half the pad are left out by name.
+    trimesh.creation.box((100.0, 80.0, 10.0)).export("plate.stl")
+    err = done(polish_sim("plan", "plate.stl", *ALL)).err
+    assert "no setup reaches 36 cm^2 in 4 patches" in err
+    assert "narrower than half the pad" in err
+    assert metrics_of("all")["unreached_area_m2"] == pytest.approx(2 * (0.1 + 0.08) * 0.01)

@@ -1,4 +1,4 @@
-"""Runs as a user starts them: files, figures, exit codes, interrupts."""
+"""Runs as a user starts them, by hand as well: files, figures, exit codes, interrupts."""
 
 import json
 import re
@@ -10,13 +10,14 @@ import pytest
 from polish_sim.analysis.run_record import other_conditions, read_record
 from polish_sim.analysis.style import RED
 from polish_sim.cli.options import build_scenario
+from polish_sim.exchange import read_path
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import draw_plots
 from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
 from polish_sim.toml_text import END, WHOLE
-from tests.cli.conftest import done, interrupted, metrics_of, refused
+from tests.cli.conftest import UNPROVEN, done, interrupted, metrics_of, refused
 
 FORCE = ["run", "force", "--set", "process.hold_s=1.5"]
 ARC = ["run", "arc", "--feed", "100"]
@@ -182,3 +183,43 @@ def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim):
     assert polish_sim("run", "force", "--config", "a/config.toml", "--out", "b")[0] == 3
     assert Path("a/config.toml").read_text() == Path("b/config.toml").read_text()
     assert Path("a/log.npz").read_bytes() == Path("b/log.npz").read_bytes()
+
+
+SHORT = ("--set", "hand.off_s=2")
+
+
+@pytest.mark.pictures
+def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
+    words = ("--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out")
+    out = done(polish_sim("run", "teach", *words)).out
+    files = {file.name for file in Path("out").iterdir()}
+    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= files
+    metrics = metrics_of("out")
+    assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
+    assert metrics["moves"] == ["assist_x_0p8s"]
+    log = np.load("out/log.npz")
+    assert log["hand_force_n"].shape == (len(log["time_s"]), 3)
+    assert "hand force" in out
+    done(polish_sim("report", "out", "out", "--out", "beside"))
+    Path("out/metrics.json").write_text(json.dumps(metrics | {"moves": [1]}))
+    refused(polish_sim("report", "out", "--out", "edited"), "'moves'", "'out/metrics.json'")
+
+
+def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
+    words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
+    call = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
+    refused(call, "protective stop: classical x fast: ", code=3)
+    assert metrics_of("out")["protective_stop"]
+    assert len(np.load("out/log.npz")["time_s"]) > 100
+
+
+def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
+    """From the hand to the polished part: taught.csv of one run is the path of the next."""
+    out = done(polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")).out
+    assert "taught path off what was meant" in out
+    assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
+    path = read_path("taught/taught.csv")
+    assert path.length_m == metrics_of("taught")["taught_length_m"]
+    words = "--part sphere_50 --path taught/taught.csv --set process.max_feed_s=4 --out polished"
+    assert polish_sim("run", "surface", *words.split(), *UNPROVEN)[0] == 0
+    assert metrics_of("polished")["force_within_4n"] >= 0.995

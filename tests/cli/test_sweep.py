@@ -40,16 +40,7 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
 
 def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
     Path("mine.py").write_text(MINE)
-    vary = [
-        "sweep",
-        "arc",
-        "--controller",
-        "mine.py:Mine",
-        "--vary",
-        "controller.own.gain=0:1:lin2",
-        "--out",
-        "s",
-    ]
+    vary = ["sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *OUT]
     assert "about" in done(polish_sim(*vary, *SHORT, *ONE, "--dry-run")).out
     assert not Path("s").exists()
     made = done(polish_sim(*vary, *SHORT, *ONE))

@@ -20,6 +20,10 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         code, out, err = polish_sim(command, "--help")
         assert (code, err) == (0, "")
         assert f"polish-sim {command}" in out
+    # Its part is the plan's, or to be given; its step-over that of the path.
+    words = " ".join(polish_sim("inspect", "--help").out.split())
+    assert "default freeform" not in words
+    assert "neighbouring turns (mm). --overlap" in words
     code, out, err = polish_sim()
     assert (code, err) == (0, "")
     assert all(f"  {command}" in out for command in COMMANDS)
@@ -46,7 +50,9 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("config circle", "arc, calibrate-payload, dual, force, limits, smooth, surface, teach"),
         ("run arc --fed 3", "--fed"),
         ("run arc --seeds 0", "--seeds"),
-        ("run arc --seeds 2 --video", "--video would change nothing with --seeds"),
+        ("run arc --seeds 2 --live --video", "--live, --video would change nothing with --seeds"),
+        ("run force --live-port 9000", "--live-port would change nothing without --live"),
+        ("view nowhere", "'run'"),
         ("run force --seeds 2 --set process.learn=x", "--set process.learn would change nothing with"),
         ("run arc --set part.file=plate", "--set part.file would change nothing in 'run arc'"),
         ("sweep arc --set part.file=plate", "--set part.file would change nothing in 'run arc'"),
@@ -119,6 +125,11 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("plan plate --dual --fixture gone.stl", "--fixture"),
         ("plan plate --up left", "unknown side for --up 'left'"),
         ("plan plate --stepover 60", "the pad measures 50 mm"),
+        ("plan plate --stepover 300", "300 mm"),
+        ("plan plate --pattern star", "Did you mean 'raster'? Known: "),
+        ("plan plate --lead-in jump", "Known: arc, normal, tangent"),
+        ("plan plate --overlap 70 --stepover 8", "give one of them"),
+        ("plan plate --dual --reach-map", "change nothing with --dual"),
         ("plan gone.stl --out .", "the output folder '.' exists"),
         ("inspect gone.csv --part plate --out .", "the output folder '.' exists"),
         ("report gone --out .", "the output folder '.' exists"),

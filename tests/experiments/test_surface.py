@@ -2,21 +2,21 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from polish_sim.analysis.metrics import measure_surface
+from polish_sim.analysis.run_record import RunRecord, read_record, write_record
 from polish_sim.config import Scenario
-from polish_sim.errors import PlanError, place_in_mm
-from polish_sim.experiments import RunResult, part_pose, prepare_surface, run_experiment
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.errors import InputError, PlanError, place_in_mm
+from polish_sim.experiments import RunResult, default_scenario, prepare_surface, run_experiment
+from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.even_removal import planned
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
-from tests.cell.cells import IDEAL_ARM, IDEAL_SENSOR
 
 Cap = tuple[Scenario, PlanResult]
 
@@ -74,38 +74,6 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
     assert force["on"] < 0.7 * force["off"]
     # The spindle turns about tool z and drags the part along, by no more than mu F a.
     assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
-
-
-def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[dict[str, float | int], float]:
-    """Figures of a run, and how far it came [m], with the tool's mass moved onto its axis."""
-    place = prepare_surface(scenario, plan)
-    cell = build_cell(scenario, place, build_part(scenario, place))
-    mount = cell.model.body("tool_mount")
-    assert mount.ipos[0] > 0.002  # the cable's connector
-    mount.ipos[0], mount.iquat[:], mount.inertia[:] = 0.0, (1.0, 0.0, 0.0, 0.0), (0.0037, 0.0037, 0.0011)
-    trace = cell.run().trace
-    return measure_surface(trace, plan.path, scenario.process.contact_force_n), float(trace.path_s_m.max())
-
-
-def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(cap, monkeypatch):
-    """The tool keeps its direction in the base, so it is turned against part and arm: the pad is alike.
-
-    Its heavy sides are not, so they are left out: the spindle's imbalance and the connector of its cable.
-    """
-    # the table stands on one side of the arm only
-    monkeypatch.setattr(part_pose, "standing_fault", lambda *_: "")
-    scenario, plan = cap
-    quiet = override(
-        scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"]
-    )
-    x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
-    poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
-    placed = [replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))) for pose in poses]
-    (here, way), (there, way_there) = (polish_with_a_balanced_tool(one, plan) for one in placed)
-    for name in ("force_rms_error_n", "force_max_deviation_n", "tracking_error_max_m", "speed_mean_m_s"):
-        # 0.1 nm is rounding: the tool is half a metre away.
-        assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-10), name
-    assert way_there == pytest.approx(way, rel=1e-12)
 
 
 # Force and feed that change along the path: held where the path says so.
@@ -169,3 +137,59 @@ def test_values_no_robot_should_follow_are_refused_with_their_place(cap, column,
     place = re.escape(place_in_mm(path.positions_work[row]))
     with pytest.raises(PlanError, match=f"at {place} .*{said}"):
         prepare_surface(scenario, replace(plan, path=path))
+
+
+SHORT = (
+    "part.file=saddle", "plan.stepover_m=0.03", "plan.edge_margin_m=0.05", "process.feed_m_s=0.03",
+    "process.max_feed_s=8", "seed=931",
+)  # fmt: skip
+
+
+def scenario(*changes: str) -> Scenario:
+    return override(default_scenario("surface"), [*SHORT, *changes])
+
+
+def kept(folder: Path, asked: Scenario) -> Path:
+    folder.mkdir()
+    run = run_experiment(asked)
+    write_record(folder, RunRecord(folder.name, run.scenario, run.figures, run.log, run.path))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return kept(tmp_path_factory.mktemp("passes") / "first", scenario())
+
+
+def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_path):
+    before = read_record(first)
+    second = read_record(kept(tmp_path / "second", scenario(f"process.learn={first}")))
+    assert second.metrics["learned_from"] == 1
+    assert second.metrics["force_rms_error_n"] < 0.8 * before.metrics["force_rms_error_n"]
+    # The part lies as it lay: the tool lands at the same height. The sensor's noise is not the same.
+    landed = [record.log["tcp_position_m"][record.log.fed][0] for record in (before, second)]
+    assert np.linalg.norm(landed[0] - landed[1]) < 3e-4
+    air = [record.log["wrench_raw_sensor"][:100, 2] for record in (before, second)]
+    reading = [record.log["wrench_measured_tool"][:100, 2] for record in (before, second)]
+    assert np.allclose(air[0], air[1], atol=0.1)
+    assert abs(np.corrcoef(*reading)[0, 1]) < 0.5
+    third = run_experiment(scenario(f"process.learn={tmp_path / 'second'}"))
+    assert third.figures["learned_from"] == 2
+
+
+@pytest.mark.parametrize(
+    ("by", "change", "named"),
+    [
+        (run_experiment, "seed=932", "seed"),
+        (run_experiment, "process.contact_force_n=15", "process.contact_force_n"),
+        (run_experiment, "plan.stepover_m=0.04", "the path"),
+        (run_experiment, "part.displacement_m=0.002", "part.displacement_m"),
+        (run_experiment, "part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
+        (check_settings, "controller.name=hybrid-adaptive", "hybrid-adaptive"),
+        (check_settings, "process.learn=nowhere", "not a run folder"),
+        (check_settings, "experiment=arc", "run surface"),
+    ],
+)
+def test_another_job_is_refused_by_what_differs_and_what_cannot_learn_at_once(first, by, change, named):
+    with pytest.raises(InputError, match=named):
+        by(scenario(f"process.learn={first}", change))

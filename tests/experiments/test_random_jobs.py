@@ -1,4 +1,4 @@
-"""`python -m benchmarks.drawn_jobs`: it draws alike for a seed, and finds what is wrong with an answer."""
+"""Random faults and jobs as benchmarks draw them, and what judges an answer."""
 
 import json
 
@@ -7,8 +7,20 @@ import pytest
 
 from benchmarks.commands import Call
 from benchmarks.drawn_jobs import inspect_faults, run_faults
+from benchmarks.faults import DRAWN, RUNS, draw
 from benchmarks.random_bodies import BODIES
 from benchmarks.random_jobs import draw_job
+from polish_sim.cell import FAULTS
+
+
+def test_every_fault_is_drawn_about_as_often():
+    drawn = draw(200)
+    assert set(DRAWN) == set(FAULTS)
+    for name in DRAWN:
+        assert abs(sum(one.fault == name for one in drawn) - 200 / len(DRAWN)) <= 1
+    assert {one.experiment for one in drawn} == set(RUNS)
+    assert draw(200) == drawn
+
 
 AREAS = {"region_area_m2": 2.0, "polished_area_m2": 1.5, "left_out_area_m2": 0.5}
 GOOD = {**AREAS, "left_out": {"at an edge": 0.5}}
