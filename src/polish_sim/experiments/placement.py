@@ -222,10 +222,8 @@ def failure_of(joints: JointPath, above_table: bool) -> ReachFailure | None:
     if joints.largest_step > _LARGEST_JUMP:
         return ReachFailure(joints.largest_step_index, "the arm would have to jump between configurations")
     if above_table:
-        heights = np.array(
-            [link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]]
-        )
-        if heights.min() < LOWEST_JOINT:
+        frames = link_frames(joints.q[:: max(1, len(joints.q) // 10)])
+        if frames[:, 1:6, 2, 3].min() < LOWEST_JOINT:
             return ReachFailure(0, "elbow or wrist would touch the table")
     return None
 
