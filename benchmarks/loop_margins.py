@@ -107,13 +107,13 @@ def linear_loop(scenario: Scenario, swing: float = 0.0, law: MeasuredLaw | None 
     return force_loop(setup, law or linear_law_of(scenario, scenario.head.spring_scale))
 
 
-def analytic_margins(scenario: Scenario) -> Margins:
-    """Margins of a scenario's force loop by the linear model, the law settled on the scenario's springs.
+def analytic_margins(scenario: Scenario, law: MeasuredLaw | None = None) -> Margins:
+    """Margins of a scenario's force loop by the linear model, the ``law`` settled on the scenario's springs.
 
     Of elastic joints the least at any of the `SWINGS`; all zero where the loop is unstable at one.
     """
     dt, found = scenario.simulation.timestep_s, []
-    law = linear_law_of(scenario, scenario.head.spring_scale)
+    law = law or linear_law_of(scenario, scenario.head.spring_scale)
     for swing in SWINGS if scenario.robot.elastic else SWINGS[:1]:
         loop = linear_loop(scenario, swing, law)
         if turns_about_minus_one(loop(contour(dt))) > 0:

@@ -22,6 +22,9 @@ from polish_sim.log import APPROACH_PHASE, RunLog, Trace, with_column
 from polish_sim.row_file import save_plots
 from tests.analysis import synthetic
 
+UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
+"""Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
+
 
 def arc_record(trace: Trace | None = None) -> RunRecord:
     run = synthetic.arc_trace(feed_m_s=0.05) if trace is None else trace
@@ -46,9 +49,6 @@ def with_force(record: RunRecord, force_n: float) -> RunRecord:
     return replace(record, scenario=replace(record.scenario, process=process))
 
 
-RECORDS = [arc_record, force_record, surface_record]
-
-
 def head_of(figure: Figure) -> str:
     return "\n".join(text.get_text() for text in figure.texts)
 
@@ -59,7 +59,7 @@ def assert_labelled(figure: Figure) -> None:
         assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
 
 
-@pytest.mark.parametrize("make", RECORDS)
+@pytest.mark.parametrize("make", [arc_record, force_record, surface_record])
 def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_of(make, tmp_path):
     before = dict(matplotlib.rcParams)
     plots = draw_plots(make())
@@ -80,7 +80,7 @@ def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_o
 
 
 @pytest.mark.parametrize("phase", [0, 3], ids=["before contact", "in its first step"])
-@pytest.mark.parametrize("make", RECORDS)
+@pytest.mark.parametrize("make", [arc_record, force_record, surface_record])
 def test_a_run_stopped_early_still_draws(make, phase):
     plots = draw_plots(make(synthetic.trace_of(np.full(400, phase, np.int8))))
     assert plots
@@ -154,10 +154,8 @@ def test_runs_and_seeds_beside_each_other_have_one_scale_the_band_of_their_own_f
 
 def test_a_path_without_bends_or_with_one_too_near_an_end_says_so_and_noise_of_its_curvature_stays_small():
     record, noise = surface_record(), 0.01 * np.random.default_rng(0).standard_normal(2401)
-    round_, noisy = (
-        replace(record, path=replace(record.path, curvature=curvature))
-        for curvature in (np.full(2401, 20.0), 10.0 + noise)
-    )
+    paths = (replace(record.path, curvature=bend) for bend in (np.full(2401, 20.0), 10.0 + noise))
+    round_, noisy = (replace(record, path=path) for path in paths)
     assert "peaks.png" not in draw_plots(round_)
     metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
     assert "no curvature peak" in head_of(draw_plots(replace(record, metrics=metrics))["force.png"])
@@ -169,10 +167,6 @@ def test_a_path_without_bends_or_with_one_too_near_an_end_says_so_and_noise_of_i
     figure = draw_plots(replace(record, log=RunLog({**record.log.columns, "phase": cut})))["peaks.png"]
     assert "1 less than 40 mm from an end, not drawn" in head_of(figure)
     assert "mean of 2 peaks" in [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
-"""Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
 
 
 def test_a_removal_map_is_counted_drawn_without_what_was_never_touched_and_kept_as_a_mesh(tmp_path):

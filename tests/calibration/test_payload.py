@@ -24,6 +24,8 @@ THETA = np.concatenate([[MASS], MASS * CENTER, BIAS])
 NOISE = np.repeat([0.05, 0.002], 3)
 DRIFT = np.array([0.003, -0.002, 0.001, 1e-4, -2e-4, 3e-4])
 POSES = plan_payload_poses(12).R_base_sensor
+PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
+HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH))
 
 
 def readings_in(R_base_sensor: Array, theta: Array = THETA, errors: Array | float = 0.0) -> PayloadReadings:
@@ -97,9 +99,6 @@ def knocked(rng: np.random.Generator, knocks: dict[int, Array]) -> PayloadReadin
     return readings_in(POSES, errors=errors)
 
 
-PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
-
-
 @pytest.mark.parametrize("knocks", [{4: 1e6 * PUSH}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}])
 def test_touched_readings_are_left_out_and_named(knocks):
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), knocks)) for seed in range(40)]
@@ -140,9 +139,6 @@ def test_every_way_to_write_an_orientation_gives_the_same_tool_and_what_we_write
     again = fit_without_outliers(read_readings(file))
     np.testing.assert_allclose(again.theta, found.theta, atol=1e-7)
     np.testing.assert_allclose(again.residuals, found.residuals, atol=1e-6)
-
-
-HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH))
 
 
 @pytest.mark.parametrize(

@@ -21,27 +21,9 @@ from polish_sim.errors import ConfigError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
-from tests.cell.cells import (
-    IDEAL_ARM,
-    TOUCH,
-    along_tool,
-    ideal,
-    joints_at,
-    path_through,
-    pressing_stroke,
-    tool_pose,
-)
+from tests.cell import cells, pressing
 from tests.cell.fields import part_at, plane, sampled, sphere
-from tests.cell.pressing import (
-    DOWN,
-    HEAD_STIFFNESS,
-    PAD,
-    PRESSED,
-    below_sphere,
-    foundation,
-    press,
-    working_depth,
-)
+from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, press
 
 FLAT = part_at(plane())
 DEPTH = 0.001
@@ -49,6 +31,12 @@ FORCE = 20000.0 * DEPTH  # [N]
 SPIN = 6000.0 * 2.0 * math.pi / 60.0  # [rad/s]
 CENTER = np.array([0.0, 0.0, -DEPTH])
 STILL = replace(PAD, damping_s_m=0.0)
+TANGENTIAL_MASS = 4.0  # [kg]
+STIFFEST = 0.49 * 0.3 / 1e-6 - 20000.0 / 3.0  # dt w of head and pad is 0.7 there [N/m]
+SHARPEST = 0.3 * 20.0 * 0.001 / TANGENTIAL_MASS  # mu F dt / (v_s m) is 1 there [m/s]
+SMOOTH, SLOW = "pad.friction_smoothing_m_s", "simulation.control_every=4 robot.command_timeout_s"
+STIFF, FAST = "pad.damping_s_m=0 pad.stiffness_n_m", "spindle.speed_rpm=15000"
+UPRIGHT = cells.TOUCH @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
 
 
 @pytest.mark.parametrize("points", [8, 100, 1000])
@@ -67,20 +55,18 @@ def below_plane(points):
 
 
 @pytest.mark.parametrize(
-    ("field", "below", "x", "depth", "turn_deg", "share", "off_nm"),
+    ("field", "below", "x", "depth", "turn", "share", "off_nm"),
     [
         (plane(), below_plane, 0.0, 0.002, [1.0, 0.0, 0.0], 0.005, 0.0),
         (plane(), below_plane, 0.0, 0.002, [0.0, 3.0, 0.0], 0.005, 0.0),
         (plane(), below_plane, 0.0, 0.002, [0.0, 10.0, 0.0], 0.005, 0.0),
-        (sphere(0.3), below_sphere(0.3), 0.004, working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (sphere(0.1), below_sphere(0.1), 0.0, working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (sphere(0.05), below_sphere(0.05), 0.008, working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.3), below_sphere(0.3), 0.004, pressing.working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.1), below_sphere(0.1), 0.0, pressing.working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.05), below_sphere(0.05), 0.008, pressing.working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
     ],
 )
-def test_on_a_tilted_plane_and_on_spheres_force_and_moment_are_the_integral(
-    field, below, x, depth, turn_deg, share, off_nm
-):
-    center, R = np.array([x, 0.0, -depth]), Rotation.from_rotvec(turn_deg, degrees=True).as_matrix() @ DOWN
+def test_on_a_tilted_plane_and_spheres_it_is_the_integral(field, below, x, depth, turn, share, off_nm):
+    center, R = np.array([x, 0.0, -depth]), Rotation.from_rotvec(turn, degrees=True).as_matrix() @ DOWN
     truth, found = foundation(below, center, R), press(part_at(field), center, R)
     force, moment = np.linalg.norm(truth.force), np.linalg.norm(truth.torque)
     np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=share * force)
@@ -172,23 +158,13 @@ def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass, height):
     assert pressed[-1] == pytest.approx(mass * 9.81, rel=1e-3)
 
 
-TANGENTIAL_MASS = 4.0  # [kg]
-
-
 def accepted(*changes: str) -> None:
-    scenario = ideal("force", "safety.force_limit_n=30", *changes)
+    scenario = cells.ideal("force", "safety.force_limit_n=30", *changes)
     force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
     limits.check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
     limits.check_friction(pad, dt, force, TANGENTIAL_MASS)
     limits.check_depth(pad, scenario.head, force, limits.modelled_depth(scenario.head, pad, force))
     limits.check_rates(scenario)
-
-
-STIFFEST = 0.49 * 0.3 / 1e-6 - 20000.0 / 3.0  # dt w of head and pad is 0.7 there [N/m]
-SHARPEST = 0.3 * 20.0 * 0.001 / TANGENTIAL_MASS  # mu F dt / (v_s m) is 1 there [m/s]
-SMOOTH, SLOW = "pad.friction_smoothing_m_s", "simulation.control_every=4 robot.command_timeout_s"
-STIFF = "pad.damping_s_m=0 pad.stiffness_n_m"
-FAST = "spindle.speed_rpm=15000"
 
 
 @pytest.mark.parametrize(
@@ -220,34 +196,30 @@ def test_beyond_a_limit_it_is_refused_and_within_accepted(refused, named, within
 def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_as_a_soft_pad_goes():
     for key, value in (("pad.damping_s_m", 20), (SMOOTH, 1e-5), ("sensor.rate_hz", 40)):
         with pytest.raises(ConfigError, match=key):
-            run_experiment(ideal("force", f"{key}={value}"))
+            run_experiment(cells.ideal("force", f"{key}={value}"))
     # 2 x 20 N / 4000 N/m.
-    usual = ideal("force")
+    usual = cells.ideal("force")
     assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008
     soft = replace(usual.head, spring_scale=0.2)
     assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)
 
 
-UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
-FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
-
-
 def course_on(field, *strokes: Stroke, T_base_work=UPRIGHT, arm="robot.arm=ur5e") -> Course:
     scenario = override(default_scenario("surface"), ["plan.stepover_m=0.008", arm])
-    return build_course(scenario, strokes, field, T_base_work, joints_at(TOUCH))
+    return build_course(scenario, strokes, field, T_base_work, cells.joints_at(cells.TOUCH))
 
 
-def pressed_with(force: float, T_base_touch: Array = TOUCH) -> Stroke:
+def pressed_with(force: float, T_base_touch: Array = cells.TOUCH) -> Stroke:
     """A stroke of 20 mm whose poses are pressed in by D = F / k, as the plan's are."""
-    pressed = along_tool(T_base_touch, z=force / 5000.0)
-    table = path_through(pressed, along_tool(pressed, x=0.02))
+    pressed = cells.along_tool(T_base_touch, z=force / 5000.0)
+    table = cells.path_through(pressed, cells.along_tool(pressed, x=0.02))
     forces = np.full(len(table.positions), force)
-    return pressing_stroke(T_base_touch)._replace(process=table, force=forces, depth=force / 5000.0)
+    return cells.pressing_stroke(T_base_touch)._replace(process=table, force=forces, depth=force / 5000.0)
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.05])
 def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
-    course = course_on(sphere(radius), pressing_stroke())
+    course = course_on(sphere(radius), cells.pressing_stroke())
 
     def pad_force(depth: float) -> float:
         return float(foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
@@ -260,26 +232,27 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
 
 
 def test_springs_and_pad_in_series_say_the_depth_on_a_plane_and_half_over_its_border():
-    course = course_on(plane(), pressing_stroke(slide=0.02))
+    course = course_on(plane(), cells.pressing_stroke(slide=0.02))
     assert len(course.depth) * course.spacing == pytest.approx(0.02, abs=0.0015)
     np.testing.assert_allclose(course.depth, PRESSED, atol=1e-7)
     np.testing.assert_allclose(course.surplus, 0.0, atol=1e-7)
     np.testing.assert_allclose(course.stiffness, 5000.0, rtol=1e-4)
     np.testing.assert_allclose(course.moment, 0.0, atol=1e-5)
-    np.testing.assert_allclose(course.tilt_stiffness, FULL_TILT_STIFFNESS, rtol=0.02)
+    whole_disc = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # [N m/rad]
+    np.testing.assert_allclose(course.tilt_stiffness, whole_disc, rtol=0.02)
     # Half the disc carries: twice the compression; the centroid of half a disc, 4 R / 3 pi.
     low, high = (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
     edge = sampled(lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), low, high)
-    course = course_on(edge, pressing_stroke())
+    course = course_on(edge, cells.pressing_stroke())
     assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
-    R_tool = UPRIGHT[:3, :3].T @ TOUCH[:3, :3]
+    R_tool = UPRIGHT[:3, :3].T @ cells.TOUCH[:3, :3]
     lever = R_tool.T @ [-4.0 * PAD.radius_m / (3.0 * np.pi), 0.0, 0.0]
     np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
 def test_rows_of_a_course_follow_the_plan_its_strands_and_turning_in_a_turned_cell_too():
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
-    second = pressed_with(10.0, along_tool(TOUCH, y=0.01))._replace(start_s=0.04)
+    second = pressed_with(10.0, cells.along_tool(cells.TOUCH, y=0.01))._replace(start_s=0.04)
     course = course_on(plane(), pressed_with(20.0), second)
     rows = np.arange(len(course.depth)) * course.spacing
     np.testing.assert_allclose(course.depth[rows < 0.0295], PRESSED, rtol=1e-3)
@@ -291,24 +264,25 @@ def test_rows_of_a_course_follow_the_plan_its_strands_and_turning_in_a_turned_ce
     rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
     assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
     np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
-    turned = along_tool(tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
-    stroke = pressing_stroke()._replace(process=path_through(TOUCH, turned))
+    turned = cells.along_tool(cells.tool_pose(0.0, -0.5, 0.1, (0.1, 0.0, 0.0)), x=0.02)
+    stroke = cells.pressing_stroke()._replace(process=cells.path_through(cells.TOUCH, turned))
     course = course_on(plane(), stroke)
     np.testing.assert_allclose(course.turning[10], [0.1 / stroke.process.length, 0.0, 0.0], atol=1e-3)
     turn = transform(Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix(), np.zeros(3))
-    there = course_on(sphere(0.1), pressing_stroke(slide=0.01))
-    here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
+    there = course_on(sphere(0.1), cells.pressing_stroke(slide=0.01))
+    stroke = cells.pressing_stroke(turn @ cells.TOUCH, slide=0.01)
+    here = course_on(sphere(0.1), stroke, T_base_work=turn @ UPRIGHT)
     np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
 
 
 def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
-    about = joints_about(default_scenario("surface"), joints_at(TOUCH)[None])[0]
+    about = joints_about(default_scenario("surface"), cells.joints_at(cells.TOUCH)[None])[0]
     moving, tool = motion_matrices(about, 0.0), np.append(about.axis @ about.jacobian[:3], np.zeros(6))
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares
     assert softness[0] > 0.9 * softness.sum()
-    slowest = course_on(plane(), pressing_stroke()).arm_mode[0] / 1.1
+    slowest = course_on(plane(), cells.pressing_stroke()).arm_mode[0] / 1.1
     assert slowest == pytest.approx(np.sqrt(squares[0]), rel=0.02)
-    assert not course_on(plane(), pressing_stroke(), arm=IDEAL_ARM).arm_mode.any()
+    assert not course_on(plane(), cells.pressing_stroke(), arm=cells.IDEAL_ARM).arm_mode.any()

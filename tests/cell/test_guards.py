@@ -18,6 +18,8 @@ from polish_sim.motion.rules.limits import JOINT_SPEED
 from tests.cell import cells
 from tests.cell.fields import plane, wall
 
+LOST = "faults.events=sensor-dropout@contact+0.5"
+
 
 @pytest.mark.parametrize(
     ("limit", "lean", "unit", "axes"),
@@ -40,10 +42,9 @@ def test_contact_lost_over_an_edge_stops_after_its_time():
     run = cells.on_plane("safety.contact_lost_s=0.3", "controller.name=position", slide=0.12).run()
     assert "safety.contact_lost_s" in str(run.stop_reason)
     assert run.safety.protective_stop_measured == "0.30 s"
-    touching = np.flatnonzero(
-        run.log["wrench_measured_tool"][: cells.stopped_at(run), 2] >= 2.0
-    )  # a tenth of 20 N
-    assert cells.stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
+    stopped = cells.stopped_at(run)
+    touching = np.flatnonzero(run.log["wrench_measured_tool"][:stopped, 2] >= 2.0)  # a tenth of 20 N
+    assert stopped - touching[-1] == pytest.approx(300, abs=2)
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
 
 
@@ -137,9 +138,6 @@ def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place():
     assert all(share == (0.0, 0.0, 0.0) for share in guards.guard_shares(cell.state.guards).values())
 
 
-LOST = "faults.events=sensor-dropout@contact+0.5"
-
-
 @pytest.mark.parametrize(
     ("latency", "speed", "off", "rest"), [(0.004, 0.05, 0.05, 5e-3), (0.011, 0.02, 0.15, 1e-2)]
 )
@@ -186,20 +184,3 @@ def test_a_retract_that_meets_a_joints_end_goes_as_far_as_it_can():
     assert run.safety.retract_m == pytest.approx(0.016, abs=0.003)
     assert run.trace.normal_force_n[-1] == 0.0
     assert np.all((run.log["q_rad"] > JOINT_LIMITS[:, 0]) & (run.log["q_rad"] < JOINT_LIMITS[:, 1]))
-
-
-def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be():
-    above, way_down = cells.along_tool(cells.TOUCH, z=-0.01), cells.along_tool(cells.TOUCH, z=-0.005)
-    first = cells.pressing_stroke(hold=0.5, lift=0.01)
-    second = first._replace(travel=cells.way_through(above, way_down))
-    part, drift, last = cells.part_under(plane()), 0.2, []
-    for retare in (False, True):
-        strokes = first, second._replace(retare=retare)
-        cell = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), *strokes, part=part)
-        cell.state.sensor.errors.creep[2] = 0.001 * drift
-        trace = cell.run().trace
-        last.append(trace.normal_force_n[trace.fed][-1])
-        if not retare:
-            since_tare = trace.time_s[trace.fed][-1] - 0.3
-            assert last[0] == pytest.approx(20.0 - drift * since_tare, abs=0.2)
-    assert last[1] - last[0] > drift * 2.5

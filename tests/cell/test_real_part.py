@@ -18,6 +18,8 @@ from tests.geometry.shapes import fit
 UP = np.array([0.0, 0.0, 1.0])
 TRUE = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0)
 THICKNESS = 0.003
+SMALL_PAD = PadConfig(radius_m=0.01)
+HALF, DEEPEST = 0.05, 0.008
 T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.array([0.1, -0.5, 0.2]))
 
 
@@ -79,9 +81,8 @@ def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_it
         np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)
     # Not just where the pad goes; to half a cell: inside a sheet thinner than a cell no node is negative.
     places, coarse = np.random.default_rng(0).uniform(-0.05, 0.05, (500, 2)), part.coarse
-    inside, beside = (
-        [field_distance(coarse, *place, z - THICKNESS / 2) for place in places] for z in (0.0, 0.008)
-    )
+    levels = -THICKNESS / 2 + np.array([0.0, 0.008])
+    inside, beside = ([field_distance(coarse, *place, z) for place in places] for z in levels)
     assert max(inside) < 0.5 * coarse.spacing < min(beside)
     config = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0003)
     part, top = real(sheet, config, seed=3), top_of(sheet)
@@ -93,10 +94,6 @@ def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_it
     shifts = [real(sheet, PartConfig(), seed).position for seed in (5, 5, 6)]
     np.testing.assert_array_equal(shifts[0], shifts[1])
     assert not np.array_equal(shifts[0], shifts[2])
-
-
-SMALL_PAD = PadConfig(radius_m=0.01)
-HALF, DEEPEST = 0.05, 0.008
 
 
 @pytest.fixture(scope="module")

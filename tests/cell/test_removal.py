@@ -23,6 +23,10 @@ R = 0.025
 STIFFNESS = 20000.0
 SPIN = 628.3
 FINE = 0.00125  #: Distance between nodes a run with this pad has [m]
+DOWN = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))  #: The tool of a pass
+UP = np.array([0.0, 0.0, 1.0])
+R_NODES = 0.02
+FORCE = 20.0
 
 
 def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
@@ -37,9 +41,7 @@ def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
     return removal.PressedNodes(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), areas)
 
 
-def steps(
-    centers: Array, velocity: Array, dt: float, force: float = 20.0, spin: float = SPIN
-) -> removal.PadMotion:
+def steps(centers: Array, velocity: Array, dt: float, force=20.0, spin=SPIN) -> removal.PadMotion:
     """A pad pressed flat from above, moved at a constant velocity, for dt at each of its places."""
     n = len(centers)
     axes = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -99,9 +101,6 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     assert removed.exposure[r > rim + 0.001].max() == 0.0
 
 
-DOWN = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))  #: The tool of a pass
-
-
 def pass_over_plane() -> Trace:
     """A pass of 30 mm in 1.5 s."""
     time, one = np.arange(0.0, 1.5, 1e-3), np.ones(1500)
@@ -153,12 +152,6 @@ def test_a_part_carried_and_turned_with_the_tool_is_polished_as_one_at_rest_and_
     np.testing.assert_allclose(exposed(motion).exposure, still, rtol=1e-5, atol=1e-5 * still.max())
 
 
-UP = np.array([0.0, 0.0, 1.0])
-R_NODES = 0.02
-TRACK = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros(61), np.zeros(61)])
-FORCE = 20.0
-
-
 def pressed_at(x: float, lean: float = 0.0) -> PadPoses:
     axis = np.array([[math.sin(lean), 0.0, math.cos(lean)]])
     return PadPoses(np.array([[x, 0.0, 0.0]]), axis, np.zeros((1, 3)), -SPIN * axis, np.array([FORCE]))
@@ -203,7 +196,8 @@ def polished(solid: trimesh.Trimesh, choice: str, track: Array, radius: float) -
 @pytest.fixture(scope="module")
 def block() -> Polished:
     """100 x 100 mm, of which 80 x 30 mm in the middle are to be polished."""
-    return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", TRACK, R_NODES)
+    track = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros((61, 2))])
+    return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", track, R_NODES)
 
 
 def test_areas_sum_to_the_region_on_its_bent_surface_and_beside_it_lies_all_that_the_pad_comes_to(block):

@@ -7,17 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.stroke import (
-    DONE,
-    FEEDING,
-    RETRACT,
-    TARE_START,
-    TARE_TIME,
-    TOUCH_DOWN,
-    TOUCH_DOWN_TIME,
-    advance_sequence,
-    build_sequence,
-)
+from polish_sim.cell import stroke as phases
+from polish_sim.cell.stroke import advance_sequence, build_sequence
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.log import APPROACH_PHASE, RETRACT_PHASE, TOUCH_PHASE
 from tests.cell import cells
@@ -38,7 +29,7 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     # Touch-down begins at half a newton, 0.1 mm deep, and lasts half a second.
     assert force[phase == APPROACH_PHASE].max() <= 0.5 < force[phase == TOUCH_PHASE][0]
     assert 0.0 < (place[phase == TOUCH_PHASE][0] - cells.TOUCH[:3, 3]) @ down < 2e-4
-    assert TOUCH_DOWN_TIME < np.ptp(time[phase == TOUCH_PHASE]) < TOUCH_DOWN_TIME + 0.1
+    assert phases.TOUCH_DOWN_TIME < np.ptp(time[phase == TOUCH_PHASE]) < phases.TOUCH_DOWN_TIME + 0.1
     # The feed goes from the first process point to the last at its speed.
     path_s = run.trace.path_s_m[run.trace.fed]
     np.testing.assert_allclose(path_s[[0, -1]], [0.0, SLIDE], atol=1e-6)
@@ -91,13 +82,13 @@ def test_a_tool_that_leans_and_stands_high_is_lifted_from_there_without_a_jolt()
     target."""
     stroke, sequence, target = cells.pressing_stroke(hold=0.0, lift=LIFT), build_sequence(), Target()
     end, planned, m = stroke.process.positions[-1], cells.TOUCH[:3, :3], Measurement(cycle=0.002)
-    sequence.stage, target.rotation[:], target.position[:] = FEEDING, planned, end
+    sequence.stage, target.rotation[:], target.position[:] = phases.FEEDING, planned, end
     m.rotation[:] = planned @ Rotation.from_rotvec([0.15, -0.09, 0.0]).as_matrix()
     m.position[:] = end - 0.002 * planned[:, 2]
     heights, leans = [], []
-    while sequence.stage != DONE:
+    while sequence.stage != phases.DONE:
         assert advance_sequence(stroke, sequence, m, 1.0, target, 0.005)
-        if sequence.stage == RETRACT:
+        if sequence.stage == phases.RETRACT:
             heights.append((end - target.position) @ planned[:, 2])
             leans.append(Rotation.from_matrix(planned.T @ target.rotation).as_rotvec())
     speeds, turning = np.diff(heights) / 0.002, np.linalg.norm(np.diff(leans, axis=0), axis=1) / 0.002
@@ -110,20 +101,29 @@ def test_a_tool_that_leans_and_stands_high_is_lifted_from_there_without_a_jolt()
     assert turning.max() == pytest.approx(0.175 / 0.012 * 0.02, rel=0.02)
 
 
-def test_two_strokes_follow_each_other_through_free_space():
+def test_two_strokes_follow_each_other_through_free_space_and_the_sensor_is_zeroed_again_if_it_is_to_be():
+    """Its reading creeps: by what it crept since the tare the second stroke presses less."""
     second_touch, above = cells.tool_pose(0.03, -0.48, 0.1), cells.along_tool(cells.TOUCH, z=-LIFT)
     way = cells.way_through(above, cells.along_tool(second_touch, z=-0.005))
     first = cells.pressing_stroke(hold=0.5, lift=LIFT)
     second = cells.pressing_stroke(second_touch, hold=0.5, lift=LIFT)._replace(travel=way, start_s=0.1)
-    scenario, part = cells.ideal("force", cells.EVERY_STEP), cells.part_under(plane())
-    run = cells.cell_for(scenario, first, second, part=part).run()
-    assert run.stop_reason is None
-    assert cells.phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
-    crossing = (run.trace.phase == APPROACH_PHASE) & (run.trace.time_s > 3.0)
-    assert run.trace.normal_force_n[crossing].max() <= 0.5
-    fed = run.trace.fed
-    assert {0.0, 0.1} == set(np.round(run.trace.path_s_m[fed], 6))
-    np.testing.assert_allclose(run.trace.tcp_position_m[fed][-1, :2], second_touch[:2, 3], atol=1e-4)
+    part, drift, last = cells.part_under(plane()), 0.2, []
+    for retare in (False, True):
+        strokes = first, second._replace(retare=retare)
+        cell = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), *strokes, part=part)
+        cell.state.sensor.errors.creep[2] = 0.001 * drift
+        run = cell.run()
+        assert run.stop_reason is None
+        assert cells.phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
+        trace, fed = run.trace, run.trace.fed
+        crossing = (trace.phase == APPROACH_PHASE) & (trace.time_s > 3.0)
+        assert trace.normal_force_n[crossing].max() <= 0.5
+        assert {0.0, 0.1} == set(np.round(trace.path_s_m[fed], 6))
+        np.testing.assert_allclose(trace.tcp_position_m[fed][-1, :2], second_touch[:2, 3], atol=1e-4)
+        last.append(trace.normal_force_n[fed][-1])
+        if not retare:
+            assert last[0] == pytest.approx(20.0 - drift * (trace.time_s[fed][-1] - 0.3), abs=0.2)
+    assert last[1] - last[0] > drift * 2.5
 
 
 def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float:
@@ -133,12 +133,12 @@ def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float
     """
     stroke, sequence, target = cells.pressing_stroke(height=0.008), build_sequence(), Target()
     sequence.floor = floor
-    t, m = -(TARE_START + TARE_TIME), Measurement(cycle=0.001)
+    t, m = -(phases.TARE_START + phases.TARE_TIME), Measurement(cycle=0.001)
     while True:
         m.wrench[2], m.position[:] = reading(t), target.position
         if not advance_sequence(stroke, sequence, m, 1.0, target, 0.005):
             return math.inf
-        if sequence.stage == TOUCH_DOWN:
+        if sequence.stage == phases.TOUCH_DOWN:
             return t
         t += 0.001
     return math.inf

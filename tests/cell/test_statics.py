@@ -21,15 +21,12 @@ from tests.cell import cells
 from tests.cell.fields import plane, sphere
 from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
 
+STIFFNESS = 5000.0  # of head and pad in series [N/m]
+LEANING = cells.tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
+ROUND = [(f"sphere_{radius}", working_depth(1e-3 * radius), 0.02) for radius in (300, 50)]
 
-@pytest.mark.parametrize(
-    ("part", "pad_depth", "off"),
-    [
-        ("plate", 0.001, 0.005),
-        ("sphere_300", working_depth(0.3), 0.02),
-        ("sphere_50", working_depth(0.05), 0.02),
-    ],
-)
+
+@pytest.mark.parametrize(("part", "pad_depth", "off"), [("plate", 0.001, 0.005), *ROUND])
 def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
     """On a sphere the pad touches in part, and presses more softly: 17.4 N and 9.8 N."""
     settings = "controller.name=position", f"part.file={part}", cells.EVERY_STEP
@@ -83,7 +80,6 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the
     delay is that of command, sensor, the sensor's low-pass and the servos. Without a force loop F = k d.
     """
-    stiffness = 5000.0  # of head and pad in series [N/m]
     s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
     motion = f"part.motion_m={travel}", f"part.motion_hz={frequency}", "controller.force_filter_hz=10"
     run = cells.on_plane(f"controller.name={controller}", *motion, hold=4.0).run()
@@ -91,29 +87,24 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
     np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
     if controller == "position":
-        assert abs(found) == pytest.approx(stiffness * travel, rel=0.02)
+        assert abs(found) == pytest.approx(STIFFNESS * travel, rel=0.02)
         assert cmath.phase(found) == pytest.approx(0.0, abs=0.1)
         return
     delay = 0.006 + 0.002 + 1.0 / (2.0 * math.pi * 80.0) + 0.004
     controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 10.0)) * cmath.exp(-s * delay)
-    spring = 1.0 / (1.0 / (stiffness * 4.0 / 3.0 + 60.0 * s) + 1.0 / (stiffness * 4.0 + 3.0 * 20.0 * s))
+    spring = 1.0 / (1.0 / (STIFFNESS * 4.0 / 3.0 + 60.0 * s) + 1.0 / (STIFFNESS * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
 
 
-# The engine's own contact in place of ours, pressed by the head's spring alone: as stiff.
-
-STIFFNESS = 5000.0  # of head and pad in series [N/m]
-HARD = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
-LEANING = cells.tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
-
-
 def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
-    """The robot with a colliding pad, over a plane or a ball touched at a tool pose."""
+    """The robot with a colliding pad, over a plane or a ball touched at a tool pose: the engine's own contact
+    in place of ours, pressed by the head's spring alone, as stiff."""
+    hard = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
     spec = mujoco.MjSpec.from_file(str(robot_model_path()))
     spec.joint("head_slide").stiffness[0] = STIFFNESS
     pad = spec.geom("head_pad")
-    pad.contype, pad.conaffinity, pad.solref = 2, 2, HARD
+    pad.contype, pad.conaffinity, pad.solref = 2, 2, hard
     outward = Rotation.from_matrix(T_base_touch[:3, :3] @ np.diag([1.0, -1.0, -1.0]))
     kind, size, below = {
         "plane": (mujoco.mjtGeom.mjGEOM_PLANE, [0.2, 0.2, 0.01], 0.0),
@@ -121,7 +112,7 @@ def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
     }[shape]
     spec.worldbody.add_geom(
         name="part", type=kind, size=size, pos=cells.along_tool(T_base_touch, z=below)[:3, 3],
-        quat=outward.as_quat(scalar_first=True), contype=2, conaffinity=2, solref=HARD,
+        quat=outward.as_quat(scalar_first=True), contype=2, conaffinity=2, solref=hard,
     )  # fmt: skip
     return spec.compile()
 
@@ -145,9 +136,6 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, 
     assert pushed[2] == pytest.approx(STIFFNESS * depth, rel=0.02)
     assert np.linalg.norm(pushed[:2]) < 0.02 * pushed[2]
     np.testing.assert_allclose(cell.state.measurement.wrench[:3], pushed, atol=0.05)
-
-
-GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 class NewtonEuler:
@@ -176,7 +164,7 @@ class NewtonEuler:
             linear, angular, turning = J @ qdd + J_dot @ qd, J_turn @ qdd + J_turn_dot @ qd, J_turn @ qd
             R_inertia = data.ximat[body].reshape(3, 3)
             inertia = R_inertia @ np.diag(model.body_inertia[body]) @ R_inertia.T
-            pull = model.body_mass[body] * (linear - GRAVITY) - data.xfrc_applied[body, :3]
+            pull = model.body_mass[body] * (linear - model.opt.gravity) - data.xfrc_applied[body, :3]
             force += pull
             torque += inertia @ angular + np.cross(turning, inertia @ turning) - data.xfrc_applied[body, 3:]
             torque += np.cross(data.xipos[body] - origin, pull)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ PERFECT = SensorConfig(
     torque_drift_nm_s=0.0, bandwidth_hz=0.0, latency_s=0.001, force_quantum_n=0.0, torque_quantum_nm=0.0,
 )  # fmt: skip
 LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
+WARM_UP = {"warm_up_force_n": 6.5, "warm_up_torque_nm": 0.06, "warm_up_s": 0.02}
 
 
 def readings(config: SensorConfig, exact, seconds: float, seed: int = 0, dt: float = DT) -> Array:
@@ -56,10 +58,7 @@ def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(la
     ("config", "force", "torque", "share"),
     [
         (replace(PERFECT, force_bias_n=3.0, torque_bias_nm=0.1), 3.0, 0.1, np.ones_like),
-        (
-            replace(PERFECT, warm_up_force_n=6.5, warm_up_torque_nm=0.06, warm_up_s=0.02),
-            *(6.5, 0.06, lambda t: 1.0 - np.exp(-t / 0.02)),
-        ),
+        (replace(PERFECT, **WARM_UP), 6.5, 0.06, lambda t: 1.0 - np.exp(-t / 0.02)),
     ],
     ids=["bias", "warm-up"],
 )
@@ -138,10 +137,8 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
     ]  # fmt: skip
     config = override(default_scenario("force"), [f"sensor.model={model}", *no_offset]).sensor
     shown = dict(SENSOR_MODELS[model])
-    noise, quanta, full = (
-        np.repeat([shown[f"force_{name}_n"], shown[f"torque_{name}_nm"]], 3)
-        for name in ("noise", "quantum", "range")
-    )
+    sizes = ([shown[f"force_{name}_n"], shown[f"torque_{name}_nm"]] for name in ("noise", "quantum", "range"))
+    noise, quanta, full = np.repeat([*sizes], 3, axis=1)
     found, cut = readings(config, steady, 20.0), shown["bandwidth_hz"] or math.inf
     blend = 1.0 - math.exp(-2.0 * math.pi * cut / shown["rate_hz"])
     left = math.sqrt(blend / (2.0 - blend))
@@ -167,14 +164,12 @@ def test_a_warm_up_leaves_bias_and_noise_as_they_were_and_cross_talk_is_in_share
     warmth = (1.0 - np.exp(-DT * np.arange(1, 1001))) / (1.0 - math.exp(-1.0))
     np.testing.assert_allclose(off, np.outer(warmth, off[-1]), atol=1e-9)
     assert np.abs(off[-1, :3]).min() > 0.0
-    config, seeds = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0), range(40)
-    tenth = np.repeat([20.0, 1.0], 3)
-    found = [
-        [readings(config, lambda _t, load=load: load, 0.002, seed)[-1] / tenth for load in np.diag(tenth)]
-        for seed in seeds
-    ]
+    config = replace(PERFECT, cross_talk=0.02, force_range_n=200.0, torque_range_nm=10.0)
+    tenth, draws = np.repeat([20.0, 1.0], 3), product(range(40), range(6))
+    found = [readings(config, lambda _t, k=k: np.diag(tenth)[k], 0.002, seed)[-1] for seed, k in draws]
+    found = np.reshape(found, (40, 6, 6)) / tenth
     np.testing.assert_allclose(np.diagonal(found, axis1=1, axis2=2), 1.0, rtol=1e-12)
-    others = np.array(found)[:, ~np.eye(6, dtype=bool)]
+    others = found[:, ~np.eye(6, dtype=bool)]
     assert others.std() == pytest.approx(0.02, rel=0.05)
     assert abs(others.mean()) < 0.002
 

@@ -45,15 +45,14 @@ class Tuned(Push):
         self.gain, self.sign, self.mode, self.late = gain, sign, mode, late
 """
 
+FAILS = "class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n"
+
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "mine.py"
     path.write_text(GOOD, encoding="utf-8")
     return path
-
-
-FAILS = "class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n"
 
 
 @pytest.mark.parametrize(

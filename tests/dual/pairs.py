@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from polish_sim.cell import RealPart, Stroke, no_part, tool_on_flange
+from polish_sim.cell import no_part, tool_on_flange
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -19,13 +19,7 @@ ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
 TOOL = tool_pose(0.0, -0.5, 0.3)
 
 
-def pair_cell(
-    scenario: Scenario,
-    model: mujoco.MjModel,
-    master: MasterRows,
-    stroke: Stroke,
-    part: RealPart | None = None,
-) -> PairCell:
+def pair_cell(scenario: Scenario, model: mujoco.MjModel, master: MasterRows, stroke, part=None) -> PairCell:
     """A pair at the start of the follower's stroke; the host believes in the nominal table."""
     T, host = master.T_base_work, build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
     nothing = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())

@@ -31,14 +31,9 @@ from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
 
-FREE = (
-    "dual.standoff_m=0.005",
-    "process.feed_m_s=0.05",
-    "dual.master_speed_m_s=0.02",
-    "process.max_feed_s=2",
-)
+AWAY = ("dual.standoff_m=0.005", "process.feed_m_s=0.05")
+FREE = (*AWAY, "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
 EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
-MILLIMETRE = 0.001
 PRESSED_S = 2.5
 
 
@@ -135,9 +130,8 @@ def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch
     assert seen
     for T_follower_master, held in seen:
         np.testing.assert_allclose(T_follower_master, inverse(believed.T_master_follower), atol=1e-12)
-        np.testing.assert_allclose(
-            held.T_flange_part, believed.T_flange_gripper @ believed.T_gripper_work, atol=1e-12
-        )
+        T_flange_part = believed.T_flange_gripper @ believed.T_gripper_work
+        np.testing.assert_allclose(held.T_flange_part, T_flange_part, atol=1e-12)
         assert np.abs(T_follower_master - inverse(true.T_master_follower)).max() > 1e-6
         assert np.abs(held.T_flange_part - true.T_flange_gripper @ true.T_gripper_work).max() > 1e-6
 
@@ -159,11 +153,11 @@ def test_a_part_that_slips_and_a_base_believed_a_millimetre_off_show_on_the_part
     run = run_experiment(dual("process.max_feed_s=1.2", "faults.events=part-shift@contact+0.8"))
     assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
     assert run.figures["tracking_error_worst_m"] < 1e-4
-    file = base_file(tmp_path, off_m=MILLIMETRE)
+    file = base_file(tmp_path, off_m=0.001)
     run = run_experiment(dual(*FREE, *EXACT, f"dual.bases_file={file}"))
     off = run.log["relative_error_m"].astype(float)[run.log.fed][-200:-100]
     # The host puts the follower's base too far along y, so the tool it sends comes out too little.
-    np.testing.assert_allclose(off.mean(axis=0), [0.0, -MILLIMETRE, 0.0], atol=4e-5)
+    np.testing.assert_allclose(off.mean(axis=0), [0.0, -0.001, 0.0], atol=4e-5)
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
@@ -177,10 +171,8 @@ def test_the_force_is_held_on_the_moving_rim_and_it_loses_what_one_at_rest_would
     assert figures["master_way_m"] == pytest.approx(0.005 * (PRESSED_S - 0.25), abs=0.001)
     dual_run = pressed.scenario
     plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
-    alone = override(
-        default_scenario("surface"), ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"]
-    )
-    still = run_experiment(alone, plan)
+    alone = ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"]
+    still = run_experiment(override(default_scenario("surface"), alone), plan)
     # How it is spread differs a little: the pad levels itself about y, held differently by the robots.
     assert pressed.figures["exposure_nm"] == pytest.approx(still.figures["exposure_nm"], rel=0.005)
     assert pressed.figures["removal_unplaced"] == 0.0

@@ -30,7 +30,12 @@ from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import apply, from_pose, inverse, transform
 from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke, ideal, joints_at
 from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
-from tests.planning.shapes import path_through
+from tests.planning.shapes import UP, path_through
+
+ANGLE = default_scenario("dual").plan.feature_angle_rad
+CLEARANCES = Clearances(arms=0.03, pad=0.005)
+SIDE = 0.02  # of the cube in the gripper [m]
+ELBOW_AHEAD = np.array([0.0, -0.6, 2.2, -1.6, -1.57, 0.0])
 
 
 def test_a_wrong_chain_shows_as_it_is():
@@ -40,20 +45,13 @@ def test_a_wrong_chain_shows_as_it_is():
         from_pose([0.0, 0.0, 0.05, 0.0, 0.0, 0.3]),
         from_pose([0.0, 0.0, 0.18, 0.02, -0.01, 0.4]),
     )
-    turns, places = (
-        Rotation.random(10, random_state=0).as_matrix(),
-        np.random.default_rng(0).normal(size=(10, 3)),
-    )
-    T_master_work, T_work_tool = transform(turns, places).reshape(2, 5, 4, 4)
+    turns, places = Rotation.random(10, random_state=0), np.random.default_rng(0).normal(size=(10, 3))
+    T_master_work, T_work_tool = transform(turns.as_matrix(), places).reshape(2, 5, 4, 4)
     first, second = chain.master_flange(T_master_work), chain.follower_flange(T_master_work, T_work_tool)
     moved = chain._replace(T_flange_tool=chain.T_flange_tool @ from_pose([0.0, 0.0, 1e-3, 0.0, 2e-3, 0.0]))
     np.testing.assert_allclose(chain.residual(first, second, T_work_tool), 0.0, atol=1e-12)
     off = moved.residual(first, second, T_work_tool)
     np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
-
-
-UP = np.array([0.0, 0.0, 1.0])
-ANGLE = default_scenario("dual").plan.feature_angle_rad
 
 
 @cache
@@ -167,10 +165,6 @@ def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smoot
         np.testing.assert_allclose(before, behind, atol=1e-5 * scale)
 
 
-CLEARANCES = Clearances(arms=0.03, pad=0.005)
-SIDE = 0.02  # of the cube in the gripper [m]
-
-
 @cache
 def cube() -> PartMesh:
     box = trimesh.creation.box([SIDE] * 3)
@@ -194,9 +188,6 @@ def test_the_pad_keeps_its_clearance_from_the_gripper(gap, named):
     contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
     found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
     assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
-
-
-ELBOW_AHEAD = np.array([0.0, -0.6, 2.2, -1.6, -1.57, 0.0])
 
 
 def facing(distance: float) -> Array:

@@ -12,38 +12,33 @@ from scipy.spatial.transform import Rotation
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
+from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.dual.checks import MotionCheck, check_master, check_motion
-from polish_sim.dual.master import (
-    MasterMotion,
-    PartWay,
-    about_axis,
-    along_arc,
-    master_motion,
-    read_master_path,
-)
+from polish_sim.dual.master import MasterMotion, about_axis, along_arc, master_motion
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import ConfigError, InputError, ReachError
-from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments import RunResult, run_experiment
 from polish_sim.experiments.part_setup import PlacedTool
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.motion.trajectory import TimedPath
-from polish_sim.planning import ToolPath
-from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, from_pose, inverse
-from tests.dual.test_dual import EXACT, dual, task_and_run, two_stretches
+from tests.dual.test_dual import AWAY, EXACT, dual, task_and_run, two_stretches
 from tests.planning.shapes import path_through
 
 FEED, RADIUS = 0.05, 0.08
-ABOVE = ("dual.standoff_m=0.005", f"process.feed_m_s={FEED}", *EXACT)
+ABOVE = (*AWAY, *EXACT)
 SHORT = (*ABOVE, "process.max_feed_s=2")
 AGAINST = ("dual.master_speed_m_s=0", f"dual.master_turn_rad_s={-FEED / RADIUS}")
 BEGUN_S, TARED_S = 0.8, 0.4
+START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])
+TIMES = np.linspace(0.0, 4.0, 81)
+VELOCITY = np.array([0.02, -0.01, 0.005])
 
 
 def poses_of(run: RunResult, column: str) -> Array:
@@ -164,15 +159,11 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning, tmp_path
     asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (turning, again))
     np.testing.assert_allclose(read, asked, atol=2e-6)
     assert again.work.way.lasts == 3.0
-    np.testing.assert_array_equal(
-        *again.work.way(again.reach.T_master_work, np.array([3.0, 4.0]))
-    )  # it stays
+    end, stays = again.work.way(again.reach.T_master_work, np.array([3.0, 4.0]))
+    np.testing.assert_array_equal(stays, end)
     rows = again.master.spacing * np.arange(len(again.master.q))
     played = forward(again.master.q) @ again.frames.believed.T_flange_gripper
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
-
-
-Change = Callable[[Array, Array], object]
 
 
 def shorter(times: Array, _poses: Array) -> None:
@@ -191,7 +182,7 @@ def shaking(times: Array, poses: Array) -> None:
     poses[:, 0, 3] += 0.004 * np.sin(10.0 * times)
 
 
-def shifted(rows: object, by: list[float]) -> Change:
+def shifted(rows: object, by: list[float]) -> Callable[[Array, Array], object]:
     """Some rows of the motion elsewhere [m]."""
     return lambda _times, poses: np.add.at(poses, (rows, slice(0, 3), 3), by)
 
@@ -224,10 +215,7 @@ def test_a_motion_that_cannot_be_done_is_refused(tmp_path, short, change, kind, 
         ("x_m,y_m,z_m,qw,qx,qy,qz", "lacks the column time_s"),
         ("time_s,x_m,y_m,z_m", "says nowhere how the part stood"),
         ("time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz", "lacks the columns flange_y_m, flange_z_m"),
-        (
-            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz",
-            r"part is \(x_mm\) and where",
-        ),
+        ("time_s,x_mm,y_mm,z_mm,flange_x_mm,qw,qx,qy,qz", r"part is \(x_mm\) and where"),
     ],
 )
 def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
@@ -235,7 +223,7 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
     row = ["1" if name == "qw" else "0" for name in head.split(",")]
     file.write_text(f"{head}\n{','.join(row)}\n", encoding="utf-8")
     with pytest.raises(InputError, match=said):
-        read_master_path(file)
+        master.read_master_path(file)
 
 
 @pytest.mark.parametrize(
@@ -251,11 +239,6 @@ def test_settings_that_do_not_fit_are_refused(changes, said, short):
     asked, chain = dual(*changes), short.frames.believed
     with pytest.raises(ConfigError, match=said):
         master_motion(asked.dual, asked.part.pose, short.place.path, np.array([0.0, 0.0, 1.0]), chain)
-
-
-START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])
-TIMES = np.linspace(0.0, 4.0, 81)
-VELOCITY = np.array([0.02, -0.01, 0.005])
 
 
 @pytest.mark.parametrize("bend", [0.7, -0.4, 1e-9])
@@ -293,7 +276,7 @@ def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axi
     # The acceleration has no step: two and more derivatives are continuous.
     assert np.abs(np.diff(change)).max() < 0.01 * RAMP_PEAK
     axis, center = np.array([0.6, 0.0, 0.8]), np.array([0.03, -0.02, 0.04])
-    poses = PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
+    poses = master.PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
     for place in (center, center + 0.1 * axis):
         there = np.array([apply(T, place[None])[0] for T in poses])
         np.testing.assert_allclose(there, np.broadcast_to(there[0], there.shape), atol=1e-15)
@@ -301,40 +284,32 @@ def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axi
     np.testing.assert_allclose(turned, 0.5 * TIMES[:, None] * axis, atol=1e-12)
 
 
-def scenario(*changes: str) -> Scenario:
-    return override(default_scenario("dual"), [f"process.feed_m_s={FEED}", "dual.standoff_m=0.005", *changes])
-
-
-def square() -> ToolPath:
-    """Three sides of 100 mm, a point every millimetre."""
+def motion_of_square(*changes: str) -> TimedPath:
+    """Along three sides of 100 mm, a point every millimetre."""
     way = np.linspace(0.0, 3.0, 301)
     corners = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
-    points = np.stack([np.interp(way, np.arange(4.0), column) for column in corners.T], axis=1)
-    return path_through(points)
-
-
-def motion_of(path: ToolPath, *changes: str) -> TimedPath:
+    path = path_through(np.stack([np.interp(way, np.arange(4.0), column) for column in corners.T], axis=1))
     placed = PlacedTool(np.eye(4), np.tile(np.diag([1.0, -1.0, -1.0]), (len(path.s), 1, 1)), None)
-    (stroke,) = pair_strokes(scenario(*changes), path, placed)
+    (stroke,) = pair_strokes(dual(*AWAY, *changes), path, placed)
     return stroke.motion
 
 
 def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance():
-    motion, corner = motion_of(square()), np.array([0.1, 0.0, 0.0])
+    motion, corner = motion_of_square(), np.array([0.1, 0.0, 0.0])
     change = np.linalg.norm(np.gradient(motion.velocities, motion.spacing, axis=0), axis=1)
     assert change.max() <= 1.02 * air_limits(FEED).tip_acceleration
     missed = np.linalg.norm(motion.positions - corner, axis=1).min()
-    assert 0.0 < missed <= 1.01 * scenario().smoothing.tolerance_m
+    assert 0.0 < missed <= 1.01 * dual().smoothing.tolerance_m
     assert motion.speeds.max() == pytest.approx(FEED, rel=1e-3)
 
 
 @pytest.mark.parametrize("standoff", [0.0, 0.005])
 def test_what_is_not_come_to_before_the_feed_ends_is_not_planned(standoff):
     changes = ("process.max_feed_s=1", f"dual.standoff_m={standoff}")
-    motion = motion_of(square(), *changes)
+    motion = motion_of_square(*changes)
     assert 1.0 * FEED + 0.02 < motion.places[-1] < 2.0 * FEED + 0.003
     # As far as it is fed it is the motion along all of the path.
-    whole = motion_of(square(), f"dual.standoff_m={standoff}")
+    whole = motion_of_square(f"dual.standoff_m={standoff}")
     rows = round(1.0 / whole.spacing)
     times = np.arange(rows) * whole.spacing
     cut = np.interp(times, np.arange(len(motion.places)) * motion.spacing, motion.places)

@@ -1,13 +1,11 @@
 """Two robots in one cell: the part goes with the master's flange, the pad feels it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, CellRun, build_scene
@@ -47,20 +45,14 @@ def rows(share: float = 1.0) -> MasterRows:
     time = np.linspace(0.0, 2.0, 101)
     speed = share * np.array([0.05, -0.04, 0.06, 0.05, -0.07, 0.08])
     work = T_FOLLOWER_MASTER @ forward(Q_MASTER) @ ON_GRIPPER
-    belief = transform(
-        Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix(), np.array([0.004, -0.003, 0.002])
-    )
+    belief = from_pose([0.004, -0.003, 0.002, 0.01, -0.02, 0.03])
     return MasterRows(0.02, Q_MASTER + time[:, None] * speed, np.tile(speed, (101, 1)), work, belief)
 
 
 def carried(**changes: float) -> PairCell:
     """The follower stands still where its target is carried along by the master."""
-    return pair_cell(
-        cells.ideal("arc", cells.EVERY_STEP),
-        scene(),
-        rows()._replace(**changes),
-        cells.free_stroke(TOOL, hold=1.2),
-    )
+    scenario, master = cells.ideal("arc", cells.EVERY_STEP), rows()._replace(**changes)
+    return pair_cell(scenario, scene(), master, cells.free_stroke(TOOL, hold=1.2))
 
 
 def test_both_robots_stand_as_their_own_table_says_and_the_master_carries_the_parts_mass():
@@ -119,13 +111,9 @@ def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_
     assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
     cell = carried()
     motion, target = cell.state.motion, cell.state.target
-    _, (*places, speed, twist) = cells.watched(
-        cell,
-        lambda: cell.kernel.part.position,
-        lambda: target.position,
-        lambda: motion.velocity,
-        lambda: target.twist,
-    )
+    places = (lambda: cell.kernel.part.position), (lambda: target.position)
+    rates = (lambda: motion.velocity), (lambda: target.twist)
+    _, (*places, speed, twist) = cells.watched(cell, *places, *rates)
     for place, wanted in zip(places, (speed, twist[:, :3]), strict=True):
         found = np.gradient(place[1100:], 0.001, axis=0)[5:-5]
         np.testing.assert_allclose(found, wanted[1105:-5], atol=2e-5)
@@ -133,17 +121,11 @@ def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_
 
 
 @cache
-def pressed(
-    share: float,
-    *changes: str,
-    lift: float = 0.0,
-    look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None,
-) -> CellRun:
+def pressed(share: float, *changes: str, lift: float = 0.0, look=None) -> CellRun:
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
     part = cells.part_under(plane())
-    master = rows(share)._replace(
-        T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4)
-    )
+    T = transform(part.rotation, part.position)
+    master = rows(share)._replace(T_base_work=T, T_believed_true=np.eye(4))
     scenario = cells.ideal("force", cells.EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     cell = pair_cell(scenario, scene(), master, cells.pressing_stroke(hold=1.2, lift=lift), part)
     return cell.run(cells.EachStep(look) if look else SILENT)
@@ -165,11 +147,8 @@ def test_the_masters_joints_carry_what_is_pressed_on_the_part():
     T_master_follower = inverse(T_FOLLOWER_MASTER)
     force = T_master_follower[:3, :3] @ cells.TOUCH[:3, 2] * 20.0
     point = (T_master_follower @ cells.TOUCH)[:3, 3]
-    frames = link_frames(Q_MASTER)
-    torques = [
-        axis @ np.cross(point - origin, force)
-        for origin, axis in zip(frames[:6, :3, 3], frames[:6, :3, 2], strict=True)
-    ]
+    frames = link_frames(Q_MASTER)[:6]
+    torques = np.sum(frames[:, :3, 2] * np.cross(point - frames[:, :3, 3], force), axis=1)
     assert np.abs(torques).max() > 5.0
     np.testing.assert_allclose(np.mean(left[-100:], axis=0), torques, atol=0.02 * np.abs(torques).max())
 
@@ -240,10 +219,8 @@ def test_the_force_on_a_plane_that_moves_turns_and_slows_down_is_that_on_one_at_
 
 def real_pair(*changes: str, share: float = 0.0) -> PairCell:
     """Both arms with gears, in a scene by the nominal table; the follower stands still."""
-    scenario = override(
-        cells.ideal("arc", cells.EVERY_STEP),
-        [REAL, "robot.real.encoder_rad=0", "robot.real.missed_every_s=0", *changes],
-    )
+    exact = "robot.real.encoder_rad=0", "robot.real.missed_every_s=0"
+    scenario = override(cells.ideal("arc", cells.EVERY_STEP), [REAL, *exact, *changes])
     return pair_cell(scenario, scene(), rows(share), cells.free_stroke(TOOL, hold=1.2))
 
 

@@ -24,7 +24,7 @@ from polish_sim.dual.budget import (
 )
 from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
 from polish_sim.spatial import apply, from_pose, inverse, transform
-from tests.dual.test_bases_and_arms import step_from
+from tests.dual.test_calibration import step_from
 
 NOISE = 5e-5
 MASTER_FOLLOWER, FLANGE_WORK = [-1.1, 0.02, 0.01, 0.1, -0.05, 3.0], [0.01, -0.02, 0.12, 0.3, 0.2, -0.4]
@@ -32,6 +32,7 @@ T_MASTER_FOLLOWER, T_FLANGE_WORK = from_pose(MASTER_FOLLOWER), from_pose(FLANGE_
 TIP = np.array([0.01, -0.005, 0.19])
 MARKS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.04], [-0.04, -0.07, 0.04], [0.0, 0.05, 0.0]])
 COUNT = 12
+TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
 
 
 def shape(size: int, rng: np.random.Generator, scale: float) -> Array:
@@ -56,10 +57,7 @@ def true_touches(rng: np.random.Generator) -> ClosingTouches:
     return ClosingTouches(T_1, T_2, mark)
 
 
-Measured = tuple[PairParts, ClosingTouches]
-
-
-def measured(parts: PairParts, closing: ClosingTouches, rng: np.random.Generator) -> Measured:
+def measured(parts: PairParts, closing: ClosingTouches, rng) -> tuple[PairParts, ClosingTouches]:
     """The same with noise as its covariances say."""
     T = moved_frame(T_MASTER_FOLLOWER, rng.multivariate_normal(np.zeros(6), parts.bases_covariance))
     noise = [rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance]
@@ -155,11 +153,6 @@ def test_errors_of_several_places_are_what_is_drawn_of_them():
     assert np.mean(np.linalg.norm(drawn, axis=1) <= quantile) == pytest.approx(0.95, abs=8e-4)
 
 
-# Noise of instruments to the tool on the part: what is drawn is what first order says, source by source.
-TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
-ONE_BY_ONE = replace(TRIAL, dual=DualConfig(closing_touches=0))
-
-
 @pytest.fixture(scope="module")
 def prediction() -> Prediction:
     return predict(TRIAL)
@@ -168,7 +161,7 @@ def prediction() -> Prediction:
 @pytest.fixture(scope="module")
 def alone() -> Prediction:
     """Without closing touches."""
-    return predict(ONE_BY_ONE)
+    return predict(replace(TRIAL, dual=DualConfig(closing_touches=0)))
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ LADDERS = {
     "torus": (torus, (16, 32, 64), (3.0, 1.9, 1.9)),
     "uneven torus": (partial(torus, jitter=0.4), (16, 32, 64), (3.0, 1.9, 1.9)),
 }
+RING = fit(trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20))
 
 
 def errors(shape: Shape) -> dict[str, np.ndarray]:
@@ -81,9 +82,6 @@ def test_normals_are_continuous_and_curvatures_those_of_ball_and_torus():
         a, b = surface.evaluate(facet, here), surface.evaluate(other, there)
         assert np.abs(a.positions - b.positions).max() < 1e-12
         assert np.abs(a.normals - b.normals).max() < 1e-12
-
-
-RING = fit(trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20))
 
 
 def everywhere(surface: Surface) -> tuple[np.ndarray, np.ndarray]:

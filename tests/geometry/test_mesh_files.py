@@ -114,8 +114,6 @@ PINCHED = np.array([[FOOT, TOP, A], [FOOT, A, C], [FOOT, C, TOP], [TOP, C, A]])
 PINCHED = np.concatenate([PINCHED, [[FOOT, TOP, B], [FOOT, B, D], [FOOT, D, TOP], [TOP, D, B]]])
 MOEBIUS = 40.0 * np.random.default_rng(0).normal(size=(5, 3))[[[k, k - 4, k - 3] for k in range(5)]]
 LINE = np.linspace(0.0, 90.0, 36).reshape(-1, 3)[:, :, None] * np.array([1.0, 2.0, 3.0]) / 4.0
-
-
 HEADER = "ply\nformat ascii 1.0\n"
 BINARY = HEADER.replace("ascii", "binary_little_endian")
 ENDLESS = "element face 999999999999\nproperty list uint int vertex_indices\nend_header\n"
@@ -211,7 +209,6 @@ def test_vertices_keep_their_order_repeated_ones_are_merged_and_what_is_no_mesh_
     assert len(part.vertices) == len(points)
     _, first = np.unique(faces.ravel(), return_index=True)
     assert np.array_equal(part.vertices, 1e-3 * points[faces.ravel()[np.sort(first)]])
-    points, faces = np.array(COARSE_BALL.vertices), np.array(COARSE_BALL.faces)
     for vertices, triangles, said in (
         (points[:, :2], faces, r"got \(162, 2\) and \(320, 3\)"),
         (points[:50], faces, "vertices that do not exist"),

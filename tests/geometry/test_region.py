@@ -12,11 +12,9 @@ from polish_sim.geometry import Region, fit_surface, part_from_arrays, select_re
 from polish_sim.geometry.orientation import UP_CONE
 from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, TORUS, grid_faces, part_of, prism, region_of
 
-Listed = Callable[[str], str]
-
 
 @pytest.fixture
-def listed(tmp_path) -> Listed:
+def listed(tmp_path) -> Callable[[str], str]:
     """Writes a list of facets or corners into a file; the file's name."""
 
     def write(text: str) -> str:

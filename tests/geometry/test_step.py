@@ -11,13 +11,11 @@ import trimesh
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, step_file
 
-# STEP files written by hand: a ball, in any unit.
-
 LENGTHS = {
     "mm": "LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.)",
     "inch": "CONVERSION_BASED_UNIT('INCH',#15)LENGTH_UNIT()NAMED_UNIT(#14)",
 }
-HEAD = """ISO-10303-21;
+BALL = """ISO-10303-21;
 HEADER;
 FILE_DESCRIPTION((''),'2;1');
 FILE_NAME('part','2020-01-01T00:00:00',(''),(''),'','','');
@@ -41,10 +39,7 @@ DATA;
 #15=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#16);
 #16=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
 #20=MANIFOLD_SOLID_BREP('',#21);
-"""
-
-
-BALL = """#21=CLOSED_SHELL('',(#22));
+#21=CLOSED_SHELL('',(#22));
 #22=ADVANCED_FACE('',(#23),#27,.T.);
 #23=FACE_BOUND('',#24,.T.);
 #24=VERTEX_LOOP('',#25);
@@ -60,17 +55,17 @@ END-ISO-10303-21;
 """
 
 
-def ball(radius, unit="mm"):
-    """A ball about the origin."""
-    return (HEAD + BALL).format(length=LENGTHS[unit], radius=radius)
-
-
 installed = pytest.mark.skipif(
     importlib.util.find_spec("cascadio") is None,
     reason="STEP files are read with: pip install 'polish-sim[cad]'",
 )
 ENDLESS = "import time; time.sleep(60)"
 GREEDY = "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (2**28, 2**28)); bytearray(2**30)"
+
+
+def ball(radius, unit="mm"):
+    """A STEP file written by hand: a ball about the origin."""
+    return BALL.format(length=LENGTHS[unit], radius=radius)
 
 
 def write(folder, text, name="part.step"):

@@ -14,21 +14,21 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import (
-    DistanceField,
-    Region,
-    build_distance_field,
-    field_distance,
-    fit_surface,
-    select_region,
-)
+from polish_sim.geometry import DistanceField, Region, build_distance_field, fit_surface, select_region
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.distance_field import bend_field, signed_distances
+from polish_sim.geometry.field_lookup import field_distance
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import cylinder, fit, grid_faces, sphere, torus
+
+SLOW = [HealthCheck.too_slow]
+CHECKED = settings(max_examples=6, deadline=None, derandomize=True, database=None, suppress_health_check=SLOW)
+SEEDS = st.integers(0, 10_000)
+H, BAND = 1e-3, 6e-3
+SPHERE, TORUS = sphere(4, radius=0.05), torus(48, major=0.03, minor=0.012)
 
 
 def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
@@ -70,17 +70,6 @@ def test_a_restricted_surface_is_the_whole_where_it_is_and_bends_as_it_to_the_la
     assert np.abs(surface.shape[facets]).max() > 0.0
 
 
-CHECKED = settings(
-    max_examples=6,
-    deadline=None,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-
-seeds = st.integers(0, 10_000)
-
-
 def bumpy(seed: int, cells: int = 8) -> Surface:
     """An uneven patch of gentle bumps, turned anywhere; unit size."""
     rng = np.random.default_rng(seed)
@@ -98,7 +87,7 @@ def places(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.n
 
 
 @CHECKED
-@given(seeds, st.floats(-0.3, 0.3))
+@given(SEEDS, st.floats(-0.3, 0.3))
 def test_both_sides_of_a_cut_are_the_whole_surface_in_two(seed, level):
     surface, rng = bumpy(seed), np.random.default_rng(seed)
     across = rng.normal(size=3)
@@ -117,7 +106,7 @@ def test_both_sides_of_a_cut_are_the_whole_surface_in_two(seed, level):
 
 
 @CHECKED
-@given(seeds)
+@given(SEEDS)
 def test_pieces_of_a_cut_share_their_corners_even_across_creases(seed):
     """What is cut may differ from side to side of a crease; neighbours still meet in the same points."""
     surface, rng = bumpy(seed, 5), np.random.default_rng(seed)
@@ -130,7 +119,7 @@ def test_pieces_of_a_cut_share_their_corners_even_across_creases(seed):
 
 
 @CHECKED
-@given(seeds)
+@given(SEEDS)
 def test_a_renumbered_part_has_the_same_surface_and_region(seed):
     part = draw_part(seed % 100, region="auto")
     found = [_region_of(part, order) for order in (None, np.random.default_rng(seed))]
@@ -151,9 +140,6 @@ def _region_of(part: RandomPart, rng: np.random.Generator | None) -> Region:
         vertices, faces = vertices[order], faces[rng.permutation(len(faces))]
     mesh = exact_mesh(vertices, faces, part.up)
     return select_region(fit_surface(mesh), mesh)
-
-
-H, BAND = 1e-3, 6e-3
 
 
 def look_up(field, points):
@@ -200,9 +186,6 @@ def test_distances_are_those_of_brute_force_and_their_signs_right_beside_edges()
     inside = shapely.contains_xy(star, *points[:, :2].T) & (np.abs(points[:, 2]) < 0.01)
     assert 300 < inside.sum() < 4000
     assert np.array_equal(signed_distances(surface, points) < 0.0, inside)
-
-
-SPHERE, TORUS = sphere(4, radius=0.05), torus(48, major=0.03, minor=0.012)
 
 
 def distance_to_torus(points):

@@ -25,6 +25,9 @@ from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 
 Array = NDArray[np.float64]
+RATE, SIGMA = 250.0, np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
+RANGE, TORQUE = np.array([[-0.9, 0.9]] * 6) * np.pi, np.array([150.0] * 3 + [28.0] * 3)
+LIMITS = MotionLimits(RANGE, np.full(6, 3.0), np.full(6, 12.0), TORQUE)
 ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
   <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
   <joint name="b" type="slide" axis="0.3 -1 0.2"/>
@@ -72,12 +75,6 @@ def inverse_dynamics(model: mujoco.MjModel, q: Array, qd: Array, qdd: Array) -> 
     return torques
 
 
-SIGMA = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
-LIMITS = MotionLimits(
-    np.array([[-0.9, 0.9]] * 6) * np.pi, np.full(6, 3.0), np.full(6, 12.0), np.array([150.0] * 3 + [28.0] * 3)
-)
-
-
 class Known(NamedTuple):
     """A robot of which everything is known, and one of its motions."""
 
@@ -118,9 +115,6 @@ def covers(found: Estimate, truth: Array) -> NDArray[np.bool_]:
     return np.abs(found.theta - truth) <= INTERVAL_95 * found.std
 
 
-RATE = 250.0
-
-
 def design_once(patch: pytest.MonkeyPatch, iterations: int) -> list[IdentifySettings]:
     """Let the motion searched first, in a few iterations, serve all identifications; what each asked for."""
     search, asked, found = identify._design, list[IdentifySettings](), list[Any]()
@@ -135,10 +129,7 @@ def design_once(patch: pytest.MonkeyPatch, iterations: int) -> list[IdentifySett
     return asked
 
 
-def write_log(
-    file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None,
-    seed: int = 0,
-) -> Path:  # fmt: skip
+def write_log(file: Path, model: TorqueModel, states: States, sigma=0.0, truth=None, seed=0) -> Path:
     """Write states and noisy torques as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
     torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma

@@ -1,5 +1,5 @@
 """Regressor and base parameters against the engine and the papers' counts; estimates at the Cramér-Rao bound,
-whose intervals hold the truth whatever the noise's colour."""
+whose intervals hold the truth whatever the noise's colour. Bodies: parameters that can exist, payloads."""
 
 import mujoco
 import numpy as np
@@ -7,28 +7,37 @@ import pytest
 from scipy.signal import lfilter
 
 from polish_sim.errors import IdentificationError, InputError
-from polish_sim.identification import estimate, regressor
+from polish_sim.identification import estimate, payload, regressor
 from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
-from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
-from tests.identification.known import (
-    SIGMA,
-    arm_chain,
-    arm_model,
-    covers,
-    inverse_dynamics,
-    known_robot,
-    noisy,
-    odd_model,
-)
+from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
+from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
+from polish_sim.identification.regressor import States
+from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, own_parameters, read_chain
+from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
+from tests.identification import known
+from tests.identification.known import SIGMA, arm_chain, arm_model, covers, known_robot, noisy
+
+LINK = '<geom size="0.1"/>'
+HINGE = f'<body name="x"><joint name="a"/>{LINK}</body>'
+PAIR = f'<worldbody><body><joint name="a"/>{LINK}<body><joint name="b"/>{LINK}</body></body></worldbody>'
+RING = '<equality><connect name="ring" body1="x" anchor="0 0 1"/></equality>'
+BELT = '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed></tendon>'
+RNG = np.random.default_rng
+KNOWN, LONG = known_robot(), known_robot(4000)
+SPARSE = known_robot(samples=500)
+ORIGIN = SPARSE.model.chain.origins[-1]
+LOAD = CarriedLoad(1.5, np.array([0.02, -0.01, 0.08]), np.diag([0.002, 0.003, 0.004]))
+ON_FLANGE = link_parameters(LOAD.mass, LOAD.center - ORIGIN, LOAD.inertia)
+TORQUE = SPARSE.torque + SPARSE.model.regressor(SPARSE.states)[:, :, 50:60] @ ON_FLANGE
 
 
-@pytest.mark.parametrize(("engine", "joints"), [(arm_model(), ARM_JOINTS), (odd_model(), None)])
+@pytest.mark.parametrize(("engine", "joints"), [(arm_model(), ARM_JOINTS), (known.odd_model(), None)])
 def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(engine, joints):
     terms = ("viscous", "armature")
     model = regressor.TorqueModel(read_chain(engine, joints), terms)
     states = regressor.random_states(model.joints, 200, np.random.default_rng(0))
     torque = model.torque(states, model.truth())
-    assert np.abs(torque - inverse_dynamics(engine, *states)).max() <= 1e-10
+    assert np.abs(torque - known.inverse_dynamics(engine, *states)).max() <= 1e-10
     assert np.abs(torque).max() > 50.0
 
 
@@ -44,13 +53,6 @@ def test_derivatives_are_the_slopes_of_central_differences():
             moved[:, column] += sign * step
             ends.append(regressor.rigid_regressor(geometry, moved[:, :6], moved[:, 6:12], moved[:, 12:]))
         np.testing.assert_allclose(slopes[:, column], (ends[0] - ends[1]) / (2.0 * step), atol=1e-6)
-
-
-LINK = '<geom size="0.1"/>'
-HINGE = f'<body name="x"><joint name="a"/>{LINK}</body>'
-PAIR = f'<worldbody><body><joint name="a"/>{LINK}<body><joint name="b"/>{LINK}</body></body></worldbody>'
-RING = '<equality><connect name="ring" body1="x" anchor="0 0 1"/></equality>'
-BELT = '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed></tendon>'
 
 
 @pytest.mark.parametrize(
@@ -71,9 +73,6 @@ def test_what_is_no_serial_chain_is_refused_by_name(xml, said):
         read_chain(arm_model(), (*ARM_JOINTS, "knee"))
 
 
-RNG = np.random.default_rng
-
-
 @pytest.mark.parametrize(
     ("terms", "papers"),
     [((), 36), (("viscous", "coulomb", "armature"), 52), (("viscous", "coulomb", "armature", "offset"), 58)],
@@ -82,22 +81,19 @@ def test_the_rank_is_the_papers(terms, papers):
     assert base_of(regressor.TorqueModel(arm_chain(), terms)).rank == papers
 
 
-RIGID = regressor.TorqueModel(arm_chain(), ())
-
-
 def rank(rows: np.ndarray) -> int:
     """Number of base parameters of regressor rows (m, joints, columns)."""
     return base_of_rows(rows.reshape(-1, rows.shape[2])).rank
 
 
 def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves_nothing():
-    q = regressor.random_states(6, 100, RNG(1)).q
-    assert rank(RIGID.regressor(regressor.States(q, 0.0 * q, 0.0 * q))) == 10
+    q, rigid = regressor.random_states(6, 100, RNG(1)).q, regressor.TorqueModel(arm_chain(), ())
+    assert rank(rigid.regressor(regressor.States(q, 0.0 * q, 0.0 * q))) == 10
     states = regressor.random_states(6, 200, RNG(2))
     for part in states[1:]:
         part[:, 3:] = 0.0
     states.q[:, 3:] = (0.3, -1.1, 0.7)
-    assert rank(RIGID.regressor(states)[:, :3]) == 15
+    assert rank(rigid.regressor(states)[:, :3]) == 15
     model = regressor.TorqueModel(arm_chain())
     base, states = base_of(model), regressor.random_states(6, 50, RNG(4))
     torque = model.regressor(states)[:, :, base.columns] @ (base.combination @ model.truth())
@@ -109,9 +105,6 @@ def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")
     names = base_names(base_of(model), model.names)
     assert any(name.startswith("Izz2 + ") for name in names)
-
-
-KNOWN = known_robot()
 
 
 def sums_of(torque: np.ndarray) -> estimate.JointSums:
@@ -143,14 +136,10 @@ def test_errors_are_at_the_cramer_rao_bound_in_their_intervals_and_each_joints_n
 )
 def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said):
     states = KNOWN.with_still(still)(np.arange(1000) / 100.0)
-    sums = estimate.sum_samples(
-        KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth())
-    )
+    torque = KNOWN.model.torque(states, KNOWN.model.truth())
+    sums = estimate.sum_samples(KNOWN.model, KNOWN.base, states, torque)
     with pytest.raises(IdentificationError, match=said):
         estimate.require_rank(sums, KNOWN.base, KNOWN.model)
-
-
-LONG = known_robot(4000)
 
 
 def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.ndarray:
@@ -180,3 +169,81 @@ def test_intervals_hold_the_truth_whatever_the_noises_colour(keep, white_covers)
         np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
     assert 0.90 < float(np.mean(widened)) < 0.99
     assert white_covers <= float(np.mean(white)) < max(2.0 * white_covers, 0.6)
+
+
+def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters():
+    other = known_robot(seed=7)
+    ratios = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        factor = np.exp(0.15 * rng.normal(size=(6, 1)))
+        believed = SPARSE.model.truth()
+        believed[:60] = (arm_chain().parameters * factor).ravel()
+        sums = estimate.sum_samples(SPARSE.model, SPARSE.base, SPARSE.states, noisy(SPARSE.torque, rng))
+        found = estimate.estimate(sums)
+        full = fit_consistent(SPARSE.model, SPARSE.base, found, Drawing(believed, np.zeros((6, 10))))
+        assert is_consistent(full[:60].reshape(6, 10))
+        assert full[60:78].min() >= 0.0
+        thetas = SPARSE.base.combination @ full, found.theta
+        torques = (SPARSE.model.torque_of_base(other.states, SPARSE.base.columns, theta) for theta in thetas)
+        errors = [np.linalg.norm(estimate.torque_error(each, other.torque)) for each in torques]
+        ratios.append(errors[0] / errors[1])
+    assert float(np.mean(ratios)) <= 1.02
+
+
+def test_links_of_the_model_are_consistent_and_the_written_model_is_the_identified_one():
+    parameters = arm_chain().parameters.copy()
+    J = pseudo_inertia(parameters[2])
+    assert [J[3, 3], *J[3, :3]] == [*parameters[2, :4]]
+    inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
+    np.testing.assert_allclose(inertia, inertia_at_origin(parameters[2]), atol=1e-14)
+    assert is_consistent(parameters)
+    parameters[1, 0] = -1.0
+    assert not is_consistent(parameters)
+    own, damping = own_parameters(arm_model(), ARM_JOINTS), 0.5 * np.arange(6.0)
+    model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, IdentifiedJoints(1.1 * own, damping)))
+    np.testing.assert_allclose(own_parameters(model, ARM_JOINTS), 1.1 * own, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], damping)
+
+
+def _payload(rng: np.random.Generator) -> payload.FoundPayload:
+    empty = estimate.sum_samples(SPARSE.model, SPARSE.base, SPARSE.states, noisy(SPARSE.torque, rng))
+    return payload.fit_link_payload(SPARSE.model, SPARSE.base, empty, SPARSE.states, noisy(TORQUE, rng))
+
+
+def on_known_arm(torque: np.ndarray, states: States = SPARSE.states) -> payload.FoundPayload:
+    return payload.fit_payload_on_known_arm(SPARSE.model, SPARSE.base, SPARSE.truth, states, torque)
+
+
+def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws():
+    rng, truth = np.random.default_rng(0), payload.body_of(ON_FLANGE, ORIGIN)
+    covered, off = [], []
+    for _draw in range(60):
+        values, std = _payload(rng).body()
+        covered.append(np.abs(values - truth) <= estimate.INTERVAL_95 * std)
+        off.append((values - truth) / std)
+    # Six hundred correlated intervals.
+    assert 0.91 < float(np.mean(covered)) < 0.985
+    assert 0.9 < float(np.sqrt(np.mean(np.square(off)))) < 1.1
+
+
+def test_a_known_arm_tells_its_payload_surely_a_small_one_as_the_nearest_body_and_on_a_still_wrist_none():
+    rng = np.random.default_rng(1)
+    alone = on_known_arm(noisy(TORQUE, rng))
+    assert np.abs((alone.parameters - ON_FLANGE) / alone.std).max() < 4.0
+    assert np.all(alone.std < _payload(rng).std)
+    rng = np.random.default_rng(2)
+    impossible = 0
+    for _draw in range(5):
+        found = on_known_arm(noisy(SPARSE.torque, rng))
+        impossible += not is_consistent(found.parameters[None])
+        nearest = found.nearest_body()
+        assert is_consistent(nearest[None])
+        # No body at all is nearer to what was found than twice the noise; the nearest body is nearer still.
+        weight = np.linalg.inv(found.covariance)
+        off, none = nearest - found.parameters, found.parameters
+        assert off @ weight @ off <= none @ weight @ none + 1e-3
+    assert impossible > 0
+    states = SPARSE.with_still(slice(1, 6))(np.arange(1000) / 100.0)
+    with pytest.raises(IdentificationError, match=r"payload mcz"):
+        on_known_arm(SPARSE.model.torque(states, SPARSE.model.truth()), states)

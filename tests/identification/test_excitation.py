@@ -17,10 +17,9 @@ from polish_sim.motion import forward
 from tests.identification.known import LIMITS, RATE, SIGMA, arm_model, known_robot, played, write_log
 
 KNOWN = known_robot(terms=("coulomb", "viscous"))
-OTHERS = [known_robot(200, ("coulomb", "viscous"), seed) for seed in range(10, 18)]
-USE = np.mean(
-    [excitation.use_matrix(KNOWN.model, KNOWN.base, other.states, SIGMA) for other in OTHERS], axis=0
-)
+OTHERS = (known_robot(200, ("coulomb", "viscous"), seed).states for seed in range(10, 18))
+USES = [excitation.use_matrix(KNOWN.model, KNOWN.base, states, SIGMA) for states in OTHERS]
+USE = np.mean(USES, axis=0)
 ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
 
 

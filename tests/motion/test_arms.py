@@ -13,11 +13,7 @@ from polish_sim.cell.scene import build_scene, tool_on_flange
 from polish_sim.config import Checked, Scenario
 from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import InputError
-from polish_sim.experiments import (
-    PAYLOAD_SCENARIO,
-    default_scenario,
-    run_payload_calibration,
-)
+from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario, run_payload_calibration
 from polish_sim.experiments.assembly import Workplace, check, strokes_for
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.free_space import prepare_arc
@@ -28,15 +24,13 @@ from polish_sim.smoothing.smooth import prepare_smooth
 from polish_sim.spatial import apply
 
 RNG = np.random.default_rng(500)
+REACH = {"ur5e": 0.8172, "ur10e": 1.18425}  # from the shoulder's axis to the wrist, all joints at zero [m]
 
 
 @pytest.fixture(autouse=True)
 def _back_to_the_first() -> Iterator[None]:
     yield
     use_arm(FIRST)
-
-
-REACH = {"ur5e": 0.8172, "ur10e": 1.18425}  # from the shoulder's axis to the wrist, all joints at zero [m]
 
 
 @pytest.mark.parametrize("name", ARMS)

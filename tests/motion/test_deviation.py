@@ -1,8 +1,8 @@
 """Chains of way points and the torques of a serial chain. Deviations of smoothed motions from their polyline:
 closed forms of paper 4 against what is measured; the filtered box against exact rational arithmetic."""
 
+import math
 from fractions import Fraction
-from itertools import chain as joined
 from itertools import combinations
 
 import mujoco
@@ -23,6 +23,12 @@ from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.serial_chain import chain_model, chain_torque
 
 TRIPLE = np.array([0.1, 0.05, 0.02])
+SUBSETS = [subset for k in range(4) for subset in combinations(range(3), k)]
+TIPS = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
+NAN_TIPS, STRAIGHT = np.where(np.arange(4)[:, None] == 1, np.nan, TIPS), np.tile([0.0, 0, 1], (4, 1))
+HALF_TURN, NO_AXIS = STRAIGHT * [[1], [1], [1], [-1]], STRAIGHT * [[1], [0], [1], [1]]
+FRAMES = np.tile(np.eye(3), (4, 1, 1))
+STRETCHED = np.array([1.0, 2.0, 1.0, 1.0])[:, None, None] * FRAMES
 
 
 def straight(tips: np.ndarray) -> Chain:
@@ -135,10 +141,6 @@ def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
     np.testing.assert_allclose(np.linalg.norm(samples.tips[:, 0], axis=1), wanted, rtol=1e-8)
 
 
-SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
-FACTORIALS = (6, 2, 1, 1)
-
-
 def exact(triple: list[float], time: float, derivative: int) -> Fraction:
     """The sum over the subsets, with fractions."""
     times, total = [Fraction(value) for value in triple], Fraction(0)
@@ -146,7 +148,7 @@ def exact(triple: list[float], time: float, derivative: int) -> Fraction:
         late = Fraction(time) - sum((times[i] for i in subset), Fraction(0))
         if late > 0:
             total += (-1) ** len(subset) * late ** (3 - derivative)
-    return total / (FACTORIALS[derivative] * times[0] * times[1] * times[2])
+    return total / (math.factorial(3 - derivative) * times[0] * times[1] * times[2])
 
 
 def triples(count: int, seed: int) -> np.ndarray:
@@ -217,12 +219,6 @@ def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle):
     np.testing.assert_allclose(chain.turn_axes[0], [0.0, 0.0, float(angle > 0.0)], atol=1e-12)
 
 
-TIPS = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
-NAN_TIPS, STRAIGHT = np.where(np.arange(4)[:, None] == 1, np.nan, TIPS), np.tile([0.0, 0, 1], (4, 1))
-HALF_TURN, NO_AXIS = STRAIGHT * [[1], [1], [1], [-1]], STRAIGHT * [[1], [0], [1], [1]]
-FRAMES = np.tile(np.eye(3), (4, 1, 1))
-
-
 @pytest.mark.parametrize(
     ("build", "tips", "frames", "words"),
     [
@@ -230,12 +226,7 @@ FRAMES = np.tile(np.eye(3), (4, 1, 1))
         (chain_from_axes, TIPS, NO_AXIS, r"way point 1 .* zero"),
         (build_chain, np.zeros((0, 3)), np.zeros((0, 3, 3)), "shape"),
         (build_chain, NAN_TIPS, FRAMES, "way point 1 .* not finite"),
-        (
-            build_chain,
-            TIPS,
-            np.array([1.0, 2.0, 1.0, 1.0])[:, None, None] * FRAMES,
-            "way point 1 .* no rotation",
-        ),
+        (build_chain, TIPS, STRETCHED, "way point 1 .* no rotation"),
     ],
 )
 def test_what_is_no_chain_is_refused_with_its_place(build, tips, frames, words):

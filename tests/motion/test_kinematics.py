@@ -20,6 +20,10 @@ TABLE = [
     (0.0, 0.0996, 0),
 ]  # fmt: skip
 TOOL_POINT = np.array([0.01, -0.02, 0.22])
+HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
+T_FLANGE_TOOL = from_pose([0.0, 0.0, 0.22, 0.0, 0.0, 0.0])
+T_FLANGE_TILTED = from_pose([0.01, -0.02, 0.2, 0.1, 0.2, 0.3])
+T_BASE_WORK = from_pose([0.4, 0.1, 0.05, 0.2, -0.1, 0.7])
 
 
 def test_frames_are_the_table_s_products_and_the_jacobian_their_derivative():
@@ -40,10 +44,6 @@ def test_frames_are_the_table_s_products_and_the_jacobian_their_derivative():
             W = rate[:3, :3] @ motion.forward(q)[:3, :3].T
             expected = [*rate[:3] @ np.append(TOOL_POINT, 1.0), W[2, 1], W[0, 2], W[1, 0]]
             np.testing.assert_allclose(column, expected, atol=1e-9)
-
-
-HOME = np.array([1.30, -1.59, 1.51, -1.49, -1.57, -0.27])
-T_FLANGE_TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.22], [0, 0, 0, 1]])
 
 
 def angle_difference(q, reference):
@@ -127,11 +127,6 @@ def test_track_follows_a_smooth_motion_and_names_joints_beyond_limits_singular_a
     assert path.smallest_singular_value < 0.1
     beyond = motion.track(poses[path.first_unreachable :], T_FLANGE_TOOL, HOME)
     assert (beyond.first_unreachable, beyond.largest_step) == (0, 0.0)
-
-
-# Joint derivatives along segments and in time against finite differences, and the branch kept.
-T_FLANGE_TILTED = from_pose([0.01, -0.02, 0.2, 0.1, 0.2, 0.3])
-T_BASE_WORK = from_pose([0.4, 0.1, 0.05, 0.2, -0.1, 0.7])
 
 
 def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float = 0.0) -> tuple[Chain, Arm]:

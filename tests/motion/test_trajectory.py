@@ -16,6 +16,9 @@ from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_
 
 RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
 SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
+PACE = trajectory.Pace(0.01, 0.05, 1.25)
+ROUND = 0.02  # radius of the circle [m]
+Sampled = namedtuple("Sampled", "positions velocities quaternions spins places speeds")
 
 
 def sample(table: trajectory.PathTable, s: float) -> tuple[np.ndarray, ...]:
@@ -93,13 +96,6 @@ def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_give
         assert trajectory.sample_column(table, values, place) == pytest.approx(share)
 
 
-PACE = trajectory.Pace(0.01, 0.05, 1.25)
-ROUND = 0.02  # radius of the circle [m]
-
-
-Sampled = namedtuple("Sampled", "positions velocities quaternions spins places speeds")
-
-
 def circle() -> PathTable:
     angle = np.linspace(0.0, 2.0 * np.pi, 400)
     points = ROUND * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
@@ -153,18 +149,15 @@ def test_velocity_and_spin_are_rates_and_a_feed_that_changes_is_kept_and_slowed_
         assert trajectory.sample_rate(motion, float(t)) == pytest.approx(np.interp(t, clock, motion.rates))
 
 
-# A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
-TIPS = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
-ROTATIONS = Rotation.from_rotvec(0.1 * np.outer([0, 1, 1, 3, 4], [1.0, 0.5, 0.2])).as_matrix()
-CHAIN = build_chain(TIPS, ROTATIONS)  # point 2 repeats point 1
-SCHEDULE = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3, 1)))
-MARKS = np.array([0.0, 0.02, 0.045, 0.07])
-
-
 def test_a_sampled_schedule_is_the_schedule_and_its_place_runs_from_the_first_mark_to_the_last():
-    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
-    clock = np.linspace(0.0, SCHEDULE.end, 400)
-    exact = Smoothed(CHAIN, SCHEDULE).sample(clock)
+    """Poses, rates, and how far along the path it has come; point 2 repeats point 1."""
+    tips = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
+    rotations = Rotation.from_rotvec(0.1 * np.outer([0, 1, 1, 3, 4], [1.0, 0.5, 0.2])).as_matrix()
+    schedule = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3, 1)))
+    smoothed, marks = Smoothed(build_chain(tips, rotations), schedule), np.array([0.0, 0.02, 0.045, 0.07])
+    motion = trajectory.time_schedule(smoothed, marks)
+    clock = np.linspace(0.0, schedule.end, 400)
+    exact = smoothed.sample(clock)
     run = play(motion, clock)
     np.testing.assert_allclose(run.positions, exact.tips[:, 0], atol=2e-8)
     np.testing.assert_allclose(run.velocities, exact.tips[:, 1], atol=3e-5)
@@ -172,45 +165,41 @@ def test_a_sampled_schedule_is_the_schedule_and_its_place_runs_from_the_first_ma
     R = Rotation.from_quat(run.quaternions, scalar_first=True).as_matrix()
     np.testing.assert_allclose(R, exact.rotations, atol=3e-5)
     s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
-    np.testing.assert_array_equal(s[~repeated_points(TIPS, ROTATIONS)], MARKS)
-    motion = trajectory.time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    np.testing.assert_array_equal(s[~repeated_points(tips, rotations)], marks)
     assert motion.places[0] == 0.0
     assert motion.places[-1] == pytest.approx(0.07, abs=1e-12)
     assert np.all(np.diff(motion.places) >= 0.0)
     rate = np.gradient(motion.places, motion.spacing)
     np.testing.assert_allclose(motion.speeds[1:-1], rate[1:-1], atol=2e-4)
     clock = np.arange(len(motion.places)) * motion.spacing
-    places = Smoothed(CHAIN, SCHEDULE).places_at(MARKS, clock)[0]
+    places = smoothed.places_at(marks, clock)[0]
     np.testing.assert_allclose(places, motion.places, atol=1e-12)
 
 
-# Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
-STEP = 1e-5
-RANDOM_TIPS = np.random.default_rng(0).normal(size=(7, 3))
-TURNING = build_chain(RANDOM_TIPS, Rotation.random(7, random_state=1).as_matrix())
-FOUR_AT_ONCE = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
-
-
 def test_every_derivative_is_the_slope_of_the_one_before_and_the_tool_rests_at_the_ends():
-    drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
-    breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
+    """On a schedule of up to four segments at once, against finite differences of the pose alone."""
+    tips, step = np.random.default_rng(0).normal(size=(7, 3)), 1e-5
+    chain = build_chain(tips, Rotation.random(7, random_state=1).as_matrix())
+    four = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
+    drawn = np.random.default_rng(2).uniform(0.0, four.end, 200)
+    breaks = np.concatenate([four.starts, four.starts + four.durations])
     times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
-    here, after, before = (Smoothed(TURNING, FOUR_AT_ONCE).sample(times + h) for h in (0.0, STEP, -STEP))
+    here, after, before = (Smoothed(chain, four).sample(times + h) for h in (0.0, step, -step))
     for k in range(3):
         for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
-            np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
-    spins = (after.spins - before.spins)[:, :2] / (2 * STEP)
+            np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * step), atol=1e-6)
+    spins = (after.spins - before.spins)[:, :2] / (2 * step)
     np.testing.assert_allclose(here.spins[:, 1:], spins, atol=1e-5)
     turned = Rotation.from_matrix(after.rotations @ np.swapaxes(before.rotations, 1, 2)).as_rotvec()
-    np.testing.assert_allclose(here.spins[:, 0], turned / (2 * STEP), atol=1e-7)
+    np.testing.assert_allclose(here.spins[:, 0], turned / (2 * step), atol=1e-7)
     np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
     alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
-    flat = TURNING._replace(rolls=np.zeros(6))
+    flat = chain._replace(rolls=np.zeros(6))
     here = Smoothed(flat, alone).sample(np.linspace(0.0, 1.0, 20)[1:-1])
     np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
-    ends = np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
-    here = Smoothed(TURNING, FOUR_AT_ONCE).sample(ends)
-    np.testing.assert_allclose(here.tips[:, 0], TURNING.tips[[0, -1, -1]], atol=1e-15)
-    np.testing.assert_allclose(here.rotations, TURNING.rotations[[0, -1, -1]], atol=1e-15)
+    ends = np.array([-1.0, four.end + 1e-9, four.end + 1.0])
+    here = Smoothed(chain, four).sample(ends)
+    np.testing.assert_allclose(here.tips[:, 0], chain.tips[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_allclose(here.rotations, chain.rotations[[0, -1, -1]], atol=1e-15)
     np.testing.assert_array_equal(here.tips[:, 1:], 0.0)
     np.testing.assert_array_equal(here.spins, 0.0)

@@ -9,7 +9,7 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from polish_sim.config import PartConfig, PlanConfig
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
@@ -54,9 +54,7 @@ def on_surface(positions: Array, normals: Array) -> ClosestPoints:
     return ClosestPoints(positions, normals, np.zeros(count, np.int32), np.tile([1.0, 0.0, 0.0], (count, 1)))
 
 
-def circle(
-    radius: float, height: float = 0.0, count: int = 400, centre: tuple[float, float] = (0.0, 0.0)
-) -> Array:
+def circle(radius: float, height: float = 0.0, count: int = 400, centre=(0.0, 0.0)) -> Array:
     """Points of a level circle, counter-clockwise, shape (count, 3)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     flat = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) + centre
@@ -98,9 +96,8 @@ def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimes
 
 def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
     """A square pocket 120 x 120 mm in a block, its floor at z = 0, with this wall around."""
-    outer = moved(
-        trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10
-    )
+    side = 120 + 2 * ring_mm
+    outer = moved(trimesh.creation.box((side, side, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
     inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
     return trimesh.boolean.difference([outer, inner], engine="manifold")
 
@@ -115,9 +112,9 @@ def plate(outline: shapely.Geometry) -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(outline, 10.0)
 
 
-def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig) -> PlanResult:
+def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig, pad: PadConfig | None = None) -> PlanResult:
     mesh.export(file)
-    return plan_part(PartConfig(str(file), up="z"), plan)
+    return plan_part(PartConfig(str(file), up="z"), plan, pad=pad)
 
 
 def shipped_plan(name: str, pattern: str = "spiral") -> PlanResult:

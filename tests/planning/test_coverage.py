@@ -5,31 +5,22 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.ground import prepare_ground, triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.points import thin
+from polish_sim.planning.quality import coverage
 from polish_sim.planning.quality.areas import CutOut
-from polish_sim.planning.quality.coverage import (
-    PadSteps,
-    pad_depths,
-    pad_steps,
-    strict_share,
-    strictly_covered,
-    time_under_pad,
-)
+from polish_sim.planning.quality.coverage import PadSteps, pad_depths, time_under_pad
 from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
-from tests.planning.shapes import UP, path_through, region_of
+from tests.planning.shapes import UP, path_through, plan_of, region_of
 
 PAD = PadConfig()
 R, K, F = PAD.radius_m, PAD.stiffness_n_m, 20.0
-
-
 SMALL = 0.5 * F / K / R
 
 
@@ -56,11 +47,13 @@ def test_one_line_across_a_plate_covers_a_stripe():
     mesh = triangulate(region_of("plate").surface, 0.002)
     x = np.linspace(-0.1, 0.1, 400)
     positions = np.stack([x, 0.0 * x, np.full(400, 0.02)], axis=1)
-    normals = np.tile([0.0, 0.0, 1.0], (400, 1))
-    share = strict_share(mesh, mesh.areas, [Curve(positions, normals, False)], 0.04)
+    normals = np.tile(UP, (400, 1))
+    share = coverage.strict_share(mesh, mesh.areas, [Curve(positions, normals, False)], 0.04)
     assert share == pytest.approx(2 * 0.55 * 0.04 / 0.2, abs=6e-4)
     # Not on the other side of the part.
-    assert not strictly_covered(mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04).any()
+    assert not coverage.strictly_covered(
+        mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04
+    ).any()
 
 
 def flat_steps(points, feed):
@@ -86,9 +79,8 @@ def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed_in_any_frame_and
     turn *= np.sign(np.linalg.det(turn))
     places = on_plane(rng.uniform(-0.08, 0.08, (3000, 2)))
     steps = flat_steps(on_plane([[-0.03, 0.0], [0.03, 0.01], [0.0, 0.03]]), 0.01)
-    moved = PadSteps(
-        *(a @ turn.T + shift for a, shift in zip(steps[:3], (0.3, 0.3, 0.0), strict=True)), *steps[3:]
-    )
+    starts, ends, ups, *rest = steps
+    moved = PadSteps(starts @ turn.T + 0.3, ends @ turn.T + 0.3, ups @ turn.T, *rest)
     there = time_under_pad(places, np.tile(UP, (3000, 1)), steps, R)
     here = time_under_pad(places @ turn.T + 0.3, np.tile(turn @ UP, (3000, 1)), moved, R)
     assert here == pytest.approx(there, abs=1e-9)
@@ -97,7 +89,7 @@ def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed_in_any_frame_and
     feed = np.array([0.01, 0.01, 0.02, 0.02])
     ends = [[-0.08, 0.0, 0.02], [-1e-4, 0.0, 0.02], [1e-4, 0.0, 0.02], [0.08, 0.0, 0.02]]
     on = locate(ground, path_through(ends, feed=feed), ProcessConfig())
-    steps = pad_steps(on, PAD)
+    steps = coverage.pad_steps(on, PAD)
     places = np.array([[-0.04, 0.01, 0.02], [0.04, 0.01, 0.02]])
     times = time_under_pad(places, np.tile(UP, (2, 1)), steps, R)
     whole = 2.0 * np.sqrt(R**2 - 0.01**2) / 0.01
@@ -120,18 +112,12 @@ def test_thinned_points_are_apart_and_leave_nothing_out():
     assert np.linalg.norm(points - points[some.kept][some.stands_for], axis=1).max() < 0.004
 
 
-def planned_part(folder, solid, pad_mm=50.0, **plan) -> PlanResult:
-    file = folder / "part.stl"
-    solid.export(file)
-    pad = PadConfig(radius_m=5e-4 * pad_mm, choice="given")
-    return plan_part(PartConfig(str(file), unit="mm", up="z"), PlanConfig(**plan), pad=pad)
-
-
 def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_what_was_cut(tmp_path):
     wall = trimesh.creation.box((40, 120, 90)).apply_translation((110, 0, 40))
     strip = trimesh.creation.box((120, 15, 10)).apply_translation((0, 100, 0))
     solid = trimesh.boolean.union([trimesh.creation.box((200, 120, 10)), wall, strip])
-    result = planned_part(tmp_path, solid, region="box:-200,-200,-1,90,200,6")
+    plan = PlanConfig(region="box:-200,-200,-1,90,200,6")
+    result = plan_of(solid, tmp_path / "part.stl", plan, PadConfig(choice="given"))
     m = result.figures
     assert m["region_area_m2"] == pytest.approx(0.190 * 0.120 + 0.120 * 0.015, rel=1e-3)
     assert m["polished_area_m2"] + m["left_out_area_m2"] == pytest.approx(m["region_area_m2"], rel=1e-9)
@@ -145,9 +131,9 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
 
 
 def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
-    result = planned_part(
-        tmp_path, trimesh.creation.box((240, 120, 10)), pattern="raster", raster_direction=(0.0, 1.0, 0.0)
-    )
+    plan = PlanConfig(pattern="raster", raster_direction=(0.0, 1.0, 0.0), stepover_m=0.016)
+    solid = trimesh.creation.box((240, 120, 10))
+    result = plan_of(solid, tmp_path / "part.stl", plan, PadConfig(choice="given"))
     assert result.figures["left_out"].get("shakes", 0.0) == 0.0
     path = result.path
     shaking = path.process & (np.abs(path.positions_work[:, 0]) < 0.06)
@@ -161,6 +147,5 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
     again = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)]).figures
     assert again["left_out"] == account.figures["left_out"]
-    assert again["polished_area_m2"] + again["left_out_area_m2"] == pytest.approx(
-        again["region_area_m2"], rel=1e-9
-    )
+    accounted = again["polished_area_m2"] + again["left_out_area_m2"]
+    assert accounted == pytest.approx(again["region_area_m2"], rel=1e-9)

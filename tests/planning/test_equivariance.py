@@ -59,15 +59,13 @@ def body(name: str) -> Body:
     return BODIES[name]()
 
 
-def mesh_at(found: Body, turn: Array, shift: Array) -> PartMesh:
+def mesh_at(found: Body, turn: Array, shift: Array | float) -> PartMesh:
     return exact_mesh(found.vertices @ turn.T + shift, found.faces, turn @ found.up)
 
 
 def planned(mesh: PartMesh, size: float, pattern: str) -> ToolPath:
-    stepover = size / 12.0
-    plan = PlanConfig(
-        pattern=pattern, stepover_m=stepover, bridge_m=0.5 * stepover, clearance_m=2.0 * stepover
-    )
+    step = size / 12.0
+    plan = PlanConfig(pattern=pattern, stepover_m=step, bridge_m=0.5 * step, clearance_m=2.0 * step)
     return plan_path(select_region(fit_surface(mesh), mesh), plan)
 
 
@@ -82,10 +80,9 @@ CASES = [
 def test_a_turned_and_moved_part_gets_the_turned_and_moved_path(name, pattern, seed):
     turn = Rotation.random(random_state=seed).as_matrix()
     shift = np.random.default_rng(seed).uniform(-0.3, 0.3, 3)
-    first, second = (
-        planned(mesh_at(body(name), *pose), body(name).size, pattern)
-        for pose in ((np.eye(3), np.zeros(3)), (turn, shift))
-    )
+    found = body(name)
+    poses = (np.eye(3), 0.0), (turn, shift)
+    first, second = (planned(mesh_at(found, *pose), found.size, pattern) for pose in poses)
     assert len(first.s) == len(second.s)
     away = second.positions_work - (first.positions_work @ turn.T + shift)
     assert np.linalg.norm(away, axis=1).max() < SAME_M
@@ -97,11 +94,9 @@ def test_a_turned_and_moved_part_gets_the_turned_and_moved_path(name, pattern, s
 @pytest.mark.parametrize("pattern", ["spiral", "fermat"])
 def test_a_part_twice_as_large_gets_a_path_twice_as_large(pattern):
     found = body("saddle")
-    large = found._replace(vertices=2.0 * found.vertices)
-    small, big = (
-        planned(mesh_at(part, np.eye(3), np.zeros(3)), part.size, pattern).positions_work
-        for part in (found, large)
-    )
+    sizes = found, found._replace(vertices=2.0 * found.vertices)
+    paths = (planned(mesh_at(part, np.eye(3), 0.0), part.size, pattern) for part in sizes)
+    small, big = (path.positions_work for path in paths)
     # Points lie a millimetre apart on both; the lines they lie on are the same.
     apart = [cKDTree(2.0 * small).query(big)[0], cKDTree(big).query(2.0 * small)[0]]
     assert max(distance.max() for distance in apart) < 2.5e-3

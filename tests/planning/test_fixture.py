@@ -46,9 +46,7 @@ def planned(folder, fixture, pattern="contour", choice="auto") -> PlanResult:
 
 
 @pytest.mark.parametrize(("height", "body"), [(10.0, "pad"), (80.0, "spindle")])
-def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_must_keep(
-    tmp_path, height, body
-):
+def test_beside_the_fixture_s_wall_the_plate_is_left_out_by_what_the_tool_must_keep(tmp_path, height, body):
     """The pad keeps 1 mm; the spindle's wider housing 1 mm and what the part may lie otherwise."""
     result = planned(tmp_path, wall(height))
     spindle = next(known for known in BEHIND_PAD if known.name == body).radius if body == "spindle" else 0.0

@@ -13,7 +13,7 @@ from polish_sim.planning.quality.spacing import guess_stepover, measure_stepover
 from tests.planning.shapes import level, path_through, shipped_plan
 
 PLATE = PartConfig("plate", up="z")
-TOP = 0.02
+TOP, STEP = 0.02, 0.008
 
 
 def raster(spacing=0.01, reach=0.1, top=TOP):
@@ -103,7 +103,7 @@ def test_what_a_leaning_pad_leaves_out_at_the_border_an_overrun_polishes_as_its_
 
 def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_inspected():
     """Past the rim it runs along the tangent: off the part itself by more than a millimetre."""
-    part, plan = PartConfig("freeform"), PlanConfig(overrun_m=0.015, stepover_m=0.01)
+    part, plan = PartConfig("freeform"), PlanConfig(overrun_m=0.015, stepover_m=0.016)
     planned = plan_part(part, plan)
     found, bare = inspect_path(planned.path, part, planned.plan), inspect_path(planned.path, part)
     for name in ("coverage_stepover", "path_length_m", "coverage"):
@@ -112,7 +112,7 @@ def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_ins
         assert 0.005 < figures["beyond_part_max_m"] < 0.015
         assert figures["height_above_part_max_m"] < 1e-5
     with pytest.raises(PlanError, match=r"beyond .* plan\.overrun_m"):
-        measure_given_path(planned.path, part, PlanConfig(stepover_m=0.01))
+        measure_given_path(planned.path, part, PlanConfig(stepover_m=0.016))
     lifted = replace(planned.path, positions_work=planned.path.positions_work + [0.0, 0.0, 0.003])
     with pytest.raises(PlanError, match="lifted off by"):
         inspect_path(lifted, part, planned.plan)
@@ -126,12 +126,9 @@ def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_ins
 
 def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
     # The lower edge is chamfered by 2 mm.
-    side = np.array(
-        [[(-0.1, y, z) for y in (-0.09, 0.09)][:: (-1) ** k] for k, z in enumerate((0.004, 0.01, 0.016))]
-    )
-    found = inspect_path(
-        path_through(side.reshape(-1, 3), (-1.0, 0.0, 0.0)), PLATE, pad=PadConfig(radius_m=0.005)
-    )
+    side = [(-0.1, y, z) for z in (0.004, 0.01, 0.016) for y in (-0.09, 0.09)]
+    path = path_through(np.array(side)[[0, 1, 3, 2, 4, 5]], (-1.0, 0.0, 0.0))
+    found = inspect_path(path, PLATE, pad=PadConfig(radius_m=0.005))
     assert found.figures["region_area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
     assert found.plan.region.startswith("point:-100,")
 
@@ -182,9 +179,6 @@ def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
     assert len(found.quality.spacing.distances_m) == 0
 
 
-STEP = 0.008
-
-
 def archimedes(turns, count=6000):
     angle = np.linspace(2.0 * np.pi, 2.0 * np.pi * (turns + 1), count)
     radius = STEP * angle / (2.0 * np.pi)
@@ -192,10 +186,8 @@ def archimedes(turns, count=6000):
 
 
 def zigzag(lines, spacing, length=0.2):
-    rows = []
-    for k in range(lines):
-        x = np.linspace(0.0, length, 200)
-        rows.append(np.stack([x if k % 2 == 0 else x[::-1], np.full(200, k * spacing)], axis=1))
+    x = np.linspace(0.0, length, 200)
+    rows = [np.column_stack([x[:: (-1) ** k], np.full(200, k * spacing)]) for k in range(lines)]
     return np.concatenate(rows)
 
 

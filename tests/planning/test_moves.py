@@ -11,29 +11,14 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import PlanResult, plan_part
-from polish_sim.planning.moves.leads import (
-    LEADS,
-    Landing,
-    choose_leads,
-    normal_lead,
-    tangent_lead,
-    with_leads,
-)
+from polish_sim.planning.moves import leads, travel
 from polish_sim.planning.moves.stroke import lift_over
-from polish_sim.planning.moves.travel import (
-    RIM_POINTS,
-    AirSpace,
-    move_in,
-    order_blocks,
-    rim_depths,
-    travel,
-)
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
 CLEARANCE = 0.03
-LANDING = Landing(normal_lead, CLEARANCE)
+LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
 STEPOVER = 0.008
 
 
@@ -48,23 +33,23 @@ def stroke(x0, x1, y=0.0):
     """A straight stroke over the top of the slab."""
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
-    return move_in(PROCESS, positions, UP, 0)
+    return travel.move_in(PROCESS, positions, UP, 0)
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
     box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
     beside = np.array([[0.06, 0.0, 0.0]])
-    assert rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
-    depth = rim_depths(box, beside, UP[None], 0.025)[0]
+    assert travel.rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
+    depth = travel.rim_depths(box, beside, UP[None], 0.025)[0]
     # The deepest point of the rim is at most half the angle between two probed ones away.
-    assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / RIM_POINTS)) <= depth <= 0.015 + 1e-12
+    assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / travel.RIM_POINTS)) <= depth <= 0.015 + 1e-12
 
 
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(tmp_path, height, ahead):
     part = slab_with_wall(tmp_path, height)
-    first, second = (with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
-    way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
+    first, second = (leads.with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
+    way, clear = travel.travel(first, second, travel.AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height * (ahead > 0.0) + CLEARANCE + 1e-9
@@ -75,8 +60,8 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
-    first, second = (with_leads(move, LANDING, LANDING) for move in (top, below))
-    way, clear = travel(first, second, AirSpace(part, 0.0, CLEARANCE, UP))
+    first, second = (leads.with_leads(move, LANDING, LANDING) for move in (top, below))
+    way, clear = travel.travel(first, second, travel.AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
@@ -85,22 +70,24 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
 def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_free_leads_are_kept(tmp_path):
     part = slab_with_wall(tmp_path)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
-    leads = choose_leads(stroke(0.032, 0.07), "tangent", AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
-    assert leads.start.shape is normal_lead
-    assert leads.end.shape is tangent_lead
+    air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
+    chosen = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
+    assert chosen.start.shape is leads.normal_lead
+    assert chosen.end.shape is leads.tangent_lead
     part = surface_of(moved(trimesh.creation.box((200.0, 200.0, 10.0)), 0, 0, -5), tmp_path)
-    for name, shape in LEADS.items():
-        leads = choose_leads(stroke(-0.05, 0.05), name, AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
-        assert leads.start.shape is leads.end.shape is shape
+    air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
+    for name, shape in leads.LEADS.items():
+        chosen = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
+        assert chosen.start.shape is chosen.end.shape is shape
     # The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm.
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
     part = surface_of(bowl, tmp_path)
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
-    move = move_in(PROCESS, -0.03 * normal, normal, 0)
-    chosen = choose_leads(move, "tangent", AirSpace(part, 0.0, CLEARANCE, UP), STEPOVER)
-    assert chosen.start.shape is not tangent_lead
+    move = travel.move_in(PROCESS, -0.03 * normal, normal, 0)
+    chosen = leads.choose_leads(move, "tangent", travel.AirSpace(part, 0.0, CLEARANCE, UP), STEPOVER)
+    assert chosen.start.shape is not leads.tangent_lead
 
 
 def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
@@ -118,9 +105,7 @@ def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
     assert np.count_nonzero(np.diff(sides)) == 1
     air = ~path.process
     assert signed_distances(result.surface, path.positions_work[air]).min() >= 0.0
-    assert figures["air_length_m"] == pytest.approx(
-        np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3
-    )
+    assert figures["air_length_m"] == pytest.approx(np.ptp(path.s) - figures["path_length_m"], abs=2e-3)
 
 
 def test_beside_the_saddle_s_sharp_top_edge_no_lead_is_said_to_run_into_the_part():
@@ -150,7 +135,7 @@ def shortest(ends, free):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
     ends = np.random.default_rng(seed).uniform(size=(6, 2, 3))
-    tour = order_blocks(ends, free)
+    tour = travel.order_blocks(ends, free)
     assert sorted(tour.order) == list(range(6))
     assert air(ends, *tour) <= 1.1 * shortest(ends, free)
     assert free or not tour.backwards.any()
@@ -159,18 +144,18 @@ def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
 def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     y = np.concatenate([[0], np.random.default_rng(1).permutation(39) + 1]) * 0.01
     ends = np.stack([np.stack([0 * y, y, 0 * y], axis=1), np.stack([0 * y + 1.0, y, 0 * y], axis=1)], axis=1)
-    tour = order_blocks(ends, True)
+    tour = travel.order_blocks(ends, True)
     assert air(ends, *tour) == pytest.approx(39 * 0.01)
     assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))
     assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
     ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
-    assert order_blocks(ends, True).order[0] == 0
-    assert not order_blocks(ends, True).backwards[0]
-    tour = order_blocks(ends, True, ends[7, 1] + 1e-4)
+    assert travel.order_blocks(ends, True).order[0] == 0
+    assert not travel.order_blocks(ends, True).backwards[0]
+    tour = travel.order_blocks(ends, True, ends[7, 1] + 1e-4)
     assert (tour.order[0], tour.backwards[0]) == (7, True)
-    assert order_blocks(ends, False, ends[7, 0]).order[0] == 7
-    assert order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
-    assert not order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
+    assert travel.order_blocks(ends, False, ends[7, 0]).order[0] == 7
+    assert travel.order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
+    assert not travel.order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
 
 
 @pytest.fixture(scope="module")
@@ -210,9 +195,8 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
         return np.trapezoid(path.force_at(path.s[held], plan.tool.force), path.s[held])
 
     lands = 0.5 - 0.5 * plan.tool.pad.radius_m
-    np.testing.assert_array_equal(
-        rest.path.positions_work[process][0], whole.positions_work[whole.process & (whole.s >= lands)][0]
-    )
+    landing = whole.positions_work[whole.process & (whole.s >= lands)][0]
+    np.testing.assert_array_equal(rest.path.positions_work[process][0], landing)
     assert pressed(rest.path, 0.0) == pytest.approx(pressed(whole, 0.5), rel=0.005)
     assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force, rel=0.02)
     assert rest.path.force[process][-1] == plan.tool.force

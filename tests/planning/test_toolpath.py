@@ -12,16 +12,10 @@ from polish_sim.planning import pressed
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.leads import LEADS, Landing, with_leads, with_way_down
 from polish_sim.planning.moves.stroke import STEEPEST, lean, smooth_axes, soften_creases
-from polish_sim.planning.moves.travel import move_in
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
 from tests.planning.shapes import UP, region_of, shipped_plan
-
-
-def straight(count=50):
-    x = np.linspace(0.0, 0.05, count)
-    positions = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
-    return move_in(PROCESS, positions, UP, 0)
+from tests.planning.test_moves import stroke
 
 
 def test_a_path_cannot_be_changed_and_pressing_moves_its_process_points_against_the_axis():
@@ -41,7 +35,7 @@ def test_a_path_cannot_be_changed_and_pressing_moves_its_process_points_against_
 @pytest.mark.parametrize("name", LEADS)
 def test_every_lead_in_ends_at_the_first_point_from_above_and_behind(name):
     clearance = 0.03
-    move = with_leads(straight(), *2 * [Landing(LEADS[name], clearance)])
+    move = with_leads(stroke(0.0, 0.05), *2 * [Landing(LEADS[name], clearance)])
     lead_in = move.positions[move.segment == LEAD_IN]
     assert len(lead_in) > 1
     assert np.diff(lead_in[:, 2]).max() < 0.0
@@ -69,9 +63,6 @@ def test_the_way_down_ends_where_contact_begins_and_leaves_the_rest_alone():
     assert with_way_down(planned, 0.03) is planned
 
 
-LEAD, TILT = np.radians(12.0), np.radians(-7.0)
-
-
 def leaned(part, **plan):
     """A path with lead and tilt, its surface normals and directions of feed in contact."""
     region = region_of(part)
@@ -87,12 +78,13 @@ def leaned(part, **plan):
 @pytest.mark.parametrize(("part", "pattern"), [("plate", "raster"), ("sphere_100", "spiral")])
 def test_the_tool_leans_forward_by_the_lead_and_to_the_left_by_the_tilt(part, pattern):
     """Left of the feed, seen from outside, is normal x feed."""
-    planned, normals, feed = leaned(part, pattern=pattern, lead_angle_rad=LEAD, tilt_angle_rad=TILT)
+    lead, tilt = np.radians(12.0), np.radians(-7.0)
+    planned, normals, feed = leaned(part, pattern=pattern, lead_angle_rad=lead, tilt_angle_rad=tilt)
     axes = planned.path.axes_work[planned.path.process]
     left = np.cross(normals, feed)
     up = (axes * normals).sum(axis=1)
-    assert np.arctan2((axes * feed).sum(axis=1), up) == pytest.approx(np.full(len(up), LEAD), abs=1e-6)
-    assert np.arctan2((axes * left).sum(axis=1), up) == pytest.approx(np.full(len(up), TILT), abs=1e-6)
+    assert np.arctan2((axes * feed).sum(axis=1), up) == pytest.approx(lead, abs=1e-6)
+    assert np.arctan2((axes * left).sum(axis=1), up) == pytest.approx(tilt, abs=1e-6)
     # On its leads the tool keeps the lean it lands and leaves with.
     path, rows = planned.path, np.flatnonzero(planned.path.process)
     assert path.axes_work[: rows[0]] == pytest.approx(np.tile(axes[0], (rows[0], 1)))
@@ -110,7 +102,7 @@ def test_no_axis_is_turned_further_than_the_bound_nor_into_the_part_whatever_the
     smooth = smooth_axes(axes, normals, s, 0.05, bound)
     assert angles_between(axes, smooth).max() <= bound + 1e-12
     assert angles_between(smooth, normals).max() <= STEEPEST + 1e-9
-    assert np.linalg.norm(smooth, axis=1) == pytest.approx(np.ones(400), abs=1e-12)
+    assert np.linalg.norm(smooth, axis=1) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():

@@ -7,9 +7,8 @@ import mujoco
 import numpy as np
 import trimesh
 
-from polish_sim.arrays import Array, perpendicular
+from polish_sim.arrays import perpendicular
 from polish_sim.models import robot_model_path
-from polish_sim.planning.toolpath import ToolPath
 from tests.cell.cells import drawn_vertices
 
 HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
@@ -18,10 +17,8 @@ HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
 
 def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
     """A closed mesh as a solid [m]."""
-    merged = manifold3d.Mesh(
-        np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32)
-    )
-    return manifold3d.Manifold(merged)
+    vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32)
+    return manifold3d.Manifold(manifold3d.Mesh(vertices, faces))
 
 
 @cache
@@ -57,9 +54,7 @@ def room_behind_pad() -> manifold3d.Manifold:
     return manifold3d.Manifold.batch_boolean(cylinders, manifold3d.OpType.Add)
 
 
-def volumes_in_part(
-    path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float | Array, apart: float = 4e-3
-) -> dict[str, float]:
+def volumes_in_part(path, part: trimesh.Trimesh, pad_radius, yields, apart=4e-3) -> dict[str, float]:
     """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact
     [mm^3].
 
@@ -80,9 +75,8 @@ def volumes_in_part(
         x = perpendicular(z[None])[0]
         place = np.column_stack([x, np.cross(z, x), z, path.positions_work[row]])
         low = float(yields[row]) if path.process[row] else 1e-3
-        pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate(
-            (0.0, 0.0, low)
-        )
+        pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64)
+        pad = pad.translate((0.0, 0.0, low))
         behind = not (room_behind_pad().transform(place) ^ shape).is_empty()
         for name, body in (("pad", pad), *(bodies_behind_pad() if behind else ())):
             shared = (body.transform(place) ^ shape).volume() * 1e9

@@ -16,6 +16,7 @@ from polish_sim.scoring.loop_model import share_latency
 from polish_sim.scoring.score import Task, setup_key
 
 PI = scoring.Entry("hybrid-pi", "hybrid-pi")
+FORCE = default_scenario("force")
 
 
 def test_every_case_is_a_scenario_chosen_by_name_or_pattern_that_shares_its_set_up_where_it_may():
@@ -69,10 +70,6 @@ def test_the_worst_seed_decides_and_an_undefined_figure_never_passes():
     assert all(verdict.met for verdict in scoring.judge(scoring.BATTERY_ASKED, rows)[1:])
 
 
-FORCE = default_scenario("force")
-WAVES = (0.04, 0.15)
-
-
 def test_without_noise_and_latency_the_step_is_the_time_optimal_move_and_drift_ends_as_a_kalman_filter():
     delays = [f"{name}_s=0" for name in ("sensor.latency", "robot.command_latency")]
     perfect = override(FORCE, ["sensor.force_noise_n=0", "sensor.rate_hz=10000", *delays])
@@ -89,12 +86,12 @@ def test_without_noise_and_latency_the_step_is_the_time_optimal_move_and_drift_e
 
 
 def test_a_filter_tuned_by_hand_does_not_beat_the_bound():
-    feed, h, rng = 0.03, 0.005, np.random.default_rng(0)
+    feed, h, rng, waves = 0.03, 0.005, np.random.default_rng(0), (0.04, 0.15)
     known = override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"])
-    bound, errors = tracking_bound(known, feed, WAVES), []
+    bound, errors = tracking_bound(known, feed, waves), []
     for _ in range(40):
         t = np.arange(2400) * h
-        numbers = 2.0 * math.pi / rng.uniform(*WAVES, 8) * rng.uniform(-1.0, 1.0, 8)
+        numbers = 2.0 * math.pi / rng.uniform(*waves, 8) * rng.uniform(-1.0, 1.0, 8)
         phases = rng.uniform(0.0, 2.0 * math.pi, 8)
         height = np.sin(feed * t[:, None] * numbers + phases).sum(axis=1) / 2.0 * (0.0003 / 4.5)
         reading = 5000.0 * height + rng.normal(0.0, 0.5 * math.sqrt(0.001 / h), len(t))
@@ -109,9 +106,8 @@ def test_a_filter_tuned_by_hand_does_not_beat_the_bound():
 
 def test_a_dying_swing_is_rest_and_a_lasting_one_is_not():
     t = np.arange(0.0, 4.0, 0.001)
-    dying, lasting, small = (
-        judge_rest(20.0 + size * np.sin(30.0 * t), 20.0, 0.001) for size in (5.0 * np.exp(-t), 5.0, 0.5)
-    )
+    sizes = 5.0 * np.exp(-t), 5.0, 0.5
+    dying, lasting, small = (judge_rest(20.0 + a * np.sin(30.0 * t), 20.0, 0.001) for a in sizes)
     assert dying.resting
     assert not lasting.stable
     assert (small.stable, small.resting) == (True, False)

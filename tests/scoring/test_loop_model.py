@@ -1,21 +1,43 @@
-"""The linear force loop against closed forms, eigenvalues, the compiled laws and the cell."""
+"""The linear force loop against closed forms, eigenvalues and the compiled laws; the pad pressed on a spring:
+the cell's borders of stability lie where the model has them, with a stiff and with an elastic arm."""
 
+import json
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from benchmarks.force_margins import press
 from benchmarks.force_theory import noise_rms, surface_error
-from benchmarks.loop_margins import Response, margins
+from benchmarks.loop_margins import SWINGS, Response, analytic_margins, linear_loop, margins, response_of
 from polish_sim.arrays import Array
+from polish_sim.cell.linear_arm import joints_about
+from polish_sim.cli.score import show_border
+from polish_sim.config import Scenario
 from polish_sim.control import Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
+from polish_sim.row_file import Rows
 from polish_sim.scenario_file import override
-from polish_sim.scoring import loop_model
+from polish_sim.scoring import border, loop_model
+from polish_sim.scoring.loop_model import elastic_arm, plant_response
 from polish_sim.scoring.measured_law import measure_law
+from polish_sim.scoring.score import user_entry
+from polish_sim.workers import Here, Result, Runner
+from tests.cell.elastic import NO_HYSTERESIS, REAL, SPRINGS_ONLY
 
 FORCE = override(default_scenario("force"), ["robot.arm=ideal"])
+SETTINGS = ["robot.arm=ideal", "controller.force_filter_hz=10"]
+PRESSED = override(default_scenario("force"), SETTINGS)
+"""The loop of the model: a stiff arm. With a slower filter limits of speed bend the border first."""
+ELASTIC = override(default_scenario("force"), [REAL])
+HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what the linear model has
+    "controller.look_ahead_s=10", "controller.position_p=0", "controller.orientation_p=0",
+    "controller.orientation_i_hz=0", "controller.moment_p_rad_snm=0", "controller.moment_i_rad_s2nm=0",
+    "controller.adaptive.normal_rate_1_s=0", "pad.friction=0", "robot.real.missed_every_s=0",
+    "process.hold_s=6",
+]  # fmt: skip
 
 
 class PiLaw(NamedTuple):
@@ -144,3 +166,110 @@ def test_longest_latency_is_where_the_eigenvalues_say(scale):
 
     assert grows(longest) <= loop_model.SLOWEST < grows(longest + 0.001)
     assert loop_model.longest_latency(setup, law, totals[:3]) == math.inf
+
+
+def test_gain_and_delay_margins_of_the_model_hold_in_the_cell_within_8_and_5_percent():
+    margins, bench = analytic_margins(PRESSED), border.build_bench(PRESSED)
+
+    def later(delay: float) -> Scenario:
+        latency = PRESSED.robot.command_latency_s + delay
+        return replace(PRESSED, robot=replace(PRESSED.robot, command_latency_s=latency))
+
+    rest = press(bench, PRESSED)
+    assert rest.resting
+    assert rest.offset == pytest.approx(0.0, abs=0.1)
+    assert press(bench, PRESSED, 0.92 * margins.gain, friction=False).resting
+    beyond = press(bench, PRESSED, 1.08 * margins.gain, friction=False)
+    assert not beyond.resting
+    assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
+    assert press(bench, later(0.95 * margins.delay), friction=False).resting
+    beyond = press(bench, later(1.05 * margins.delay), friction=False)
+    assert not beyond.stable
+    assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
+
+
+def test_border_of_the_cell_lies_on_that_of_the_model_and_a_lost_run_is_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(border, "FINE_SCALES", (1.0, 3.0))
+    entry, asked = user_entry("hybrid-pi", SETTINGS), ((1.0, 3.0), (0.008, 0.06))
+    found = border.measure_border([entry], Runner(Rows(tmp_path), Here()), *asked)
+    line = dict(zip(found.line_scales, found.lines["hybrid-pi"], strict=True))
+    stable = [[rest.stable for rest in row] for row in found.rests["hybrid-pi"]]
+    assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]
+
+    class Dying(Here):
+        def results(self, tasks, work, group_of):
+            for task in tasks:
+                lost = "springs x 1, " in str(task)
+                yield Result(task, None if lost else work(task), "died" if lost else None)
+
+    def row(task):
+        calm = border.Rest(True, True, 0.0, 0.0, 0.0)._asdict()
+        return {"longest_s": 0.02} if task.case.text == border.MODEL else calm
+
+    monkeypatch.setattr(border, "border_row", row)
+    runner = Runner(Rows(tmp_path), Dying())
+    found = border.measure_border([user_entry("hybrid-pi")], runner, *asked)
+    assert [[rest.stable for rest in row] for row in found.rests["hybrid-pi"]] == [[None, True]] * 2
+    assert runner.lost == 3
+    assert show_border(found, tmp_path) == 0
+    written = json.loads((tmp_path / "border.json").read_text())["controllers"]["hybrid-pi"]
+    assert written["latency_stable_s"] == [None, 0.06]
+    assert written["latency_stable_model_s"][0] is None
+
+
+def test_slow_motion_presses_head_and_arm_in_series_and_hysteresis_is_elastic_in_small_swings():
+    """The host's travel meets head and pad, 5000 N/m, in series with the gears and servos."""
+    setup = loop_model.setup_of(override(ELASTIC, [NO_HYSTERESIS]))
+    plant, z = loop_model.build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
+    stiffness = abs(plant_response(plant, plant.force, z) / plant_response(plant, plant.position, z))[0]
+    arm = setup.arm
+    softer = arm.tool @ np.linalg.solve(arm.stiffness, arm.tool)
+    behind = arm.host @ np.linalg.solve(arm.stiffness, arm.tool)  # what the encoders see of it
+    assert stiffness == pytest.approx(1.0 / (1.0 / 5000.0 + softer - behind), rel=1e-3)
+    assert 10e-6 < softer < 60e-6
+    # It is gone in large ones.
+    (about,) = joints_about(ELASTIC, loop_model.FORCE_POSE[None])
+    stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
+    assert np.all(np.diff(stiff) < 0.0)
+    (lossless,) = joints_about(override(ELASTIC, [NO_HYSTERESIS]), loop_model.FORCE_POSE[None])
+    alone = float(np.trace(elastic_arm(lossless).stiffness))
+    assert stiff[-1] == pytest.approx(alone, rel=1e-3)
+    assert np.linalg.eigvalsh(elastic_arm(about, 1e-4).damping).min() > -1e-9
+
+
+@pytest.mark.parametrize(("name", "gain"), [("hybrid-pi", 1.4), ("hybrid-adaptive", 1.9)])
+def test_the_border_of_stability_is_where_the_linear_model_says_and_shipped_laws_keep_off_it(name, gain):
+    """Within 8% of gain, on springs alone: what hysteresis and friction damp is left out on both sides.
+
+    What swings is seen below the border, where it decays: beyond it the loop is at its limits, and ends in
+    one of two swings.
+    """
+    named = f"controller.name={name}"
+    scenario = override(ELASTIC, [*SPRINGS_ONLY, *HELD, named])
+    response = linear_loop(scenario, swing=1.0)(loop_model.contour(0.001))
+    bench, turns = border.build_bench(scenario), loop_model.turns_about_minus_one
+    least = next(gain for gain in np.geomspace(0.1, 10.0, 461) if turns(gain * response) > 0)
+    below = press(bench, scenario, 0.92 * least)
+    assert below.resting
+    assert 16.0 < below.frequency / (2.0 * math.pi) < 20.0
+    assert not press(bench, scenario, 1.08 * least).resting
+    # With hysteresis, whatever the arm swings by.
+    found = analytic_margins(override(ELASTIC, [named]))
+    assert found.gain > gain
+    assert found.phase > math.radians(45.0)
+    assert found.delay > 0.02
+
+
+def test_without_the_notch_the_swing_of_the_tool_comes_back_turned_round_and_the_cell_swings_there():
+    own = "arm_mode_hz=0", "observer_rad_s=30"
+    settings = ["controller.name=hybrid-adaptive", *(f"controller.adaptive.{each}" for each in own)]
+    scenario = override(ELASTIC, settings)
+    law = border.linear_law_of(scenario)
+    assert analytic_margins(scenario, law).gain == 0.0
+    omega = 2.0 * math.pi * np.linspace(15.0, 40.0, 500)
+    response = response_of(linear_loop(scenario, 0.0, law), 0.001)(omega)
+    turned_round = int(np.argmin(np.abs(np.angle(-response))))
+    assert abs(response[turned_round]) > 2.0
+    rest = press(border.build_bench(scenario), scenario, 1.5)
+    assert not rest.resting
+    assert rest.frequency == pytest.approx(omega[turned_round], rel=0.1)

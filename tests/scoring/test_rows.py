@@ -22,8 +22,6 @@ PI = Entry("hybrid-pi", "hybrid-pi")
 HOLD = (f"part.file={plate_file()}", "process.hold_s=1.5")
 SHORT = Case("short", "a short hold", "force", HOLD)
 OTHER = Case("other", "a short hold of 10 N", "force", (*HOLD, "process.contact_force_n=10"))
-
-
 CONTROLLER = """
 class Press:
     def reset(self, cycle_s):
@@ -51,9 +49,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, bytes]:
 
 
 def test_what_ran_before_in_the_process_does_not_show_in_a_row_but_its_seed_does():
-    moving = replace(
-        choose_cases(BATTERY, ["moving-1hz"])[0], settings=("part.motion_m=0.0005", "process.hold_s=1.5")
-    )
+    (moving,) = choose_cases(BATTERY, ["moving-1hz"])
+    moving = replace(moving, settings=("part.motion_m=0.0005", "process.hold_s=1.5"))
     alone = measure_row(Task(SHORT, PI, 0))
     measure_row(Task(moving, PI, 0))
     measure_row(Task(OTHER, PI, 0))
@@ -63,9 +60,8 @@ def test_what_ran_before_in_the_process_does_not_show_in_a_row_but_its_seed_does
 
 def test_rows_are_the_same_whatever_the_number_of_processes(whole, tmp_path):
     assert scored(tmp_path, workers=2)[0].rows == whole[0].rows
-    assert [(row["case"], row["seed"]) for row in whole[0].rows] == [
-        ("short", 0), ("short", 1), ("other", 0), ("other", 1),
-    ]  # fmt: skip
+    order = [(row["case"], row["seed"]) for row in whole[0].rows]
+    assert order == [("short", 0), ("short", 1), ("other", 0), ("other", 1)]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +121,6 @@ def test_a_failing_controller_and_a_case_out_of_reach_are_stops_and_half_the_fee
         row = measure_row(task)
         assert said in row["protective_stop"]
         assert (row["stable"], row["settling_1n_s"], row["max_error_n"]) == (False, None, None)
-    file = tmp_path / "mine.py"
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
     (flat,) = choose_cases(BATTERY, ["flat-30"])
     line = replace(flat, settings=(*flat.settings, f"part.file={plate_file()}", "process.max_feed_s=2"))

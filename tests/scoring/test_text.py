@@ -29,9 +29,8 @@ def score_of(*rows: dict[str, Any], entries: tuple[scoring.Entry, ...] = (A, B))
     return scoring.Score((HOLD, PATH), entries, range(2), rows, len(rows))
 
 
-BROKEN = row(
-    HOLD, B, 1, settling_1n_s=None, stable=False, max_error_n=30.0, contact_lost_s=1.5, oscillation_n=25.0
-)
+LOST = {"contact_lost_s": 1.5, "oscillation_n": 25.0}
+BROKEN = row(HOLD, B, 1, settling_1n_s=None, stable=False, max_error_n=30.0, **LOST)
 BOTH = score_of(
     row(HOLD, A, 0), row(HOLD, A, 1), row(PATH, A, 0), row(PATH, A, 1),
     row(HOLD, B, 0), BROKEN, row(PATH, B, 0), row(PATH, B, 1),
@@ -88,11 +87,9 @@ def test_each_law_is_left_out_once_and_worth_how_much_a_figure_grows_without_it(
     ratios = scoring.ablation_ratios(score)["feed"]["max_error_n"]
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
     # The picture names the case that grows most, clear of the edge.
-    grown = {
-        "touch-down": {"max_error_n": {"step-10": 30.0, "step-20": 2.0}},
-        "feed": {"max_error_n": {"step-10": 1.3}},
-    }
-    _, _, largest, _ = plot_ablation({**grown, "learning": {"max_error_n": {"step-10": 1.1}}}).axes
+    grown = {"touch-down": {"step-10": 30.0, "step-20": 2.0}, "feed": {"step-10": 1.3}}
+    grown["learning"] = {"step-10": 1.1}
+    _, _, largest, _ = plot_ablation({law: {"max_error_n": cases} for law, cases in grown.items()}).axes
     names = [(text.get_text(), text.xy, text.get_ha()) for text in largest.texts]
     # A growth of a tenth is not worth a name.
     assert names == [("step-10", (30.0, 0), "right"), ("step-10", (1.3, 1), "left")]

@@ -44,14 +44,11 @@ def test_every_rule_is_played_whole_its_servos_follow_and_only_spline_keeps_the_
     assert figures["joint_acceleration_joint_jerk_ratio_max"] > 1.0
 
 
-DOWN = np.array([0.0, 0.0, -1.0])
-TIMES = np.array([[2.0, 0.5, 0.1]])
-
-
 def corner(starts: list[float]) -> Smoothed:
     """100 mm along x, then 100 mm along y, each a box of 2 s filtered by 0.5 and 0.1 s."""
-    chain = chain_from_axes(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]]), np.tile(DOWN, (3, 1)))
-    return Smoothed(chain, fir_schedule(np.array(starts), np.repeat(TIMES, 2, axis=0)))
+    tips = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]])
+    chain = chain_from_axes(tips, np.tile([0.0, 0.0, -1.0], (3, 1)))
+    return Smoothed(chain, fir_schedule(np.array(starts), np.tile([2.0, 0.5, 0.1], (2, 1))))
 
 
 def test_a_filtered_box_has_the_peaks_of_its_closed_form():
@@ -69,13 +66,10 @@ def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap, jerk):
     assert overlap < 0.1 or 2.5 < peaks.times[2, 0] < 2.6
 
 
-WAY = 0.1
-
-
 def played(rule: str, duration: float, heights: dict[int, float], jerk: float = 30.0) -> PlayedRule:
-    """Constant speed; a bump of error and jerk at the middle of the path for the joints named."""
+    """100 mm at constant speed; a bump of error and jerk at the middle of the path for the joints named."""
     time = np.arange(0.0, duration, 0.001)
-    place = WAY * time / duration
+    place = 0.1 * time / duration
     bump = np.exp(-(((time - 0.5 * duration) / 0.01) ** 2))
     error, jerks = np.full((len(time), 6), 1e-6), np.zeros((len(time), 6))
     for joint, height in heights.items():
@@ -93,7 +87,7 @@ def test_a_jerk_peak_is_found_once_where_the_limit_breaks_and_the_largest_reduct
     other = played("spline", 6.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})  # at the same place, later
     limits = np.full(6, 10.0)
     places = [peak.place for peak in at_peaks(other, reference, limits)]
-    assert places == pytest.approx([0.5 * WAY] * 3, abs=1e-4)
+    assert places == pytest.approx([0.05] * 3, abs=1e-4)
     found = measure_tracking(reference)  # of the whole path
     assert found["tracking_error_max_rad"][3] == pytest.approx(1.01e-4, rel=1e-3)
     assert found["tracking_error_rms_rad"][1] == pytest.approx(1e-6)

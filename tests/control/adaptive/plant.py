@@ -13,6 +13,7 @@ from polish_sim.control.signals import CompiledController
 from tests.control.signals import DT, measurement_at_rest, target_to_press
 
 ACCELERATION, GAP = 1.2, 0.008  # [m/s^2], and from the tool to the part at first [m]
+SPACING, SPRING, FORCE, FEED = 0.0005, 5000.0, 20.0, 0.06  # [m], [N/m], [N], [m/s]
 
 
 class Plant(NamedTuple):
@@ -36,9 +37,8 @@ class Tool:
 
     def __init__(self, plant: Plant, z: float = 0.0) -> None:
         self.z, self.v, self.sensed, self.mass = z, 0.0, 0.0, plant.mass
-        self.commands, self.readings = (
-            deque([0.0] * n) for n in (plant.command_delay + 1, plant.sensor_delay + 1)
-        )
+        delays = plant.command_delay, plant.sensor_delay
+        self.commands, self.readings = (deque([0.0] * (n + 1)) for n in delays)
 
     def step(self, command: float, force: float) -> None:
         """Move on under a command [m/s]; ``force`` on the sensor but for what it carries [N]."""
@@ -76,9 +76,6 @@ def settling(run: Run, wanted: float, band: float = 1.0) -> float:
     """Time after which the force stays within a band [s]."""
     outside = np.flatnonzero(np.abs(run.force - wanted) > band)
     return float(run.time[min(outside[-1] + 1, len(run.time) - 1)])
-
-
-SPACING, SPRING, FORCE, FEED = 0.0005, 5000.0, 20.0, 0.06  # [m], [N/m], [N], [m/s]
 
 
 def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED) -> Course:

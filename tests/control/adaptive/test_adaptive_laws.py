@@ -22,6 +22,7 @@ GAINS = adaptive_gains(AdaptiveConfig())
 PACE = force_loop.LoopSpeed(40.0, 40.0, 40.0)
 STILL = measurement_at_rest()
 DOWN = 0.005  #: Planned speed of an approach [m/s]
+SOFT = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
 
 
 def test_a_ramp_shows_as_late_as_the_sensor_is_and_the_tools_own_force_is_mass_and_dampers():
@@ -238,9 +239,6 @@ def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise):
     run = land(adaptive(), Plant(rise=rise), seconds=2.0)
     assert np.abs(run.force[(run.time > 0.6) & (run.time < 0.7)] - 20.0).max() > 0.4
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
-
-
-SOFT = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,327 @@
+"""Plant bases and arms before a laser tracker, turn axes or hold poses, recover them; plant a tool, touch a
+point and move along its axes, recover tip and axes; read the touches from a file."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.arrays import Array
+from polish_sim.calibration import matched_points
+from polish_sim.calibration.arm import CATALOGUE, ArmEstimate, TrackedArm, fit_arm
+from polish_sim.dual import calibrate
+from polish_sim.dual.arms import lone_arms
+from polish_sim.dual.calibration import tool, tool_checks
+from polish_sim.dual.calibration.arm import held_out_rms
+from polish_sim.dual.calibration.circle import SweptCircle, base_from_circles, fit_circle
+from polish_sim.errors import CalibrationError
+from polish_sim.motion import forward, link_frames
+from polish_sim.motion.kinematics import NOMINAL, table_slopes
+from polish_sim.spatial import apply, from_pose, inverse, transform
+
+T_TRACKER_BASE = from_pose([2.5, -0.8, -0.4, 0.1, -0.2, 2.0])
+TARGET, SIGMA = np.array([-0.03, 0.02, 0.05]), 3e-5
+SECTORS = ((-60.0, 60.0), (-120.0, 0.0))
+CLOUD = np.random.default_rng(8).uniform(-0.6, 0.6, (12, 3))
+POINT = np.array([0.01, -0.02, 0.1])
+TIP, TOUCHED = np.array([0.03, -0.02, 0.21]), np.array([-0.4, 0.1, 0.3])
+TOUCH_M = 5e-5  # standard deviation of a touch [m]
+R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
+MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
+
+
+def arc(joint: int, count: int = 200, offsets: Array | None = None, sector=None) -> Array:
+    """Target seen by the tracker while one joint turns, angles rising; what encoders say plays no role."""
+    q = np.tile(np.zeros(6) if offsets is None else offsets, (count, 1))
+    q[:, joint] += np.radians(np.linspace(*(sector or SECTORS[joint]), count))
+    T = T_TRACKER_BASE @ forward(q)
+    return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
+
+
+def noisy(points: Array, rng: np.random.Generator) -> Array:
+    return points + SIGMA * rng.standard_normal(points.shape)
+
+
+def step_from(true: Array, T: Array) -> Array:
+    """Displacement [m] and rotation [rad] from a frame to another, outer axes."""
+    turn = Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
+    return np.concatenate([T[:3, 3] - true[:3, 3], turn])
+
+
+@pytest.mark.parametrize(
+    "offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]]
+)
+def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets):
+    """Encoder offsets of the joints beyond: the target runs other circles about the same axes."""
+    found = base_from_circles(fit_circle(arc(0, offsets=offsets)), fit_circle(arc(1, offsets=offsets)))
+    np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
+    assert found.gap < 1e-12
+
+
+@cache
+def first_circles() -> list[SweptCircle]:
+    return [fit_circle(noisy(arc(0), np.random.default_rng(k)), SIGMA) for k in range(100)]
+
+
+@pytest.mark.parametrize(("apart", "origin", "tilt"), [(5e-4, 2.1e-5, 1.1e-3), (0.0, 1.7e-5, 1e-3)])
+def test_the_base_is_as_good_as_asked_and_as_stated(apart, origin, tilt):
+    """Of axes that miss each other and of those that meet, with noise, 100 times."""
+    rng, second = np.random.default_rng(1), arc(1) + apart * T_TRACKER_BASE[:3, 0]
+    found = [base_from_circles(one, fit_circle(noisy(second, rng), SIGMA)) for one in first_circles()]
+    assert {base.meets for base in found} == {apart == 0.0}
+    assert np.mean([base.gap for base in found]) == pytest.approx(apart, abs=6e-5)
+    errors, covariance = np.array([step_from(T_TRACKER_BASE, base.T) for base in found]), found[0].covariance
+    # Mahalanobis distances average to the number of unknowns.
+    distance = np.einsum("na,ab,nb->n", errors, np.linalg.inv(covariance), errors)
+    assert np.mean(distance) == pytest.approx(6.0, abs=0.8)
+    assert np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))) <= origin
+    z_axes = np.array([base.T[:3, 2] for base in found])
+    sine = np.linalg.norm(np.cross(z_axes, T_TRACKER_BASE[:3, 2]), axis=1)
+    assert np.degrees(np.sqrt(np.mean(sine**2))) <= tilt
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        (arc(0), arc(0), "nearly parallel"),
+        (arc(0)[:, [1, 0, 2]], arc(1)[:, [1, 0, 2]], "left-handed"),
+        (arc(0), arc(1)[::-1], "arc of axis 2 runs against"),
+        (arc(0), arc(3, sector=(-120.0, 0.0)), "axis 2 has a radius"),
+        (np.outer(np.arange(9.0), [1.0, 2.0, 3.0]), arc(1), "on a line"),
+        (np.ones((9, 3)), arc(1), "in one place"),
+        (arc(0, sector=(0.0, 20.0)), arc(1), "arc of 20 deg is too short"),
+    ],
+)
+def test_points_of_no_circles_and_arcs_of_no_ur5e_are_refused(first, second, said):
+    with pytest.raises(CalibrationError, match=said):
+        base_from_circles(fit_circle(first), fit_circle(second))
+
+
+@pytest.mark.parametrize(
+    ("seen", "own", "said"),
+    [
+        (CLOUD[:2], CLOUD[:2], "2 points give no frame"),
+        (np.outer(np.arange(5.0), [1.0, 1, 0]), np.outer(np.arange(5.0), [0.0, 1, 1]), "lie on a line"),
+        (1e3 * CLOUD, CLOUD, "are units mixed"),
+        (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
+    ],
+)
+def test_exact_points_give_the_frame_and_others_are_refused(seen, own, said):
+    with pytest.raises(CalibrationError, match=said):
+        matched_points.check_matched(seen, own)
+    for some in (CLOUD, CLOUD[:3]):
+        found = matched_points.kabsch(apply(T_TRACKER_BASE, some), some)
+        np.testing.assert_allclose(found, T_TRACKER_BASE, atol=1e-12)
+
+
+def test_covariance_of_a_base_in_another_is_that_of_the_errors():
+    rng = np.random.default_rng(10)
+    T_b = from_pose([1.0, 1.5, -0.3, 0.0, 0.1, -1.0])
+    root = [1e-5 * rng.standard_normal((6, 6)) for _ in range(2)]
+    _, stated = matched_points.relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
+    truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
+    for _ in range(2000):
+        a = matched_points.moved_frame(T_TRACKER_BASE, root[0] @ rng.standard_normal(6))
+        b = matched_points.moved_frame(T_b, root[1] @ rng.standard_normal(6))
+        errors.append(step_from(truth, inverse(a) @ b))
+    np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.08 * stated.max())
+    at_a_metre = matched_points.point_covariance(stated, np.array([1.0, 0.0, 0.0]))
+    drawn = np.array(errors)[:, :3] + np.cross(np.array(errors)[:, 3:], [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.cov(drawn.T), at_a_metre, atol=0.08 * at_a_metre.max())
+
+
+def test_slopes_of_the_table_are_those_of_differences():
+    rng, step = np.random.default_rng(2), 1e-6
+    q = rng.uniform(calibrate.LOW, calibrate.HIGH, (40, 6))
+    table = NOMINAL + 0.01 * rng.standard_normal((4, 6))
+
+    def tips(table: Array) -> Array:
+        T = link_frames(q, table)[:, 6]
+        return T[:, :3, :3] @ POINT + T[:, :3, 3]
+
+    slopes = table_slopes(link_frames(q, table), tips(table))
+    for k, row in enumerate(step * np.eye(24).reshape(24, 4, 6)):
+        slope = (tips(table + row) - tips(table - row)) / (2.0 * step)
+        np.testing.assert_allclose(slopes[:, :, k], slope, atol=1e-9)
+
+
+def test_gears_that_wind_up_and_err_are_found_along_with_the_table():
+    rng = np.random.default_rng(31)
+    sizes = np.repeat([[3e-5] * 3 + [1.5e-4] * 4, [2e-4] * 3 + [2e-4] * 4], 3, axis=0)
+    table, T = NOMINAL + 2e-4 * rng.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
+    gears = sizes * rng.uniform(0.5, 1.5, (6, 7))
+    planted = ArmEstimate(table, T, POINT, np.zeros((0, 3)), np.zeros((6, 6)), gears)
+    most = np.array([80.0, 80.0, 40.0, 8.0, 8.0, 8.0])
+    q, others = (rng.uniform(calibrate.LOW, calibrate.HIGH, (count, 6)) for count in (80, 100))
+    weight, other_weight = (rng.uniform(-most, most, (count, 6)) for count in (80, 100))
+    found = fit_arm(TrackedArm(q, planted.target_at(q, weight), weight), 0.0)
+    there = planted.target_at(others, other_weight)
+    np.testing.assert_allclose(found.target_at(others, other_weight), there, atol=1e-8)
+    rigid = fit_arm(TrackedArm(q, planted.target_at(q, weight)), 1e-4)
+    assert np.abs(rigid.target_at(others) - there).max() > 1e-3
+    # Loads a little beyond the second knee say next to nothing: the gear is taken to continue as before it.
+    light = np.clip(weight, -1.01 * np.array(CATALOGUE.knee_2_nm), 1.01 * np.array(CATALOGUE.knee_2_nm))
+    seen = planted.target_at(q, light) + 3e-5 * rng.standard_normal((80, 3))
+    beyond = fit_arm(TrackedArm(q, seen, light), 3e-5).gears
+    assert np.all(np.abs(beyond[:, 2] - beyond[:, 1]) < np.repeat([2e-5, 12e-5], 3))
+
+
+def test_arms_as_their_table_says_are_not_made_worse_and_those_with_gears_are_found_with_them():
+    exact = calibrate.ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
+    figures = calibrate.run_arm_calibration(calibrate.ArmTrial(tolerance=exact)).figures
+    assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
+    # Wind-up by pose is no error of a table.
+    trial = calibrate.ArmTrial(seed=1, gears=lone_arms(1, calibrate.Q_NEAR).gears)
+    done = calibrate.run_arm_calibration(trial)
+    figures = done.figures
+    assert figures["relative_error_m"] < 1.3e-4
+    assert figures["relative_error_m"] < 0.15 * figures["relative_error_nominal_m"]
+    rigid = {robot: one._replace(weight=None) for robot, one in done.measured.items()}
+    assert held_out_rms(rigid, figures["residual_rms_m"], trial.tolerance) > 3.0 * figures["heldout_rms_m"]
+
+
+def test_bases_of_arms_with_gears_err_by_more_than_independent_noise_says_and_within_the_bound():
+    shares, sigmas = [], []
+    for seed in range(6):
+        flanges = lone_arms(seed, calibrate.Q_NEAR).standing(np.random.default_rng([seed, 18]))
+        figures = calibrate.run_base_calibration(calibrate.BaseTrial(seed=seed, flanges=flanges)).figures
+        shares.append(figures["bound_share"])
+        sigmas.append(figures["relative_origin_error_m"] / figures["relative_origin_std_m"])
+    assert max(shares) < 1.0
+    assert np.sqrt(np.mean(np.square(sigmas))) > 1.3
+
+
+def touches(R: Array, errors: Array | float = 0.0) -> Array:
+    return transform(R, TOUCHED - R @ TIP + errors)
+
+
+def planned(count: int = 10, cone: float = 45.0) -> Array:
+    return tool_checks.plan_touch_orientations(count, np.radians(cone))
+
+
+@pytest.mark.parametrize("count", [4, 10])
+def test_exact_touches_give_the_tip_to_a_picometre(count):
+    for R in (planned(count), Rotation.random(count, random_state=count).as_matrix()):
+        found = tool.fit_tool_point(touches(R))
+        np.testing.assert_allclose(found.point, TIP, atol=1e-12)
+        np.testing.assert_allclose(found.touched, TOUCHED, atol=1e-12)
+
+
+def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance():
+    """The mean square of 1500 draws gives the rms to 1.1%."""
+    rng, R = np.random.default_rng(1), planned()
+    found = [tool.fit_tool_point(touches(R, TOUCH_M * rng.standard_normal((10, 3)))) for _ in range(1500)]
+    errors = np.array([np.concatenate([one.point - TIP, one.touched - TOUCHED]) for one in found])
+    rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
+    assert 0.98 < rms / tool_checks.point_error_bound(R, TOUCH_M) <= 1.02
+    assert rms <= 3.3e-5
+    stated = tool.fit_tool_point(touches(R), TOUCH_M).covariance
+    scale = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose((np.cov(errors.T) - stated) / np.outer(scale, scale), 0.0, atol=0.08)
+    assert np.mean([one.noise for one in found]) == pytest.approx(TOUCH_M, rel=0.03)
+
+
+@pytest.mark.parametrize("cone", [30.0, 45.0, 62.0, 90.0])
+def test_the_planner_reaches_the_best_a_cone_allows(cone):
+    for count in range(4, 21):
+        best = TOUCH_M * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
+        assert tool_checks.point_error_bound(planned(count, cone), TOUCH_M) == pytest.approx(best, rel=1e-9)
+        # From 62 deg on that is within 5% of the best there is.
+        assert cone < 62.0 or best <= 1.05 * TOUCH_M * np.sqrt(3.0 / count)
+
+
+def spin(count: int) -> Array:
+    return Rotation.from_euler("z", np.linspace(0.0, 3.0, count)[:, None]).as_matrix()
+
+
+def coning(count: int, sense: float) -> Array:
+    """Tilted by 45 deg towards azimuth 2 pi k / n about a line in the flange's plane, then spun by it."""
+    azimuth = 2.0 * np.pi * np.arange(count) / count
+    tilt = np.pi / 4.0 * np.column_stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(count)])
+    turned = Rotation.from_rotvec(tilt) * Rotation.from_euler("z", sense * azimuth[:, None])
+    return np.asarray(turned.as_matrix())
+
+
+@pytest.mark.parametrize(
+    ("R", "said"),
+    [
+        (planned(3 + 1)[:3], "3 touches cannot separate"),
+        (spin(8), r"\(0.00, 0.00, 1.00\) .*the same way"),
+        (coning(8, 1.0), "points the same way"),
+        (np.tile(np.eye(3), (6, 1, 1)), "stands nearly the same in all 6 touches"),
+    ],
+)
+def test_orientations_that_cannot_tell_are_refused(R, said):
+    with pytest.raises(CalibrationError, match=said):
+        tool.fit_tool_point(touches(R))
+    # Spun the other way the cone shows it.
+    assert tool_checks.orientation_spread(coning(8, -1.0))[0][0] > 0.3
+    np.testing.assert_allclose(tool.fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [[], *([k] for k in range(10)), [2, 7]])
+def test_touches_two_millimetres_off_are_named_and_left_out_and_no_others(wrong):
+    errors = TOUCH_M * np.random.default_rng(sum(wrong[:1])).standard_normal((10, 3))
+    errors[wrong] += 2e-3 * np.array([0.6, -0.64, 0.48])
+    found = tool.fit_tool_point_without_outliers(touches(planned(), errors))
+    assert np.flatnonzero(~found.used).tolist() == wrong
+    assert np.linalg.norm(found.point - TIP) < 1e-4
+
+
+def test_exact_moves_give_the_axes_also_by_flange_poses_that_turned_a_little():
+    turns = Rotation.from_rotvec([[0.5, 0.2, 1.0], [0.51, 0.2, 1.0], [0.5, 0.22, 1.01]]).as_matrix()
+    tips = (MOVES @ R_FLANGE_TOOL.T) @ turns[0].T + [0.4, 0.2, 0.1]
+    T_base_flange = transform(turns, tips - turns @ TIP)
+    seen, slanted = tool.tip_positions_flange(T_base_flange, TIP), [[1.0, 0, 0], [0, 1, 0], [-0.4, 0, 0.8]]
+    np.testing.assert_allclose(seen, MOVES @ R_FLANGE_TOOL.T, atol=1e-12)
+    for points in (seen, np.array(slanted) @ seen):
+        R = tool.orientation_from_three_points(points, TOUCH_M).R_flange_tool
+        np.testing.assert_allclose(R, R_FLANGE_TOOL, atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.04])
+def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so_stated(tilt):
+    rng, moves = np.random.default_rng(1), MOVES + np.array([[0.0], [0.0], [1.0]]) * [tilt, 0.0, 0.0]
+    points = moves @ R_FLANGE_TOOL.T + TOUCH_M * rng.standard_normal((1500, 3, 3))
+    errors = Rotation.from_matrix([R_FLANGE_TOOL.T @ tool._axes_of(three) for three in points]).as_rotvec()
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    found = tool.orientation_from_three_points(points[-1], TOUCH_M)
+    np.testing.assert_array_equal(found.R_flange_tool, tool._axes_of(points[-1]))
+    np.testing.assert_allclose(rms, np.sqrt(np.diag(found.covariance)), rtol=0.05)
+    np.testing.assert_allclose(np.cov(errors.T), found.covariance, atol=0.06 * found.covariance.max())
+    if tilt == 0.0:
+        assert np.degrees(rms.max()) <= 0.045
+
+
+@pytest.mark.parametrize(
+    ("moves", "said"),
+    [
+        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short"),
+        (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
+    ],
+)
+def test_moves_that_cannot_tell_are_refused(moves, said):
+    with pytest.raises(CalibrationError, match=said):
+        tool.orientation_from_three_points(moves, TOUCH_M)
+
+
+def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path):
+    rows = ["X_m, y_m, z_m, rx_rad, ry_rad, rz_rad"]
+    for T in touches(planned()):
+        values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+        rows.append(", ".join(f"{value:.10f}" for value in values))
+    file = tmp_path / "ur.csv"
+    file.write_text("\n".join(rows), encoding="utf-8")
+    found = tool.fit_tool_frame(tool.read_tool_measurements(file))
+    np.testing.assert_allclose(found.tip.point, TIP, atol=1e-8)
+    assert found.orientation is None
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_tip_touched_with_an_arm_that_winds_up_is_as_good_as_its_residuals_say(seed):
+    read = lone_arms(seed, calibrate.Q_NEAR).reading("follower", np.random.default_rng([seed, 18]))
+    figures = calibrate.run_tcp_calibration(calibrate.TcpTrial(seed=seed, read=read)).figures
+    assert figures["residual_rms_m"] > 1e-4
+    assert figures["position_error_m"] < 3.0 * figures["position_std_m"]
+    assert figures["bound_share"] < 1.0
