@@ -1,6 +1,7 @@
 """Plant bases and arms before a laser tracker, turn axes or hold poses, recover them; plant a tool, touch a
 point and move along its axes, recover tip and axes; read the touches from a file."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -60,15 +61,16 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets):
 
 
 @cache
-def first_circles() -> list[SweptCircle]:
-    return [fit_circle(noisy(arc(0), np.random.default_rng(k)), SIGMA) for k in range(100)]
+def swept(joint: int) -> list[SweptCircle]:
+    rng = np.random.default_rng(joint)
+    return [fit_circle(noisy(arc(joint), rng), SIGMA) for _ in range(100)]
 
 
 @pytest.mark.parametrize(("apart", "origin", "tilt"), [(5e-4, 2.1e-5, 1.1e-3), (0.0, 1.7e-5, 1e-3)])
 def test_the_base_is_as_good_as_asked_and_as_stated(apart, origin, tilt):
     """Of axes that miss each other and of those that meet, with noise, 100 times."""
-    rng, second = np.random.default_rng(1), arc(1) + apart * T_TRACKER_BASE[:3, 0]
-    found = [base_from_circles(one, fit_circle(noisy(second, rng), SIGMA)) for one in first_circles()]
+    aside = (replace(circle, center=circle.center + apart * T_TRACKER_BASE[:3, 0]) for circle in swept(1))
+    found = [base_from_circles(*circles) for circles in zip(swept(0), aside, strict=True)]
     assert {base.meets for base in found} == {apart == 0.0}
     assert np.mean([base.gap for base in found]) == pytest.approx(apart, abs=6e-5)
     errors, covariance = np.array([step_from(T_TRACKER_BASE, base.T) for base in found]), found[0].covariance

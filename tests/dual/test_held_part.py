@@ -29,7 +29,7 @@ from polish_sim.motion import forward
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import apply, from_pose, inverse, transform
 from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke, ideal, joints_at
-from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
+from tests.dual.test_pair import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 from tests.planning.shapes import UP, path_through
 
 ANGLE = default_scenario("dual").plan.feature_angle_rad

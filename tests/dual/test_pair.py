@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell import SILENT, CellRun, build_scene
-from polish_sim.cell.gears import elastic_torque, slip
+from polish_sim.cell import SILENT, CellRun, build_scene, no_part, tool_on_flange
+from polish_sim.cell.gears import build_host_arm, elastic_torque, slip
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
 from polish_sim.config import Scenario
+from polish_sim.control import build_controller
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.scene import GRIPPER_MASS, Held, build_pair_scene, load_of
+from polish_sim.dual.scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, load_of
 from polish_sim.errors import InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.models import workpiece_path
@@ -26,9 +27,11 @@ from polish_sim.spatial import apply, from_pose, inverse, transform
 from tests.cell import cells
 from tests.cell.elastic import REAL
 from tests.cell.fields import plane
-from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
 T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
+Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
+ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+TOOL = cells.tool_pose(0.0, -0.5, 0.3)
 
 
 @cache
@@ -286,3 +289,13 @@ def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it():
     run, (told, read) = cells.watched(cell, lambda: cell.master.state.q, lambda: cell.master_arm.read)
     assert run.stop_reason is None
     assert 0.0 < np.abs(told - read).max() < 1e-4
+
+
+def pair_cell(scenario: Scenario, model: mujoco.MjModel, master: MasterRows, stroke, part=None) -> PairCell:
+    """A pair at the start of the follower's stroke; the host believes in the nominal table."""
+    T, host = master.T_base_work, build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
+    nothing = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
+    return PairCell(
+        master, host, scenario, model, part or nothing, [stroke], cells.joints_at(cells.start_of(stroke)),
+        build_controller(scenario.controller), np.random.default_rng(0),
+    )  # fmt: skip
