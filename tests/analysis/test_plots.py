@@ -25,6 +25,7 @@ from polish_sim.log import APPROACH_PHASE, RunLog, Trace, with_column
 from polish_sim.planning import inspect_path, plan_part
 from polish_sim.row_file import save_plots
 from tests.analysis import synthetic
+from tests.planning.shapes import shipped_plan
 
 UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
 """Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
@@ -239,7 +240,7 @@ def drawn_on(flat):
 
 
 def test_a_path_from_above_in_space_and_in_the_distributions_lies_where_it_was_planned():
-    result = plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
+    result = shipped_plan("sphere_100")
     figure = plot_plan(result)
     solid, flat = figure.axes[:2]
     drawn = np.concatenate([line.vertices for line in flat.collections[1].get_paths()])

@@ -198,7 +198,7 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within
 
 
 def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part():
-    even = ("plan.removal=even", "plan.stepover_m=0.012", "process.feed_m_s=0.04", "process.max_feed_s=4")
+    even = ("plan.removal=even", "plan.stepover_m=0.015", "process.feed_m_s=0.04", "process.max_feed_s=4")
     run = run_experiment(dual(*even))
     path, trace = run.path, run.trace
     assert run.figures["protective_stop"] is None

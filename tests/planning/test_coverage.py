@@ -116,7 +116,7 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
     wall = trimesh.creation.box((40, 120, 90)).apply_translation((110, 0, 40))
     strip = trimesh.creation.box((120, 15, 10)).apply_translation((0, 100, 0))
     solid = trimesh.boolean.union([trimesh.creation.box((200, 120, 10)), wall, strip])
-    plan = PlanConfig(region="box:-200,-200,-1,90,200,6")
+    plan = PlanConfig(region="box:-200,-200,-1,90,200,6", stepover_m=0.016)
     result = plan_of(solid, tmp_path / "part.stl", plan, PadConfig(choice="given"))
     m = result.figures
     assert m["region_area_m2"] == pytest.approx(0.190 * 0.120 + 0.120 * 0.015, rel=1e-3)

@@ -41,7 +41,7 @@ def asked(folder, fixture) -> PartConfig:
 
 
 def planned(folder, fixture, pattern="contour", choice="auto") -> PlanResult:
-    plan = PlanConfig(pattern=pattern, region="point:0,0,0", stepover_m=0.01)
+    plan = PlanConfig(pattern=pattern, region="point:0,0,0", stepover_m=0.016)
     return plan_part(asked(folder, fixture), plan, pad=PadConfig(radius_m=RADIUS, choice=choice))
 
 
@@ -76,7 +76,7 @@ def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan
 
 def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_into_it(tmp_path):
     bare = planned(tmp_path, None)
-    plan, part = PlanConfig(region="point:0,0,0", stepover_m=0.01), asked(tmp_path, vice())
+    plan, part = PlanConfig(region="point:0,0,0", stepover_m=0.016), asked(tmp_path, vice())
     measured = measure_given_path(bare.path, part, plan)
     assert measured.figures["pad_in_part_beside"] == "fixture"
     assert measured.figures["pad_in_part_max_m"] == pytest.approx(0.015, abs=0.002)  # the clamp's height
