@@ -18,8 +18,7 @@ from polish_sim.dual.calibrate import (
     run_tcp_calibration,
     simulate_touches,
 )
-from polish_sim.dual.calibration.tool import fit_tool_point
-from polish_sim.dual.calibration.tool_checks import orientation_spread, point_error_bound
+from polish_sim.dual.calibration.tool import fit_tool_point, orientation_spread, point_error_bound
 
 TOUCH_DRAWS, AXES_DRAWS, BASE_SEEDS, ARM_SEEDS, BUDGET_DRAWS = 5000, 1000, 300, 20, 300
 

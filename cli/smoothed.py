@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from polish_sim.arms import FIRST
 from polish_sim.cli import console
@@ -18,9 +17,7 @@ from polish_sim.cli.options import Given
 from polish_sim.errors import InputError, PolishSimError, count_text, number_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion import use_arm
-from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import deviation_curve
-from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, limits_toml, load_limits
+from polish_sim.motion.rules.limits import ORDERS, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.schedule import RULES, check_rule
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning import PlanObserver
@@ -29,7 +26,6 @@ from polish_sim.smoothing.figures import (
     MeasuredMotion,
     even_times,
     measure_smoothing,
-    motion_at,
     sample_in_blocks,
     smoothing_figures,
     write_trajectory,
@@ -42,22 +38,11 @@ from polish_sim.smoothing.place import (
     prepare_rule,
     smooth_path,
 )
-from polish_sim.smoothing.plots import (
-    Curves,
-    chosen_corners,
-    path_turns,
-    plot_corners,
-    plot_deviation,
-    plot_joints,
-    plot_tool_rates,
-    view_corner,
-    way_past,
-)
+from polish_sim.smoothing.plots import draw_smoothing
 
 LIMITS = "limits.toml"
 LONGEST_H = 2.0  #: Of a motion [h]: every hour of it takes about a minute and 3.5 GB of memory
 MANY = 20_000  #: A path of more segments is smoothed by the rules asked for only
-DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
 
 
 def smooth_file(
@@ -195,49 +180,3 @@ ROWS = (
     ("planned, segments per second", "1/s", "segments_per_s", ".0f"),
 )
 """Figures that are shown."""
-
-
-def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
-    """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
-    raw = task.placed.chain
-    limits = task.limits.table
-    arm = task.placed.arm
-    curves = [_curves(motion, raw, arm) for motion in motions]
-    times = ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions)
-    facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
-    tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
-    allowed = (task.tolerance, task.axis_tolerance)
-    plots = {
-        "tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", [*facts, tolerances]),
-        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
-    }
-    if arm is not None:
-        plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", [*facts, tolerances])
-    return plots | _corners(task, motions, name, [*facts, tolerances])
-
-
-def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
-    motion = measured.motion
-    end = measured.motion.end
-    times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
-    seen = motion_at(motion, times, arm)
-    strays = deviation_curve(motion, raw, times)
-    return Curves(measured.rule, times, seen.rates, strays)
-
-
-def _corners(
-    task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
-) -> dict[str, Figure]:
-    raw = task.placed.chain
-    turns = path_turns(raw)
-    ways = [way_past(raw, each.motion) for each in motions]
-    chosen = chosen_corners(turns, ways[0], motions[0].deviation)
-    if not chosen:
-        return {}
-    views = [
-        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
-        for corner in chosen
-    ]
-    return {
-        "corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)
-    }

@@ -41,6 +41,11 @@ def dots(first: Array, second: Array) -> Array:
     return products.sum(axis=-1)
 
 
+def chord_lengths(points: Array) -> Array:
+    """Distances from each of points (n, k) to the next, shape (n - 1,)."""
+    return norms(np.diff(points, axis=0))
+
+
 def unit(vectors: Array) -> Array:
     """Scale vectors (..., 3) to length one; zero stays zero."""
     return vectors / np.maximum(norms(vectors)[..., None], 1e-300)
@@ -122,6 +127,12 @@ def rms_length(vectors: Array) -> float:
 def midpoints(values: Array) -> Array:
     """Means of neighbours (n, ...), shape (n - 1, ...)."""
     return 0.5 * (values[1:] + values[:-1])
+
+
+def spans_at(knots: Array, places: Array) -> Indices:
+    """Which span between rising knots (n,) each of some places is in, the first or the last beyond their
+    ends."""
+    return np.clip(np.searchsorted(knots, places, side="right") - 1, 0, len(knots) - 2)
 
 
 def evenly_to(end: float, spacing: float, least: int = 1, start: float = 0.0) -> Array:

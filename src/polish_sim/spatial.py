@@ -66,15 +66,25 @@ def wxyz(rotations: Array) -> Array:
     return Rotation.from_matrix(rotations).as_quat(scalar_first=True)
 
 
+def rotations_from_vectors(vectors: Sequence[float] | Array) -> Array:
+    """Rotations (..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    return Rotation.from_rotvec(vectors).as_matrix()
+
+
+def vectors_from_rotations(rotations: Array) -> Array:
+    """Rotation vectors (..., 3) [rad] of rotations (..., 3, 3)."""
+    return Rotation.from_matrix(rotations).as_rotvec()
+
+
 def from_pose(pose: Sequence[float] | Array) -> Array:
     """Transform of a UR-style pose: x, y, z [m] and a rotation vector [rad]."""
     values = np.asarray(pose, dtype=float)
-    return transform(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])
+    return transform(rotations_from_vectors(values[3:]), values[:3])
 
 
 def to_pose(T: Array) -> tuple[float, ...]:
     """UR-style pose of a transform (4, 4): x, y, z [m] and a rotation vector [rad]."""
-    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    turn = vectors_from_rotations(T[:3, :3])
     return tuple(float(value) for value in (*T[:3, 3], *turn))
 
 

@@ -13,7 +13,7 @@ from polish_sim.calibration import matched_points
 from polish_sim.calibration.arm import CATALOGUE, ArmEstimate, TrackedArm, fit_arm
 from polish_sim.dual import calibrate
 from polish_sim.dual.arms import lone_arms
-from polish_sim.dual.calibration import tool, tool_checks
+from polish_sim.dual.calibration import tool
 from polish_sim.dual.calibration.arm import held_out_rms
 from polish_sim.dual.calibration.circle import SweptCircle, base_from_circles, fit_circle
 from polish_sim.errors import CalibrationError
@@ -199,7 +199,7 @@ def touches(R: Array, errors: Array | float = 0.0) -> Array:
 
 
 def planned(count: int = 10, cone: float = 45.0) -> Array:
-    return tool_checks.plan_touch_orientations(count, np.radians(cone))
+    return tool.plan_touch_orientations(count, np.radians(cone))
 
 
 @pytest.mark.parametrize("count", [4, 10])
@@ -216,7 +216,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
     found = [tool.fit_tool_point(touches(R, TOUCH_M * rng.standard_normal((10, 3)))) for _ in range(1500)]
     errors = np.array([np.concatenate([one.point - TIP, one.touched - TOUCHED]) for one in found])
     rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
-    assert 0.98 < rms / tool_checks.point_error_bound(R, TOUCH_M) <= 1.02
+    assert 0.98 < rms / tool.point_error_bound(R, TOUCH_M) <= 1.02
     assert rms <= 3.3e-5
     stated = tool.fit_tool_point(touches(R), TOUCH_M).covariance
     scale = np.sqrt(np.diag(stated))
@@ -228,7 +228,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
 def test_the_planner_reaches_the_best_a_cone_allows(cone):
     for count in range(4, 21):
         best = TOUCH_M * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
-        assert tool_checks.point_error_bound(planned(count, cone), TOUCH_M) == pytest.approx(best, rel=1e-9)
+        assert tool.point_error_bound(planned(count, cone), TOUCH_M) == pytest.approx(best, rel=1e-9)
         # From 62 deg on that is within 5% of the best there is.
         assert cone < 62.0 or best <= 1.05 * TOUCH_M * np.sqrt(3.0 / count)
 
@@ -258,7 +258,7 @@ def test_orientations_that_cannot_tell_are_refused(R, said):
     with pytest.raises(CalibrationError, match=said):
         tool.fit_tool_point(touches(R))
     # Spun the other way the cone shows it.
-    assert tool_checks.orientation_spread(coning(8, -1.0))[0][0] > 0.3
+    assert tool.orientation_spread(coning(8, -1.0))[0][0] > 0.3
     np.testing.assert_allclose(tool.fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 
 

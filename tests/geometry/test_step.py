@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from polish_sim.errors import MeshError
-from polish_sim.geometry import fit_surface, load_part, step_file
+from polish_sim.geometry import fit_surface, load_part, mesh_file
 
 LENGTHS = {
     "mm": "LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.)",
@@ -110,7 +110,7 @@ def test_a_file_cut_short_or_of_another_kind_is_refused_and_without_the_reader_a
 @pytest.mark.parametrize(("child", "says"), [(ENDLESS, "longer than 1 s"), (GREEDY, "cannot read")])
 def test_a_reader_that_hangs_or_breaks_is_ended_with_one_error(tmp_path, monkeypatch, child, says):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: True)
-    monkeypatch.setattr(step_file, "getsource", lambda _: child)
-    monkeypatch.setattr(step_file, "SECONDS", 1.0)
+    monkeypatch.setattr(mesh_file, "getsource", lambda _: child)
+    monkeypatch.setattr(mesh_file, "SECONDS", 1.0)
     with pytest.raises(MeshError, match=says):
         load_part(write(tmp_path, ball(50.0)))

@@ -111,8 +111,3 @@ def figure_table(
 def shortfalls(claims: Iterable[Claim], figures: Metrics) -> list[Claim]:
     """The claims that figures do not meet."""
     return [claim for claim in claims if not claim.met_by(figure_of(figures, claim.figure))]
-
-
-def without_paper(claims: Iterable[Claim]) -> tuple[Claim, ...]:
-    """The same claims without the paper's figures."""
-    return tuple(claim._replace(paper="-") for claim in claims)

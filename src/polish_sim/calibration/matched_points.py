@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, crosses
 from polish_sim.errors import CalibrationError
-from polish_sim.spatial import inverse, rotation_angle, skew, transform
+from polish_sim.spatial import inverse, rotation_angle, rotations_from_vectors, skew, transform
 
 LEAST_POINTS = 3
 LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it
@@ -17,7 +16,7 @@ LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames,
 def moved_frame(T: Array, step: Array) -> Array:
     """A frame (4, 4) after a displacement of its origin and a rotation about it, outer axes, (6,) [m],
     [rad]."""
-    return transform(Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3])
+    return transform(rotations_from_vectors(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
 
 
 def point_slopes(T: Array, points: Array) -> Array:

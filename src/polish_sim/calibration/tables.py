@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, norms, rms
 from polish_sim.calibration.payload import BIAS, GRAVITY, PayloadEstimate, PayloadReadings
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import ROTATION_TOLERANCE, no_rotations, transform
+from polish_sim.spatial import ROTATION_TOLERANCE, no_rotations, rotations_from_vectors, transform
 from polish_sim.tables import Columns, csv_text
 from polish_sim.toml_text import read_toml, toml_text
 
@@ -79,7 +79,7 @@ class Measured(Columns):
         line."""
         forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
             QUATERNION: _from_quaternions,
-            ROTATION_VECTOR: lambda values: Rotation.from_rotvec(values).as_matrix(),
+            ROTATION_VECTOR: lambda values: rotations_from_vectors(values),
             MATRIX: lambda values: values.reshape(-1, 3, 3),
         }
         given = next((names for names in forms if set(names) <= set(self.texts)), None)

@@ -76,11 +76,10 @@ class Gears(NamedTuple):
 
 
 def gears_about(about: JointsAbout, swing: float) -> Gears:
-    """The gears under the weight and the contact force, with what `slipping_gears` says of their
-    hysteresis."""
+    """The gears under the weight and the contact force, with their hysteresis by `_slipping`."""
     torque = about.weight + about.force * about.axis @ about.jacobian[:3]
     more = gear_twists(about.real, np.stack([torque - 1e-3, torque + 1e-3]))
-    slipping = slipping_gears(about.arm, swing)
+    slipping = np.array([_slipping(about.arm, j, swing) for j in range(6)])
     return Gears(
         2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT
     )
@@ -126,16 +125,11 @@ def arm_modes(abouts: Sequence[JointsAbout], springs: float) -> Array:
     return _ABOVE * np.array(modes)
 
 
-def slipping_gears(arm: RealArm, swing: float) -> Array:
-    """Torque of the gears' hysteresis by their twist at an amplitude ``swing`` [rad], complex, shape (6,) [N
-    m/rad].
+def _slipping(arm: RealArm, j: int, swing: float) -> complex:
+    """Torque of a gear's hysteresis by its twist at an amplitude ``swing`` [rad], complex [N m/rad].
 
     By harmonic balance; the imaginary part leads, and damps.
     """
-    return np.array([_slipping(arm, j, swing) for j in range(6)])
-
-
-def _slipping(arm: RealArm, j: int, swing: float) -> complex:
     if swing == 0.0:
         return complex(arm.lost_torque[j] / arm.rise)
     phase = np.linspace(0.0, 2.0 * math.pi, 401)

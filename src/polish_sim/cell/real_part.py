@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools, dots, norms
 from polish_sim.cell.contact import RealPart
@@ -22,7 +21,7 @@ from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernels import Record, Vector3, dot, kernel, minus
-from polish_sim.spatial import transform
+from polish_sim.spatial import rotations_from_vectors, transform
 
 WAVELENGTHS = (0.04, 0.15)  # of the form error [m]
 NORMAL_SHARE = 0.7  # least share of the displacement along the normal
@@ -87,7 +86,7 @@ def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.ra
     across /= np.linalg.norm(across)
     shift = config.displacement_m * (along * normal + np.sqrt(1.0 - along**2) * across)
     axis = rng.normal(size=3)
-    R = Rotation.from_rotvec(config.rotation_rad * axis / np.linalg.norm(axis)).as_matrix()
+    R = rotations_from_vectors(config.rotation_rad * axis / np.linalg.norm(axis))
     return transform(R, center - R @ center + shift)
 
 

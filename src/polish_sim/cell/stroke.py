@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, norms, running_sums
+from polish_sim.arrays import Array, chord_lengths, running_sums
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.kernels import Record, Vector2, Vector3, Vector4, dot, kernel, matvec, minus
 from polish_sim.motion.trajectory import (
@@ -142,7 +142,7 @@ def air_length(positions: Array, rotations: Array, speed: float) -> Array:
     The way's points are (n, 3) [m] and its tool frames (n, 3, 3).
     """
     turns = (Rotation.from_matrix(rotations[1:]) * Rotation.from_matrix(rotations[:-1]).inv()).magnitude()
-    ways = norms(np.diff(positions, axis=0))
+    ways = chord_lengths(positions)
     return running_sums(np.maximum(ways, speed / TURN_SPEED * turns))
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
@@ -36,7 +35,7 @@ from polish_sim.motion.kinematics import (
     inverse_with_table,
     is_nominal,
 )
-from polish_sim.spatial import inverse
+from polish_sim.spatial import inverse, vectors_from_rotations
 
 COMFORTABLE = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
 
@@ -72,7 +71,7 @@ class ClosedChain(NamedTuple):
         wanted = T_master_flange @ self.T_flange_gripper @ self.T_gripper_work @ T_work_tool
         actual = self.T_master_follower @ T_follower_flange @ self.T_flange_tool
         off = inverse(wanted) @ actual
-        return np.concatenate([off[:, :3, 3], Rotation.from_matrix(off[:, :3, :3]).as_rotvec()], axis=1)
+        return np.concatenate([off[:, :3, 3], vectors_from_rotations(off[:, :3, :3])], axis=1)
 
 
 def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:

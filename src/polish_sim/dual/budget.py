@@ -28,7 +28,7 @@ from polish_sim.dual.calibration.pair import (
     PairParts,
     adjust_pair,
 )
-from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
+from polish_sim.dual.calibration.tool import TOOL_DOWN
 from polish_sim.dual.frames import (
     PairFrames,
     Site,

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Figures, rms_length
 from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
@@ -21,11 +20,17 @@ from polish_sim.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.cell.real_arm import RestingArm
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures
 from polish_sim.dual.calibration.bases import ROBOTS, AxisArcs, BaseCalibration, base_figures
-from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame, tool_figures
-from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, plan_touch_orientations
+from polish_sim.dual.calibration.tool import (
+    TOOL_DOWN,
+    ToolFrameEstimate,
+    ToolMeasurements,
+    fit_tool_frame,
+    plan_touch_orientations,
+    tool_figures,
+)
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import apply, from_pose, inverse, place_of, transform
+from polish_sim.spatial import apply, from_pose, inverse, place_of, rotations_from_vectors, transform
 
 #: The tracker's target on the flange [m]: outwards, for larger circles
 TARGET = np.array([-0.03, 0.02, 0.05])
@@ -296,7 +301,7 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
 
 def planted_tool(rng: np.random.Generator) -> Array:
     """A tool of some length, off the flange's axis and crooked, shape (4, 4)."""
-    turn = Rotation.from_rotvec(LEAN * rng.uniform(-1.0, 1.0, 3)).as_matrix()
+    turn = rotations_from_vectors(LEAN * rng.uniform(-1.0, 1.0, 3))
     return transform(turn, np.array([*SIDEWAYS * rng.uniform(-1.0, 1.0, 2), LENGTH]))
 
 

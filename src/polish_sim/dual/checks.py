@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, norms
 from polish_sim.config import RobotConfig
@@ -18,7 +17,7 @@ from polish_sim.experiments.placement import failure_of
 from polish_sim.motion import track
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply_each
+from polish_sim.spatial import apply_each, vectors_from_rotations
 
 DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
 
@@ -89,7 +88,7 @@ def check_carried(check: MotionCheck) -> None:
     before, now, after = (way(T, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S))
     places = [apply_each(P, at.points) for P in (before, now, after)]
     turns = [
-        Rotation.from_matrix(b[:, :3, :3] @ np.swapaxes(a[:, :3, :3], 1, 2)).as_rotvec() / DIFFERENCE_S
+        vectors_from_rotations(b[:, :3, :3] @ np.swapaxes(a[:, :3, :3], 1, 2)) / DIFFERENCE_S
         for a, b in ((before, now), (now, after))
     ]
     velocity = (places[2] - places[0]) / (2.0 * DIFFERENCE_S)

@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, directions_at, perpendicular
 from polish_sim.calibration.matched_points import frame_offset
@@ -43,7 +42,15 @@ from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, rea
 from polish_sim.dual.scene import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.spatial import apply, from_pose, inverse, rotation_to_axis, to_pose, transform
+from polish_sim.spatial import (
+    apply,
+    from_pose,
+    inverse,
+    rotation_to_axis,
+    rotations_from_vectors,
+    to_pose,
+    transform,
+)
 
 #: Where the simulated tracker sees the master
 T_TRACKER_MASTER = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
@@ -176,7 +183,7 @@ def touch_marks(
     rounds = max(-(-count // marks), 1)
     spin = np.zeros((count, 3))
     spin[:, 2] = 2.0 * np.pi * (np.arange(count) // marks) / rounds
-    T_work_tool = site.T_work_tool[mark] @ transform(Rotation.from_rotvec(spin).as_matrix(), np.zeros(3))
+    T_work_tool = site.T_work_tool[mark] @ transform(rotations_from_vectors(spin), np.zeros(3))
     T_follower_flange = true.follower_flange(site.T_master_work, T_work_tool)
     T_follower_flange[:, :3, 3] += noise * rng.standard_normal((count, 3))
     T_master_flange = np.tile(true.master_flange(site.T_master_work), (count, 1, 1))

@@ -12,14 +12,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, midpoints, norms
+from polish_sim.arrays import Array, chord_lengths, midpoints
 from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.planning import ToolPath
-from polish_sim.spatial import inverse, transform
+from polish_sim.spatial import inverse, rotations_from_vectors, transform
 
 TIME = "time_s"
 FLANGE = "flange_"  #: What the columns of a place begin with where the poses are the flange's
@@ -77,7 +77,7 @@ def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Arr
     frame."""
 
     def turn(times: Array) -> Array:
-        R = Rotation.from_rotvec(rate * times[:, None] * axis).as_matrix()
+        R = rotations_from_vectors(rate * times[:, None] * axis)
         return transform(R, center - R @ center)
 
     return turn
@@ -148,7 +148,7 @@ def read_master_path(file: Path) -> MasterPath:
 
 def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> None:
     steps = np.diff(times)
-    way = norms(np.diff(poses[:, :3, 3], axis=0))
+    way = chord_lengths(poses[:, :3, 3])
     turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()
     columns.refuse(
         np.r_[False, (way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps)],

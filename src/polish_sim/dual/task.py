@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from polish_sim.arrays import Array, evenly_to, joined, norms, running_sums, unit
+from polish_sim.arrays import Array, chord_lengths, evenly_to, joined, norms, running_sums, unit
 from polish_sim.cell import SILENT, Observer, Stroke
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Checked, DualConfig
@@ -233,7 +233,7 @@ def fit_closed_spline(points: Array) -> BSpline:
     Raises SmoothingError for two neighbours in one place.
     """
     round_trip = np.concatenate([points, points[:1]])
-    chords = norms(np.diff(round_trip, axis=0))
+    chords = chord_lengths(round_trip)
     if chords.min() <= 1e-9:
         k = int(chords.argmin())
         raise SmoothingError(

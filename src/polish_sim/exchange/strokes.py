@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, into_plane, norms, unit
+from polish_sim.arrays import Array, Bools, Indices, chord_lengths, into_plane, norms, unit
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
@@ -201,7 +201,7 @@ def rows_without_straight_air(path: ToolPath) -> Bools:
     kept = path.process.copy()
     kept[needed_rows(path, AIR_CHORD_M, AIR_AXIS_RAD, np.inf)] = True
     rows = np.flatnonzero(kept)
-    kept[rows[:-1][norms(np.diff(path.positions_work[rows], axis=0)) < PRINTED_M]] = False
+    kept[rows[:-1][chord_lengths(path.positions_work[rows]) < PRINTED_M]] = False
     return kept
 
 

@@ -11,9 +11,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, norms
+from polish_sim.arrays import Array, Bools, chord_lengths
 from polish_sim.exchange.strokes import (
     ExportSetup,
     StrokeRows,
@@ -28,6 +27,7 @@ from polish_sim.exchange.strokes import (
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import APPROACH, RETRACT
+from polish_sim.spatial import vectors_from_rotations
 
 # The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when
 # contact fails.
@@ -238,9 +238,7 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     kept[needed_rows(result.path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
     path = result.path.rows(kept)
     inside = moves_in_part(result, kept)
-    poses = np.concatenate(
-        [path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1
-    )
+    poses = np.concatenate([path.positions_work, vectors_from_rotations(steady_frames(path))], axis=1)
     strokes = strokes_of(path)
     lines = opening(name, result, setup, len(path.s))
     calls: list[str] = []
@@ -298,7 +296,7 @@ def _contact(
     rows = stroke.contact
     feed = feeds_of(path, setup)
     force = forces_of(path, setup)
-    gap = norms(np.diff(path.positions_work[rows], axis=0))
+    gap = chord_lengths(path.positions_work[rows])
     blend = np.minimum(BLEND_SHARE * np.minimum(gap[:-1], gap[1:]), LARGEST_BLEND_M)
     remarks = in_part_remarks(inside[rows[1:]])  # the first row is where the tool lands
     for row, before, radius, remark in zip(rows[1:], rows[:-1], [*blend, 0.0], remarks, strict=True):

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, box_middle
 from polish_sim.cell import tool_on_flange
@@ -42,7 +41,7 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath
 from polish_sim.planning.toolpath import ToolPath, pressed
-from polish_sim.spatial import apply, from_pose, inverse
+from polish_sim.spatial import apply, from_pose, inverse, vectors_from_rotations
 
 CLEARANCE_M = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
 BASE_RADIUS_M = 0.11  #: Of the robot's base and pedestal [m]
@@ -263,6 +262,6 @@ class PartPlacing:
             T = self.chosen().T_base_work
         except ReachError as error:
             return f"No other pose was found either: {error}"
-        turn = np.degrees(Rotation.from_matrix(T[:3, :3]).as_rotvec())
+        turn = np.degrees(vectors_from_rotations(T[:3, :3]))
         numbers = ",".join(f"{round(float(value), 3) + 0.0:.7g}" for value in [*(1e3 * T[:3, 3]), *turn])
         return f"It fits with --part-pose {numbers}, or leave --part-pose out."

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, box_middle, norms
 from polish_sim.cell.guards import shaft_points
@@ -15,7 +14,7 @@ from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath, inverse_all, link_frames, smallest_singular_values, track
 from polish_sim.planning.toolpath import rows_apart
-from polish_sim.spatial import apply, rotation_to_axis, transform
+from polish_sim.spatial import apply, rotation_to_axis, rotations_from_vectors, transform
 
 if TYPE_CHECKING:
     from polish_sim.geometry import Surface
@@ -201,7 +200,7 @@ def upright(up: Array) -> Array:
     size = np.linalg.norm(axis)
     if size < 1e-9:
         return np.eye(3) if up[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-    return Rotation.from_rotvec(axis / size * math.atan2(size, up[2])).as_matrix()
+    return rotations_from_vectors(axis / size * math.atan2(size, up[2]))
 
 
 def starts_at(T_base_flange: Array) -> Array:

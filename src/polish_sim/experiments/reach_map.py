@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices, box_middle, norms
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import arm_lengths, solve_row
-from polish_sim.spatial import inverse, transform
+from polish_sim.spatial import inverse, rotations_from_vectors, transform
 
 DISTANCES = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
 HEIGHTS = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
@@ -41,7 +40,7 @@ class ReachMap(NamedTuple):
 
     def pose(self, height: int, distance: int, turn: int) -> Array:
         """T_base_work of a cell of the map, shape (4, 4)."""
-        R_turn = Rotation.from_rotvec([0.0, 0.0, TURNS[turn]]).as_matrix()
+        R_turn = rotations_from_vectors([0.0, 0.0, TURNS[turn]])
         x, y, _ = R_turn @ self.middle
         place = np.array([-x, -DISTANCES[distance] - y, HEIGHTS[height] - self.lowest])
         return transform(R_turn @ self.R_up, place)
@@ -79,7 +78,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
     shifts = np.stack([np.zeros(grid[0].size), -grid[1].ravel(), grid[0].ravel()], axis=1)
     values, T_tool_flange = np.zeros((len(shifts), len(TURNS), len(SPINS))), inverse(T_flange_tool)
     for turn, angle in enumerate(TURNS):
-        R_turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+        R_turn = rotations_from_vectors([0.0, 0.0, angle])
         for spin, around in enumerate(SPINS):
             try:
                 rotations = tool_rotations(out @ R_turn.T, around)

@@ -15,7 +15,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from polish_sim.analysis.claim import Claim, without_paper
+from polish_sim.analysis.claim import Claim
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, refuse_idle, unknown_name
 
@@ -291,7 +291,7 @@ def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:
         for row, scenario in zip(rows, scenarios, strict=True)
         for name, value in row.paper.items()
     )
-    return tuple(asked.values()) if papers else without_paper(asked.values())
+    return tuple(claim if papers else claim._replace(paper="-") for claim in asked.values())
 
 
 def path_words(scenario: Scenario) -> str:

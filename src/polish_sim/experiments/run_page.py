@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.claim import figure_table
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import RunRecord, changed_settings, other_conditions, stop_mark
-from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, norms
+from polish_sim.arrays import Array, Indices, Ints, chord_lengths, dots, into_plane, norms
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
@@ -307,7 +307,7 @@ def plan_page(
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
     steps = np.diff(cycle.time)
-    speed = np.append(norms(np.diff(cycle.positions, axis=0)) / steps, 0.0)
+    speed = np.append(chord_lengths(cycle.positions) / steps, 0.0)
     pressing = cycle.force > 0.0
     motion = Motion(
         time=cycle.time,

@@ -3,11 +3,17 @@ triangles)."""
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import logging
+import os
 import re
+import subprocess
+import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
+from inspect import getsource
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +23,6 @@ from polish_sim.arrays import Array
 from polish_sim.errors import MeshError, count_text, near_file, regular
 from polish_sim.geometry.polygon import FileTriangles
 from polish_sim.geometry.polygon_files import is_obj, is_ply, parse_obj, parse_ply, printable, text_numbers
-from polish_sim.geometry.step_file import ENDINGS, is_step, parse_step
 
 LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
@@ -175,6 +180,101 @@ def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:
     )
 
 
+#: Chords of a STEP file are this close to its solid [mm]; the surface through them is 100 times closer
+CHORD_MM = 0.1
+#: Neighbouring facets of a smooth face bend by no more: well below plan.feature_angle_rad
+ANGLE_RAD = 0.2
+SECONDS, SECONDS_PER_MB = 9.0, 6.0  #: A STEP file that takes longer is refused [s, s/MB]
+MEMORY = 4_000_000_000  #: Of the process that reads it [bytes]
+STEP_ENDINGS = (".step", ".stp")  #: Of files that state their own unit
+_STEP_HEAD, _STEP_TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
+
+
+def is_step(content: bytes) -> bool:
+    """A STEP file begins with the number of its standard."""
+    return content[:256].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(_STEP_HEAD)
+
+
+def parse_step(content: bytes, path: Path) -> FileTriangles:
+    """The faces of a STEP file as triangles in mm, whichever unit the file states.
+
+    Raises:
+        MeshError: The reader is not installed, or the file is no STEP file, cut short, broken, without a face
+            or too much for the limits of time and memory.
+    """
+    if not is_step(content):
+        raise MeshError(
+            f"{path}: not a STEP file (it does not begin with {_STEP_HEAD.decode()}). Export the part again."
+        )
+    if _STEP_TAIL not in content[-4096:]:
+        raise MeshError(
+            f"{path}: the STEP file is cut short (no {_STEP_TAIL.decode()} at its end). Export it again."
+        )
+    if importlib.util.find_spec("cascadio") is None:
+        raise MeshError(
+            f"{path}: STEP files are read by the package cascadio, which is not installed. Install it with: "
+            "pip install 'polish-sim[cad]'. Or export the part as STL."
+        )
+    with tempfile.TemporaryDirectory(prefix="polish_sim_") as folder:
+        source, target = Path(folder) / "part.step", Path(folder) / "triangles.npy"
+        source.write_bytes(content)
+        _triangulate(source, target, path, SECONDS + SECONDS_PER_MB * 1e-6 * len(content))
+        corners = 1e3 * np.load(target)
+    if not len(corners):
+        raise MeshError(f"{path}: the STEP file holds no solid and no surface. Export the part as a solid.")
+    note = f"STEP file: triangulated within {CHORD_MM:g} mm, in the unit it states"
+    return FileTriangles(corners, np.arange(len(corners), dtype=np.int32), (note,), "mm")
+
+
+def _triangulate(source: Path, target: Path, path: Path, longest: float) -> None:
+    """Run `_write_triangles` for no more than ``longest`` [s] in a process of its own, which imports nothing
+    of this package: a CAD kernel may hang or crash on a broken file. What it prints is not kept."""
+    call = f"_write_triangles{(str(source), str(target), CHORD_MM, ANGLE_RAD, MEMORY)}"
+    command = [sys.executable, "-P", "-c", f"{getsource(_write_triangles)}\n{call}"]
+    few = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}  # each thread would take of the memory
+    quiet = subprocess.DEVNULL
+    try:
+        done = subprocess.run(
+            command,
+            env=os.environ | few,
+            timeout=longest,
+            stdin=quiet,
+            stdout=quiet,
+            stderr=quiet,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise MeshError(
+            f"{path}: triangulating the STEP file takes longer than {longest:.0f} s: the file is broken, or "
+            "far too large a part for the robot. Export the part alone, or as STL."
+        ) from None
+    if done.returncode != 0 or not target.exists():
+        raise MeshError(
+            f"{path}: the CAD kernel cannot read the STEP file (broken, or it needs more than "
+            f"{MEMORY / 1e9:g} GB). Export the part alone, or as STL."
+        )
+
+
+def _write_triangles(source: str, target: str, chord_mm: float, angle_rad: float, memory: int) -> None:
+    """Write the triangles of a STEP file [m], shape (m, 3, 3), as a npy file, in ``memory`` [bytes] at
+    most."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    except (ImportError, ValueError, OSError):
+        pass  # Windows and macOS have no such limit; that of time stays
+    import numpy as np
+    import trimesh
+
+    with open(source, "rb") as file:
+        scene = trimesh.load_scene(file, file_type="step", tol_linear=chord_mm, tol_angular=angle_rad)
+    np.save(
+        target,
+        np.asarray(scene.to_mesh().triangles if scene.geometry else np.empty((0, 3, 3)), dtype=np.float64),
+    )
+
+
 class _Format(NamedTuple):
     recognises: Callable[[bytes], bool]  #: Decides from the content alone; never wrong when it says yes
     parse: Callable[[bytes, Path], FileTriangles]  #: Content and name (for messages) to triangles
@@ -184,6 +284,6 @@ FORMATS: Mapping[str, _Format] = {
     ".ply": _Format(is_ply, parse_ply),
     ".stl": _Format(is_stl, parse_stl),
     ".obj": _Format(is_obj, parse_obj),
-    **dict.fromkeys(ENDINGS, _Format(is_step, parse_step)),
+    **dict.fromkeys(STEP_ENDINGS, _Format(is_step, parse_step)),
 }
 """By the usual ending of the name."""

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, Figures, Indices, dots, foot_on_chord, norms, rms, unit
+from polish_sim.arrays import Array, Figures, Indices, chord_lengths, dots, foot_on_chord, norms, rms, unit
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked, DragConfig, HandConfig, SimulationConfig
 from polish_sim.errors import PlanError
@@ -95,7 +95,7 @@ def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     """A path through points of a part, all of it process; the part's normals are the tool axes."""
     along = unit(np.gradient(found.positions, axis=0))
     curvature = surface.normal_curvature(found.facets, found.barycentric, along)
-    moved = np.concatenate([[True], norms(np.diff(found.positions, axis=0)) > 1e-6])
+    moved = np.concatenate([[True], chord_lengths(found.positions) > 1e-6])
     return path_of(move_in(PROCESS, found.positions[moved], found.normals[moved], 0), curvature[moved])
 
 

@@ -12,7 +12,7 @@ from zipfile import ZipFile
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
-from polish_sim.arrays import Array, Indices, joined, norms, running_sums
+from polish_sim.arrays import Array, Indices, chord_lengths, joined, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.formats import read_way_points
@@ -224,16 +224,12 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
             return _from_npz(source / name)
     if source.suffix == ".npz":
         return _from_npz(source)
-    if source.is_file() and source.suffix == ".csv" and _names_joints(source):
+    if source.is_file() and source.suffix == ".csv" and b"q1_rad" in source.read_bytes().lower():
         columns = ColumnMap({}, {}, {"q_rad": columns_of((0,) * JOINTS).wanted["q_rad"]})
         log = read_robot_recording(source, ("q_rad",), columns, of_gap=None)
         return log.time, log.values["q_rad"], np.zeros(len(log.time))
     time, q = _along_path(source)
     return time, q, np.zeros(len(time))
-
-
-def _names_joints(file: Path) -> bool:
-    return "q1_rad" in file.read_text(encoding="utf-8", errors="replace").lower()
 
 
 def _from_npz(file: Path) -> tuple[Array, Array, Array]:
@@ -260,5 +256,5 @@ def _along_path(source: Path) -> tuple[Array, Array]:
     placements = default_placements(positions, np.array([0.0, 0.0, 1.0]), float(positions[:, 2].min()))
     _reach, way, q = follow_path(points, rows, placements, "or give a log", "Give a log instead.")
     feed = points.path.feeds(ProcessConfig().feed_m_s)[rows]
-    steps = norms(np.diff(way.positions, axis=0)) / feed[way.ends[1:]]
+    steps = chord_lengths(way.positions) / feed[way.ends[1:]]
     return running_sums(np.maximum(steps, _TURN_S)), q

@@ -232,7 +232,8 @@ def _write(
     removal = summed_maps(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
     fed = sum(result.trace.fed.sum() for result in parts) * scenario.simulation.timestep_s
-    work = removal_work(maps)
+    # pressure x sliding way summed over the part, beside the region too [N m]
+    work = sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
     figures = {
         **last.figures,
         **measure_removal(removal, scenario.pad.radius_m),
@@ -253,11 +254,6 @@ def _write(
     with whole_folder(folder / "run") as draft:
         write_record(draft, RunRecord(scenario.experiment, scenario, figures, last.log, last.path, removal))
     shutil.rmtree(folder / "pieces")
-
-
-def removal_work(maps: list[RemovalMap]) -> float:
-    """Pressure x sliding way summed over the part, beside the region too [N m]."""
-    return sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
 
 
 def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:

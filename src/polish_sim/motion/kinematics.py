@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import ARMS, FIRST, ArmTable, arm_table
 from polish_sim.arrays import Array, Bools, crosses
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
-from polish_sim.spatial import inverse, place_of
+from polish_sim.spatial import inverse, place_of, vectors_from_rotations
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
 """Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); set by `use_arm`."""
@@ -369,7 +368,7 @@ def inverse_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
 
 def _pose_errors(T: Array, T_wanted: Array) -> Array:
     """Displacement [m] and rotation vector [rad] from poses (n, 4, 4) to others, base axes, shape (n, 6)."""
-    turn = Rotation.from_matrix(T_wanted[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    turn = vectors_from_rotations(T_wanted[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1))
     return np.concatenate([T_wanted[:, :3, 3] - T[:, :3, 3], turn], axis=1)
 
 

@@ -10,12 +10,20 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, Ints, dots, evenly_to, midpoints, norms, running_sums, unit
+from polish_sim.arrays import (
+    Array,
+    Indices,
+    Ints,
+    dots,
+    evenly_to,
+    midpoints,
+    unit,
+)
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
-from polish_sim.planning.toolpath import interpolate
+from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import wxyz
 
 
@@ -48,7 +56,7 @@ def build_path_table(
     points' own if not given. ``curvature`` (n,) [1/m] is the normal curvature along the path, ``pass_index``
     (n,) the turn of each point; zero if not given. Rows are about ``spacing`` [m] apart.
     """
-    own = running_sums(norms(np.diff(positions, axis=0)))
+    own = arc_length(positions)
     place = own if s is None else s - s[0]
     kept = np.concatenate([[True], np.diff(place) > 1e-9])
     place, points, frames = place[kept], positions[kept], rotations[kept]
@@ -61,7 +69,7 @@ def build_path_table(
     nodes = evenly_to(place[-1], spacing)
     curve = CubicSpline(place, points, axis=0, bc_type="natural")
     step = nodes[1] - nodes[0]
-    quaternions = _interpolate_quaternions(place, continuous_quaternions(frames), nodes)
+    quaternions = np.ascontiguousarray(unit(interpolate(nodes, place, continuous_quaternions(frames))))
     return PathTable(
         step,
         length,
@@ -103,10 +111,6 @@ def continuous_quaternions(rotations: Array) -> Array:
     turned = dots(quaternions[1:], quaternions[:-1]) < 0.0
     quaternions[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
     return np.ascontiguousarray(quaternions)
-
-
-def _interpolate_quaternions(s: Array, continuous: Array, nodes: Array) -> Array:
-    return np.ascontiguousarray(unit(interpolate(nodes, s, continuous)))
 
 
 def _turning(quaternions: Array, step: float) -> Array:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, running_sums, unit
+from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, running_sums, spans_at, unit
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
@@ -100,7 +100,7 @@ def near_chords(positions, normals, knots, count, closed, points, index):  # typ
 
 def interpolated(positions: Array, normals: Array, knots: Array, where: Array) -> tuple[Array, Array]:
     """Positions [m] and unit normals, (n, 3) each, at places (n,) among growing ``knots`` of a polyline."""
-    index = np.clip(np.searchsorted(knots, where, side="right") - 1, 0, len(knots) - 2)
+    index = spans_at(knots, where)
     span = knots[index + 1] - knots[index]
     share = ((where - knots[index]) / np.where(span > 0.0, span, 1.0))[:, None]
     return (

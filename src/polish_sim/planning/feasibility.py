@@ -11,8 +11,8 @@ from polish_sim.arrays import longest_side
 from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
+from polish_sim.geometry.mesh_file import STEP_ENDINGS
 from polish_sim.geometry.regions.region import check_part_words
-from polish_sim.geometry.step_file import ENDINGS
 from polish_sim.planning.curve import CurveSet
 from polish_sim.planning.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
@@ -133,7 +133,7 @@ def too_small(mesh: PartMesh, width: float, pad: PadConfig, force: float) -> Pla
 def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
     """The units in which a region would be wide enough [m], and the part's size in them; empty if it is, or
     none is."""
-    if width >= wanted or mesh.path.suffix.lower() in ENDINGS:
+    if width >= wanted or mesh.path.suffix.lower() in STEP_ENDINGS:
         return ""
     size = longest_side(mesh.vertices)
     scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}

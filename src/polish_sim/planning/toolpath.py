@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, evenly_to, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, chord_lengths, evenly_to, running_sums
 from polish_sim.errors import PlanError
 
 SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
@@ -92,8 +92,7 @@ class ToolPath:
 
 def arc_length(positions: Array) -> Array:
     """Length of a polyline (n, 3) [m] from its first point, along its chords [m], shape (n,)."""
-    chords = norms(np.diff(positions, axis=0))
-    return running_sums(chords)
+    return running_sums(chord_lengths(positions))
 
 
 def rows_apart(s: Array, spacing: float) -> Indices:

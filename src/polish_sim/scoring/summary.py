@@ -116,7 +116,14 @@ def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
         name = summary.case.name if summary.case.name != before else ""
         before = summary.case.name
         cells = [_cell(summary, figure, means) for figure in SHOWN]
-        rows.append([name, *([summary.entry.label] if several else []), *cells, _stable(summary)])
+        rows.append(
+            [
+                name,
+                *([summary.entry.label] if several else []),
+                *cells,
+                f"{summary.stable}/{len(summary.rows)}",
+            ]
+        )
     title = "all cases, mean / worst seed" if means else "all cases, worst seed [s, N]; means in score.md"
     return Table(title, headings, rows, 1 + several)
 
@@ -211,10 +218,6 @@ def _worst(spread: Spread, figure: str, moving: bool) -> str:
     if spread.worst is not None or (figure == "settling_1n_s" and moving):
         return number_or_dash(spread.worst)
     return "never" if figure == "settling_1n_s" else "-"
-
-
-def _stable(summary: Summary) -> str:
-    return f"{summary.stable}/{len(summary.rows)}"
 
 
 def _weakness(summary: Summary) -> str:

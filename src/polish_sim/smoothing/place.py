@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, in_groups, norms, turns_along
+from polish_sim.arrays import Array, Indices, chord_lengths, in_groups, turns_along
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
 from polish_sim.exchange import WayPoints, plan_facts
@@ -78,7 +78,7 @@ def distinct_rows(points: WayPoints) -> Indices:
     """
     positions = points.path.positions_work
     axes = points.path.axes_work
-    moved = (norms(np.diff(positions, axis=0)) > SAME_M) | (norms(np.diff(axes, axis=0)) > SAME_RAD)
+    moved = (chord_lengths(positions) > SAME_M) | (chord_lengths(axes) > SAME_RAD)
     rows = np.flatnonzero([True, *moved])
     if len(rows) < 2:
         raise SmoothingError(
@@ -113,7 +113,7 @@ def way_between(positions: Array, axes: Array) -> PlacedWay:
         The way, the first point included.
     """
     turns = turns_along(axes)
-    lengths = norms(np.diff(positions, axis=0))
+    lengths = chord_lengths(positions)
     counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
     k, place = in_groups(counts)
     u = (place + 1.0) / counts[k]

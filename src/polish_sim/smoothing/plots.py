@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -26,9 +27,12 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array, Indices, foot_on_chord, norms, perpendicular, turns_along, unit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
-from polish_sim.motion.rules.limits import ORDERS
+from polish_sim.motion.rules.limits import ORDERS, Arm
 from polish_sim.motion.rules.schedule import SmoothMotion
+from polish_sim.smoothing.figures import MeasuredMotion, motion_at
+from polish_sim.smoothing.place import SmoothingTask
 
+DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
 SUFFIX = ("/s", "/s²", "/s³")
 LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
 DEGREES = 180.0 / np.pi
@@ -42,6 +46,52 @@ LEAST_TURN = 1e-4  #: A way point the path turns less at is no corner [rad]
 GRID = 300  #: Places along each side of a view where the distance from the path is known
 SAMPLES = 1500  #: Of each way through a view
 WINDOW = 12  #: Way points on either side that a view's path is made of
+
+
+def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
+    """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
+    raw = task.placed.chain
+    limits = task.limits.table
+    arm = task.placed.arm
+    curves = [_curves(motion, raw, arm) for motion in motions]
+    facts = [
+        f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm",
+        ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions),
+        f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°",
+    ]
+    allowed = (task.tolerance, task.axis_tolerance)
+    plots = {
+        "tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", facts),
+        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", facts),
+    }
+    if arm is not None:
+        plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", facts)
+    return plots | _corners(task, motions, name, facts)
+
+
+def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
+    motion = measured.motion
+    times = np.linspace(0.0, motion.end, int(min(DRAWN, max(1e3 * motion.end, 500.0))) + 1)
+    rates = motion_at(motion, times, arm).rates
+    return Curves(measured.rule, times, rates, deviation_curve(motion, raw, times))
+
+
+def _corners(
+    task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
+) -> dict[str, Figure]:
+    raw = task.placed.chain
+    turns = path_turns(raw)
+    ways = [DrawnWay(each.motion, *vertex_distances(each.motion, raw)) for each in motions]
+    chosen = chosen_corners(turns, ways[0], motions[0].deviation)
+    if not chosen:
+        return {}
+    views = [
+        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
+        for corner in chosen
+    ]
+    return {
+        "corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)
+    }
 
 
 class Curves(NamedTuple):
@@ -154,11 +204,6 @@ class DrawnWay(NamedTuple):
     motion: SmoothMotion
     distances: Array  #: [m], shape (n + 1,)
     times: Array  #: [s], shape (n + 1,)
-
-
-def way_past(raw: Chain, motion: SmoothMotion) -> DrawnWay:
-    """A motion, and when it is nearest to each of the path's way points."""
-    return DrawnWay(motion, *vertex_distances(motion, raw))
 
 
 def path_turns(raw: Chain) -> Array:

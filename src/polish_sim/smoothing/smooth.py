@@ -15,7 +15,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, directions_at, into_plane, norms, running_sums, unit
+from polish_sim.arrays import (
+    Array,
+    Figures,
+    chord_lengths,
+    directions_at,
+    into_plane,
+    norms,
+    running_sums,
+    unit,
+)
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, PlayedBack, play_joints
 from polish_sim.cell.scene import build_scene
@@ -67,7 +76,7 @@ def trial_path() -> TrialPath:
     scale = 1e-3
     for _ in range(30):
         points = _on_dome(scale * flat)
-        scale *= LENGTH / float(norms(np.diff(points, axis=0)).sum())
+        scale *= LENGTH / float(chord_lengths(points).sum())
     points = _on_dome(scale * flat)
     into = -unit(points + [0.0, 0.0, DOME])
     return TrialPath(points + TOP, rotation_to_axis(into, np.array([1.0, 0.0, 0.0])))

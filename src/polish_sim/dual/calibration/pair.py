@@ -16,12 +16,11 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
-from polish_sim.spatial import apply, apply_each, place_of
+from polish_sim.spatial import apply, apply_each, place_of, vectors_from_rotations
 
 SOURCES = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
 INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
@@ -125,7 +124,7 @@ def _rows(
 ) -> list[tuple[Array, Array]]:
     """Derivatives (..., 15) and residuals (...) of each source [m], [rad]."""
     T_mf, tip, T_fw, _ = chain
-    turned = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()
+    turned = vectors_from_rotations(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T)
     bases = np.concatenate([T_mf[:3, 3] - parts.T_master_follower[:3, 3], turned])
     seen = apply(T_fw, marks_work)
     J_marks = np.zeros((len(seen), 3, 15))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, norms, unit
+from polish_sim.arrays import Array, Bools, chord_lengths, norms, unit
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to, turn_about
@@ -102,8 +102,8 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
     """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is
     kept for the next one."""
     axes = unit(np.asarray(rotations, dtype=float)[:, :, 2])
-    moved = norms(np.diff(tips, axis=0)) > SAME_PLACE
-    turned = norms(np.diff(axes, axis=0)) > SAME_AXIS
+    moved = chord_lengths(tips) > SAME_PLACE
+    turned = chord_lengths(axes) > SAME_AXIS
     repeated: Bools = np.concatenate([[False], ~(moved | turned)])
     return repeated
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums, spans_at
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import (
@@ -399,7 +399,7 @@ def _longest(work: LawRoom, y: Array) -> tuple[float, float]:
 def squares_at(law: Law, u: Array) -> Array:
     """b at places (m,) between launch and landing [m], shape (m,)."""
     old = law.squares
-    i = np.clip(np.searchsorted(old.knots, u, side="right") - 1, 0, len(old.knots) - 2)
+    i = spans_at(old.knots, u)
     value, slope, bend = (around(each, law.controls)[i] for each in (old.values, old.slopes, old.bends))
     past = u - old.knots[i]
     return value + (slope + 0.5 * bend * past) * past
@@ -601,7 +601,7 @@ def law_knots(coarse: Array, speeds: Array, caps: Array, launch: Launch) -> Arra
 
 def _growing(ways: Array, coarse: Array) -> Array:
     """The ways (m,) up to where they are as far apart as the knots (n,) from the same end, two at least."""
-    spans = np.diff(coarse)[np.clip(np.searchsorted(coarse, ways[1:], side="right") - 1, 0, len(coarse) - 2)]
+    spans = np.diff(coarse)[spans_at(coarse, ways[1:])]
     far = (np.diff(ways) > spans) | (ways[1:] > 0.3 * coarse[-1])
     return ways[: max(2, 1 + int(far.argmax()) if far.any() else len(ways))]
 

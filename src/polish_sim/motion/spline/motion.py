@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Indices, dots, midpoints, norms, running_sums
+from polish_sim.arrays import Array, Indices, dots, midpoints, norms, running_sums, spans_at
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import PIECES, box_pieces
@@ -81,7 +81,7 @@ def pass_by(law: Law) -> Passage:
 
 def passage_at(passage: Passage, times: Array) -> Array:
     """u [m] and its first three derivatives at times from 0 to the duration [s], shape (4, m)."""
-    i = np.clip(np.searchsorted(passage.times, times, side="right") - 1, 0, len(passage.speeds) - 1)
+    i = spans_at(passage.times, times)
     t = np.minimum(times, passage.duration) - passage.times[i]
     a, v, beta, j = (
         column[i] for column in (passage.accelerations, passage.speeds, passage.bends, passage.jerks)
@@ -171,7 +171,7 @@ class SplineMotion(NamedTuple):
         if marks is self.line.places:
             rates = curve_rates(self.curve, u).places
             return np.maximum.accumulate(rates[0]), np.maximum(rates[1] * speed, 0.0)
-        k = np.clip(np.searchsorted(self.line.u, u, side="right") - 1, 0, len(marks) - 2)
+        k = spans_at(self.line.u, u)
         return np.interp(u, self.line.u, marks), speed * (np.diff(marks) / np.diff(self.line.u))[k]
 
 

@@ -13,11 +13,11 @@ from polish_sim.arrays import (
     Bools,
     Indices,
     angles_between,
+    chord_lengths,
     evenly_to,
     into_plane,
     joined,
     midpoints,
-    norms,
     turned,
     unit,
 )
@@ -68,7 +68,7 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
 
     Along arc lengths ``s`` (n,) [m] the turn begins and ends ``reach`` [m] from the crease.
     """
-    turn = norms(np.diff(normals, axis=0))
+    turn = chord_lengths(normals)
     jumps = midpoints(s)[turn > CREASE]
     if len(jumps) == 0:
         return normals

@@ -9,7 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, directions_at, dots, norms, running_sums, unit
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    chord_lengths,
+    directions_at,
+    dots,
+    running_sums,
+    unit,
+)
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
@@ -138,7 +147,7 @@ class PadSteps(NamedTuple):
 
 def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     """Cut the path in contact into steps of about a tenth of the pad's radius."""
-    length = norms(np.diff(on.positions, axis=0))
+    length = chord_lengths(on.positions)
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (running_sums(way) for way in (length, length * slowness))
     rows = checked_rows(on, s, STEP * pad.radius_m)

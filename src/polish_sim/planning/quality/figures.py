@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, angles_between, into_plane, norms
+from polish_sim.arrays import Array, Figures, angles_between, chord_lengths, into_plane, norms
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
@@ -141,7 +141,8 @@ def measure_quality(
     strict = strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover)
     quality.figures.update(
         _path_figures(on, path, process)
-        | _spacing_figures(spacing, pad)
+        | {f"stepover_{name}": value for name, value in spacing._asdict().items() if name != "distances_m"}
+        | {"overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m)}
         | _coverage_figures(quality, strict)
         | quality.pad_in_part.figures
         | _sharpness_figures(on, quality)
@@ -172,7 +173,7 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
 
     And the way of the tool while it does not touch, leads included [m].
     """
-    chords = norms(np.diff(path.positions_work, axis=0))
+    chords = chord_lengths(path.positions_work)
     pressing = path.process[1:] & path.process[:-1]
     feed = path.feeds(process.feed_m_s)
     slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
@@ -181,13 +182,6 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
         "time_in_contact_s": times[pressing].sum(),
         "cycle_time_s": times.sum(),
         "air_length_m": chords[~pressing].sum(),
-    }
-
-
-def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
-    return {
-        **{f"stepover_{name}": value for name, value in spacing._asdict().items() if name != "distances_m"},
-        "overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m),
     }
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints, dots, in_groups, norms, running_sums, unit
+from polish_sim.arrays import Array, Indices, Ints, chord_lengths, dots, in_groups, norms, running_sums, unit
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
@@ -99,7 +99,7 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
 
 def with_points_between(path: ToolPath) -> ToolPath:
     """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
-    chords = norms(np.diff(path.positions_work, axis=0))
+    chords = chord_lengths(path.positions_work)
     pressing = path.process[1:] & path.process[:-1]
     counts = np.where(pressing, np.maximum(np.ceil(chords / LONGEST_M * (1.0 - 1e-9)), 1.0), 1.0).astype(
         np.int64
