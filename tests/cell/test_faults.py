@@ -109,11 +109,9 @@ def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name):
 
 
 def test_a_fault_happens_at_its_step_whoever_looks_on():
-    class Onlooker(Silent):
-        frame_every_s = 0.007
-
     events = "part-shift@0.7304, sensor-dropout@contact+0.1234, sensor-noise@100"
-    alone, watched = (faulty(events).run(onlooker) for onlooker in (Silent(), Onlooker()))
+    onlooker = cells.EachStep(lambda _model, _data: None, 0.007)
+    alone, watched = (faulty(events).run(watching) for watching in (Silent(), onlooker))
     assert alone.safety == watched.safety
     assert alone.safety.faults_missed == ("sensor-noise@100",)
     assert alone.safety.fault_time_s == pytest.approx(0.731)
@@ -175,17 +173,14 @@ def test_force_and_feed_set_anew_are_kept_and_what_happens_by_hand_happens_again
         s = np.interp([start + since - 0.1, start + since + 0.1], run.trace.time_s, run.trace.path_s_m)
         assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
 
-    class ByHand(Silent):
-        frame_every_s = 0.013
-
-        def frame(self, model: object, data: object) -> None:
-            steps = int(cell.state.status.steps)
-            for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
-                if at - 13 <= steps < at:
-                    cell.let_happen(what)
+    def by_hand(_model: object, _data: object) -> None:
+        steps = int(cell.state.status.steps)
+        for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
+            if at - 13 <= steps < at:
+                cell.let_happen(what)
 
     cell = faulty("", hold=2.0, slide=0.02)
-    first = cell.run(ByHand())
+    first = cell.run(cells.EachStep(by_hand, 0.013))
     planned = as_planned(cell.scenario, cell.asked)
     assert re.fullmatch(r"force_n=24\.5@[\d.]+, feed_m_s=0\.003@[\d.]+", planned.process.changes)
     changes = f"process.changes='{planned.process.changes}'"

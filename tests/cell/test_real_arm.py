@@ -63,7 +63,7 @@ def test_the_first_resonance_and_its_decay_are_those_of_the_linear_model(q):
     assert np.polyfit(ups[1:] * joints.dt, np.log(peaks), 1)[0] == pytest.approx(value.real, rel=0.05)
 
 
-def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():
+def test_hysteresis_loses_on_every_closed_way_is_as_wide_as_it_should_be_and_knees_must_rise():
     rng, most, rise = np.random.default_rng(1), 4.5, 1e-4
     for _ in range(10):
         turns = rng.uniform(-1e-3, 1e-3, 6)
@@ -85,6 +85,8 @@ def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():
             torque, twist = slip(torque, -sign * 1e-6, arm.lost_torque[0], arm.rise), twist - sign * 1e-6
         widths.append(twist)
     assert widths[0] - widths[1] == pytest.approx(2.9e-4, rel=0.02)
+    with pytest.raises(ConfigError, match="knee_2_nm"):
+        run_experiment(override(ARC, [REAL, "robot.real.knee_2_nm=[10,48,48,6.9,6.9,6.9]"]))
 
 
 def test_the_last_wrist_is_stable_behind_its_stiffest_slope():
@@ -139,11 +141,6 @@ def test_the_arc_errs_as_a_real_arm_does(seed, side, low, high):
     assert figures["protective_stop"] is None
     assert low < figures["tracking_error_max_m"] < high
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=5e-5)
-
-
-def test_a_second_knee_below_the_first_is_refused():
-    with pytest.raises(ConfigError, match="knee_2_nm"):
-        run_experiment(override(ARC, [REAL, "robot.real.knee_2_nm=[10,48,48,6.9,6.9,6.9]"]))
 
 
 def swing(amplitude: float, dt: float = 1e-3) -> JointTargets:

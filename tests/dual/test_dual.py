@@ -149,7 +149,7 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free):
         assert figures["chain_residual_m"] < 1e-9
 
 
-def test_a_part_that_slips_and_a_base_believed_a_millimetre_off_show_on_the_part(tmp_path):
+def test_a_part_that_slips_and_a_base_a_millimetre_off_show_on_the_part_others_are_refused(tmp_path):
     run = run_experiment(dual("process.max_feed_s=1.2", "faults.events=part-shift@contact+0.8"))
     assert run.figures["relative_error_max_m"] == pytest.approx(0.01, rel=0.05)
     assert run.figures["tracking_error_worst_m"] < 1e-4
@@ -159,6 +159,9 @@ def test_a_part_that_slips_and_a_base_believed_a_millimetre_off_show_on_the_part
     # The host puts the follower's base too far along y, so the tool it sends comes out too little.
     np.testing.assert_allclose(off.mean(axis=0), [0.0, -0.001, 0.0], atol=4e-5)
     assert run.figures["tracking_error_worst_m"] < 2e-4
+    file = base_file(tmp_path, off_m=0.1, true=False)  # of other robots
+    with pytest.raises(CalibrationError, match=r"100\.0 mm .*--set dual\.follower_pose="):
+        prepare_dual(dual(f"dual.bases_file={file}"))
 
 
 def test_the_force_is_held_on_the_moving_rim_and_it_loses_what_one_at_rest_would(pressed):
@@ -259,12 +262,6 @@ def test_what_cannot_be_done_is_refused(change, kind, said):
     fast = ("dual.master_speed_m_s=0.25",) if "travel" in change else ()
     with pytest.raises(kind, match=said):
         check_experiment(dual(change, *above, *fast))
-
-
-def test_the_calibration_of_other_robots_is_refused(tmp_path):
-    file = base_file(tmp_path, off_m=0.1, true=False)
-    with pytest.raises(CalibrationError, match=r"100\.0 mm .*--set dual\.follower_pose="):
-        prepare_dual(dual(f"dual.bases_file={file}"))
 
 
 @pytest.mark.parametrize(

@@ -124,13 +124,15 @@ def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_ins
     assert found.figures["coverage"] == pytest.approx(planned.figures["coverage"], abs=1e-3)
 
 
-def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
+def test_the_face_under_the_path_is_found_when_it_is_not_the_top_and_another_than_asked_for_is_refused():
     # The lower edge is chamfered by 2 mm.
     side = [(-0.1, y, z) for z in (0.004, 0.01, 0.016) for y in (-0.09, 0.09)]
     path = path_through(np.array(side)[[0, 1, 3, 2, 4, 5]], (-1.0, 0.0, 0.0))
     found = inspect_path(path, PLATE, pad=PadConfig(radius_m=0.005))
     assert found.figures["region_area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
     assert found.plan.region.startswith("point:-100,")
+    with pytest.raises(PlanError, match="only 0% of the path lies on the region"):
+        inspect_path(raster(), PLATE, PlanConfig(stepover_m=0.01, region="point:0,0,0"))
 
 
 BAD = {
@@ -163,11 +165,6 @@ def test_how_far_a_tool_leans_is_said_of_a_path_that_is_inspected_or_run():
     given = measure_given_path(leaning, PLATE, PlanConfig(), pad=PadConfig(radius_m=0.005))
     for notes in (inspect_path(leaning, PLATE).notes, given.notes):
         assert any("leans up to 11 deg" in note for note in notes)
-
-
-def test_a_path_on_another_region_than_asked_for_is_refused():
-    with pytest.raises(PlanError, match="only 0% of the path lies on the region"):
-        inspect_path(raster(), PLATE, PlanConfig(stepover_m=0.01, region="point:0,0,0"))
 
 
 def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
