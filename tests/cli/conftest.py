@@ -136,6 +136,8 @@ def undrawn() -> Iterator[None]:
             "removal_plot.plot_removal",
         ):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
+        for name in ("corners", "deviation", "joints", "tool_rates"):
+            left_out.setattr(f"polish_sim.cli.smoothed.plot_{name}", lambda *_, **__: Figure())
         for name in ("run", "report"):
             left_out.setattr(f"polish_sim.cli.{name}.save_cell_picture", save_cell)
         yield

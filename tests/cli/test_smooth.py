@@ -17,6 +17,7 @@ FILES = {
 }  # fmt: skip
 
 
+@pytest.mark.pictures
 def test_spline_keeps_tolerances_and_limits_and_is_sampled_evenly_with_the_speeds_of_its_joints(polish_sim):
     Path("path.csv").write_text(ZIGZAG)
     done(polish_sim("smooth", "path.csv", "--out", smoothed := Path("one")))

@@ -12,6 +12,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario
 from polish_sim.studies.study import Axis, Study
 from tests.cli.conftest import UNPROVEN, Started, done, metrics_of, refused
+from tests.kept import plate_file
 
 pytest.importorskip("pyarrow")
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
@@ -70,7 +71,8 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim):
 
 
 def test_a_sweep_along_a_plan_goes_on_by_its_file_and_does_damaged_runs_again(polish_sim):
-    done(polish_sim("plan", "plate", "--stepover", 40, "--pad-diameter", 80, *UNPROVEN, "--out", "plan"))
+    words = (plate_file(), "--up", "z", "--stepover", 40, "--pad-diameter", 80)
+    done(polish_sim("plan", *words, *UNPROVEN, "--out", "plan"))
     # A force and a pad that are the usual ones count over the plan's.
     sets = ("process.max_feed_s=0.05", "process.contact_force_n=20", "pad.radius_m=0.025")
     words = ("--path", "plan", *(word for each in sets for word in ("--set", each)))
