@@ -399,9 +399,10 @@ class _Prover:
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
     def _even_out(self) -> None:
-        """Find the dwell of an even removal for the path as it is mended, its force as given."""
-        plan = replace(self.plan, path=self.place_now().path)
-        if not self.scenario.plan.removal or plan.path.feed is None or len(self.mends) == self.evened:
+        """Find the dwell of an even removal for the path as it is mended, its force as given; the rest of a
+        path is not all that makes it even."""
+        plan, asked = replace(self.plan, path=self.place_now().path), self.scenario.plan
+        if not asked.removal or asked.begin_m or plan.path.feed is None or len(self.mends) == self.evened:
             return
         self.most = np.minimum(self.most, np.where(self.share < 1.0, plan.path.feed, math.inf))
         found = even_out(self.scenario, plan, self.observer, self.most)
