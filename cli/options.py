@@ -428,6 +428,8 @@ def with_options(scenario: Scenario, given: Given) -> Scenario:
             scenario = merge(scenario, keys[option].table(value), "")
     if given.get("--calibration") is not None:
         scenario = merge(scenario, _calibrations(given["--calibration"], scenario.experiment), "")
+    if given.get("--even-removal") and given.get("--removal") is not None:
+        raise InputError("--even-removal is --removal even: give one of them.")
     switched = [word for option, word in SWITCHES.items() if given.get(option)]
     scenario = override(scenario, [*switched, *(given.get("--set") or ())])
     # The overlap is a share of the pad, whoever set that.

@@ -129,6 +129,7 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("plan plate --pattern star", "Did you mean 'raster'? Known: "),
         ("plan plate --lead-in jump", "Known: arc, normal, tangent"),
         ("plan plate --overlap 70 --stepover 8", "give one of them"),
+        ("plan plate --even-removal --removal map.ply", "give one of them"),
         ("plan plate --dual --reach-map", "change nothing with --dual"),
         ("plan gone.stl --out .", "the output folder '.' exists"),
         ("inspect gone.csv --part plate --out .", "the output folder '.' exists"),

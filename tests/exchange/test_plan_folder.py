@@ -123,6 +123,12 @@ def test_a_folder_holds_what_the_contract_names_and_bad_files_and_sources_of_it_
             read_path(source)
     with pytest.raises(NotADirectoryError):
         write_plan(folder / "part.stl" / "plan", sphere())
+    lines = (folder / "path.csv").read_text().splitlines(keepends=True)
+    whole = len(read_path(folder).s)
+    (folder / "path.csv").write_text("".join(lines[:-20]))
+    with pytest.raises(InputError, match=r"path\.csv' is not the path of path\.json"):
+        read_path(folder)
+    assert len(read_path(folder / "path.csv").s) == whole - 20
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".apt", ".nc"])

@@ -14,13 +14,20 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import DistanceField, Region, build_distance_field, fit_surface, select_region
+from polish_sim.geometry import (
+    DistanceField,
+    Region,
+    build_distance_field,
+    fit_surface,
+    load_part,
+    select_region,
+)
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.distance_field import bend_field, signed_distances
 from polish_sim.geometry.field_lookup import field_distance
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
-from polish_sim.geometry.fit import fit_triangles
+from polish_sim.geometry.fit import bulge_notes, fit_triangles
 from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import cylinder, fit, grid_faces, sphere, torus
 
@@ -259,3 +266,15 @@ def test_the_field_can_be_bent_and_bounded_without_changing_the_answer():
     points = np.random.default_rng(6).uniform([-0.02, -0.02, 0.035], [0.02, 0.02, 0.06], (5000, 3))
     assert np.abs(look_up(cap, points) - look_up(whole, points)).max() < H**2 / 0.044 / 4.0
     assert look_up(cap, np.array([[0.0, 0.0, -0.05]]))[0] == BAND
+
+
+def test_a_note_says_where_needles_beside_a_blunt_edge_bulge(tmp_path):
+    """A bar of needles 40 mm long ends in a cone that is 18 deg steeper."""
+    outline = [(0.0, 0.0), (10.0, 0.0), (10.0, 40.0), (8.7, 44.0), (7.4, 48.0), (0.0, 50.0)]
+    file = tmp_path / "bar.stl"
+    trimesh.creation.revolve(outline, sections=128).export(file)
+    bar = load_part(file)
+    bulging, flat = fit_surface(bar), fit_surface(bar, np.radians(10.0))
+    (note,) = bulge_notes(bar, bulging, np.radians(30.0))
+    assert "--feature-angle 30" in note
+    assert bulge_notes(bar, flat, np.radians(10.0)) == []

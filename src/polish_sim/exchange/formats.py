@@ -194,4 +194,10 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
         raise InputError(
             f"'{file}' is not a text file. Give path.json, path.csv, a CSV of x,y,z,i,j,k, APT or G-code."
         ) from None
-    return reader(file, text, unknown)
+    found, table = reader(file, text, unknown), source / PATH_CSV
+    if table.is_file() and path_csv(read_way_points(table, unknown).path) != path_csv(found.path):
+        raise InputError(
+            f"'{table}' is not the path of {PATH_JSON} beside it: it was edited. Give '{table}' itself, or "
+            "plan again."
+        )
+    return found
