@@ -15,56 +15,34 @@ polishes in the cell.
 Each name loads its module at first use, so that ``polish-sim --help`` does not wait for the simulator.
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from importlib import import_module
-from typing import Any
+from polish_sim.lazy import names_on_use
 
 __version__ = "0.1.0"
-_HOME = {
-    "Scenario": "config",
-    "load_scenario": "scenario_file",
-    "override": "scenario_file",
-    "to_toml": "scenario_file",
-    "load_part": "geometry",
-    "part_from_arrays": "geometry",
-    "workpiece_path": "models",
-    "fit_surface": "geometry",
-    "select_region": "geometry",
-    "PartConfig": "config",
-    "PlanConfig": "config",
-    "plan_path": "planning",
-    "plan_part": "planning",
-    "measure_path": "planning",
-    "inspect_path": "planning",
-    "ToolPath": "planning",
-    "measure_given_path": "planning",
-    "read_path": "exchange",
-    "write_plan": "exchange",
-    "export_plan": "exchange",
-    "ExportSetup": "exchange",
-    "RobotTool": "exchange",
-    "default_scenario": "experiments",
-    "run_arc": "experiments",
-    "run_force": "experiments",
-    "run_surface": "experiments",
-    "run_experiment": "experiments",
-    "RunResult": "experiments",
-    "read_log": "log",
-}
 
-__all__ = ["__version__", *_HOME]
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name's module at first use."""
-    if name not in _HOME:
-        raise AttributeError(
-            f"module 'polish_sim' has no attribute '{name}'; it offers {', '.join(sorted(_HOME))}"
-        )
-    return getattr(import_module(f"polish_sim.{_HOME[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+if TYPE_CHECKING:
+    from polish_sim.config import PartConfig, PlanConfig, Scenario
+    from polish_sim.exchange import ExportSetup, RobotTool, export_plan, read_path, write_plan
+    from polish_sim.experiments import (
+        RunResult,
+        default_scenario,
+        run_arc,
+        run_experiment,
+        run_force,
+        run_surface,
+    )
+    from polish_sim.geometry import fit_surface, load_part, part_from_arrays, select_region
+    from polish_sim.log import read_log
+    from polish_sim.models import workpiece_path
+    from polish_sim.planning import (
+        ToolPath,
+        inspect_path,
+        measure_given_path,
+        measure_path,
+        plan_part,
+        plan_path,
+    )
+    from polish_sim.scenario_file import load_scenario, override, to_toml
+else:
+    __getattr__ = names_on_use(__name__)

@@ -20,7 +20,8 @@ def names_on_use(package: str) -> Callable[[str], Any]:
 
     def load(name: str) -> Any:
         if name not in (homes := _homes(package)):
-            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+            offers = ", ".join(sorted(homes))
+            raise AttributeError(f"module '{package}' has no attribute '{name}'; it offers {offers}")
         value = getattr(import_module(homes[name]), name)
         setattr(sys.modules[package], name, value)
         return value

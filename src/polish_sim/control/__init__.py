@@ -9,5 +9,3 @@ if TYPE_CHECKING:
     from polish_sim.control.signals import Controller, Course, Measurement, Target
 else:
     __getattr__ = names_on_use(__name__)
-
-__all__ = ["CONTROLLERS", "Controller", "Course", "Measurement", "Target", "build_controller"]

@@ -17,13 +17,13 @@ from textwrap import wrap
 
 import numpy as np
 
-from polish_sim import calibration
 from polish_sim.analysis.claim import figure_of
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import differences, read_record
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
-from polish_sim.calibration.tables import Calibration
+from polish_sim.calibration.payload import PayloadReadings, fit_payload, plan_payload_poses
+from polish_sim.calibration.tables import Calibration, read_calibrated_tool
 from polish_sim.cell import Cell, weight_of
 from polish_sim.cell.cell import MAKERS_ARM, BelievedArm
 from polish_sim.cell.gears import build_host_arm
@@ -149,21 +149,21 @@ def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
     """
     config = cell.scenario.payload
     if config.file:
-        mass, center = calibration.read_calibrated_tool(Path(config.file))
+        mass, center = read_calibrated_tool(Path(config.file))
     else:
-        estimate = calibration.fit_payload(readings_at_rest(cell, rng))
+        estimate = fit_payload(readings_at_rest(cell, rng))
         mass, center = estimate.mass, estimate.center
     cell.compensate(mass, center)
 
 
-def readings_at_rest(cell: Cell, rng: np.random.Generator) -> calibration.PayloadReadings:
+def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
     """Readings of a cell's sensor in the calibration's poses, the robot not simulated."""
     config = cell.scenario.payload
-    poses = calibration.plan_payload_poses(config.poses)
+    poses = plan_payload_poses(config.poses)
     loads = weight_of(cell.carried, poses.R_base_sensor)
     wrenches = cell.read_at_rest(loads, poses.move_times, config.settle_s, config.average_s, rng)
     time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
-    return calibration.PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)
+    return PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)
 
 
 # What a run learns from one before it: how deep the tool has to go at each place of the path, fed forward.

@@ -8,15 +8,24 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim import calibration
 from polish_sim.arrays import Array, Figures, norms, rms_length
-from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
+from polish_sim.calibration.payload import (
+    PayloadEstimate,
+    PayloadReadings,
+    fit_without_outliers,
+    payload_regressor,
+    plan_payload_poses,
+    refuse_doubtful,
+    refuse_swapped_columns,
+)
+from polish_sim.calibration.tables import estimate_figures
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.free_space import patience, plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import random_streams
+from polish_sim.spatial import GRAVITY
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
@@ -41,23 +50,23 @@ class PayloadCalibration:
     """What a calibration leaves behind."""
 
     scenario: Scenario | None  #: None for readings of a real robot
-    readings: calibration.PayloadReadings
-    estimate: calibration.PayloadEstimate
+    readings: PayloadReadings
+    estimate: PayloadEstimate
     figures: Figures  #: The keys of metrics.json
     q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
     long_run: LongRun | None = None
 
 
-def calibrate_from(readings: calibration.PayloadReadings, drift: bool) -> PayloadCalibration:
+def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration:
     """Calibrate from readings of a real robot; there is no truth to compare with.
 
     Raises:
         CalibrationError: If they do not determine the tool.
     """
     refuse_swapped_columns(readings)
-    estimate = calibration.fit_without_outliers(readings, drift)
+    estimate = fit_without_outliers(readings, drift)
     refuse_doubtful(readings, estimate)
-    return PayloadCalibration(None, readings, estimate, calibration.estimate_figures(estimate))
+    return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))
 
 
 def run_payload_calibration(
@@ -76,7 +85,7 @@ def run_payload_calibration(
     observer.stage("plan the poses")
     streams = random_streams(scenario.seed)
     payload = scenario.payload
-    poses = calibration.plan_payload_poses(payload.poses)
+    poses = plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
     visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
     cell = visiting_cell(scenario, visit, q[0], streams.sensor)
@@ -84,8 +93,8 @@ def run_payload_calibration(
     run, readings = run_visit(cell, visit, observer)
     _check_range(cell, readings)
     observer.stage("estimate")
-    estimate = calibration.fit_without_outliers(readings, drift)
-    figures = calibration.estimate_figures(estimate) | _errors(cell, estimate)
+    estimate = fit_without_outliers(readings, drift)
+    figures = estimate_figures(estimate) | _errors(cell, estimate)
     figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams.payload)
     long_run = idle_force(cell, streams.payload)
     figures |= {
@@ -101,7 +110,7 @@ def run_payload_calibration(
     return PayloadCalibration(scenario, readings, estimate, figures, q, long_run)
 
 
-def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:
+def _check_range(cell: Cell, readings: PayloadReadings) -> None:
     """Refuse readings at the end of the sensor's range: a saturated axis hides part of the weight."""
     full = np.abs(readings.wrenches) > 0.98 * cell.sensor.range
     if full.any():
@@ -113,11 +122,11 @@ def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:
         )
 
 
-def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
+def _errors(cell: Cell, estimate: PayloadEstimate) -> Figures:
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
-    worst = abs(estimate.mass - carried.mass) * calibration.GRAVITY
+    worst = abs(estimate.mass - carried.mass) * GRAVITY
     worst += float(np.linalg.norm(_bias_error(cell, estimate)))
     return {
         "mass_error_kg": estimate.mass - carried.mass,
@@ -129,13 +138,13 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> Figures:
     }
 
 
-def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
+def _bias_error(cell: Cell, estimate: PayloadEstimate) -> Array:
     """Estimated force bias minus what bias, drift and warm-up have become [N], shape (3,)."""
     now = cell.sensor.bias + cell.state.sensor.drift + cell.sensor.warm_up * cell.state.sensor.warmth
     return (estimate.bias_at(cell.data.time) - now)[:3]
 
 
-def _return_figures(readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate) -> Figures:
+def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> Figures:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
     drift, std = readings.wrenches[-1] - readings.wrenches[0], np.sqrt(2.0) * estimate.noise
     return {
@@ -147,14 +156,14 @@ def _return_figures(readings: calibration.PayloadReadings, estimate: calibration
     }
 
 
-def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator) -> Figures:
+def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Generator) -> Figures:
     """The force left after compensation in random poses right after the calibration, with and without a
     tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
     load = weight_of(cell.carried, R)
     read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
     theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
-    left = (read - calibration.payload_regressor(R[:, 2, :]) @ theta)[:, :3]
+    left = (read - payload_regressor(R[:, 2, :]) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
         "residual_poses": CHECK_POSES,

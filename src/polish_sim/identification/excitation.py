@@ -131,12 +131,21 @@ class MotionLimits:
     torque: Array  #: [N m], shape (n,)
     clearance: float = 0.02  #: [m]
 
+    @property
+    def center(self) -> Array:
+        """Middles of the ranges of position [rad], shape (n,)."""
+        return self.position.mean(axis=1)
+
+    @property
+    def half(self) -> Array:
+        """Halves of these ranges [rad], shape (n,)."""
+        return 0.5 * np.ptp(self.position, axis=1)
+
     def excess(self, states: States) -> States:
         """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0
         inside."""
-        center = self.position.mean(axis=1)
-        half = 0.5 * np.ptp(self.position, axis=1)
-        ratios = ((states.q - center) / half, states.qd / self.speed, states.qdd / self.acceleration)
+        off = states.q - self.center
+        ratios = (off / self.half, states.qd / self.speed, states.qdd / self.acceleration)
         return States(*map(beyond_one, ratios))
 
     def holds(self, states: States, torque: Array) -> bool:
@@ -206,17 +215,15 @@ def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: 
 def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
     """A random series that keeps the limits of position, speed and acceleration."""
     n = len(limits.speed)
-    center = limits.position.mean(axis=1)
-    half = 0.5 * np.ptp(limits.position, axis=1)
     coefficients = rng.normal(size=(n, 1 + 2 * HARMONICS))
     coefficients[:, 0] = 0.0
     states = FourierMotion(coefficients)(np.arange(FINE) / (FINE * FREQUENCY))
     # The offset is drawn within what the amplitude leaves.
     reach, speed, acceleration = (np.abs(part).max(0) for part in states)
     room = np.maximum(speed / limits.speed, acceleration / limits.acceleration) / _SHARE
-    room = np.maximum(room, reach / (0.8 * half))
+    room = np.maximum(room, reach / (0.8 * limits.half))
     coefficients[:, 1:] /= room[:, None]
-    coefficients[:, 0] = center + rng.uniform(-1.0, 1.0, n) * (0.95 * half - reach / room)
+    coefficients[:, 0] = limits.center + rng.uniform(-1.0, 1.0, n) * (0.95 * limits.half - reach / room)
     return FourierMotion(coefficients)
 
 
@@ -298,8 +305,7 @@ class ExcitationCost:
         """Objective plus penalties and its gradient, shape (n (1 + 2 k),)."""
         self.evaluations += 1
         task = self.task
-        n = self.task.model.joints
-        coefficients = x.reshape(n, -1)
+        coefficients = x.reshape(task.model.joints, -1)
         states = States(*(part @ coefficients.T for part in self.basis))
         slopes = task.model.regressor_slopes(states)
         value, by_state = self._judge(states, slopes)
@@ -335,7 +341,7 @@ class ExcitationCost:
 
     def _judge(self, states: States, slopes: Array) -> tuple[float, Array]:
         task = self.task
-        columns = self.task.base.columns
+        columns = task.base.columns
         # Near standstill rows fade out smoothly; the final weight is a step.
         u = (states.qd / STANDSTILL) ** 2
         certainty = 1.0 / (task.sigma**2 * GRID)
@@ -358,7 +364,7 @@ class ExcitationCost:
         limits = self.task.limits
         tight = replace(limits, speed=_MARGIN * limits.speed, acceleration=_MARGIN * limits.acceleration)
         over = tight.excess(states)
-        unit = States(0.5 * np.ptp(tight.position, axis=1), tight.speed, tight.acceleration)
+        unit = States(tight.half, tight.speed, tight.acceleration)
         price = _PENALTY * sum(float(np.sum(part**2)) for part in over)
         return price, 2.0 * _PENALTY * np.hstack([part / size for part, size in zip(over, unit, strict=True)])
 
