@@ -462,6 +462,7 @@ def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
     from polish_sim.calibration import calibration_kind  # the numerical libraries are slow to import
 
     taken: dict[str, str] = {}
+    table: dict[str, Any] = {}
     for file in files:
         kind = calibration_kind(Path(file), tuple(_IN_RUNS) if experiment == "dual" else ("payload",))
         if kind in taken:
@@ -469,8 +470,6 @@ def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
                 f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
             )
         taken[kind] = file
-    table: dict[str, Any] = {}
-    for kind, file in taken.items():
         section, name = _IN_RUNS[kind]
         table.setdefault(section, {})[name] = file
     return table

@@ -208,13 +208,6 @@ OF_SENSOR = ("bias_n", "bias_nm", "drift_n_s", "drift_nm_s")
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 
-class CalibratedTool(NamedTuple):
-    """What a host needs to compensate the tool's weight."""
-
-    mass: float  #: [kg]
-    center: Array  #: Centre of mass in the sensor frame [m], shape (3,)
-
-
 def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
     """An estimate under the names of calibration.toml and metrics.json."""
     figures: dict[str, Any] = {
@@ -248,13 +241,14 @@ def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     write_table(file, PAYLOAD, figures)
 
 
-def read_calibrated_tool(file: Path) -> CalibratedTool:
-    """Mass and centre from a calibration.toml; InputError if it is not the calibration of a payload."""
+def read_calibrated_tool(file: Path) -> tuple[float, Array]:
+    """Mass [kg] and centre of mass in the sensor frame [m], (3,), from a calibration.toml: what a host needs
+    to compensate the tool's weight. InputError if it is not the calibration of a payload."""
     table = read_table(file, PAYLOAD)
     mass = float(table.numbers("mass_kg", ()))
     if not 0.0 < mass < 1e3:
         raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")
-    return CalibratedTool(mass, table.numbers("center_m", (3,)))
+    return mass, table.numbers("center_m", (3,))
 
 
 def read_readings(file: Path) -> PayloadReadings:

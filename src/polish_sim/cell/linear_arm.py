@@ -68,21 +68,14 @@ class MotionMatrices(NamedTuple):
 _ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
 
 
-class Gears(NamedTuple):
-    """Linear gears about a pose, shape (6,) each."""
-
-    stiffness: Array  #: [N m/rad]
-    damping: Array  #: [N m s/rad]
-
-
-def gears_about(about: JointsAbout, swing: float) -> Gears:
-    """The gears under the weight and the contact force, with their hysteresis by `_slipping`."""
+def gears_about(about: JointsAbout, swing: float) -> tuple[Array, Array]:
+    """Stiffness [N m/rad] and damping [N m s/rad] of the gears under the weight and the contact force, with
+    their hysteresis by `_slipping`, shape (6,) each."""
     torque = about.weight + about.force * about.axis @ about.jacobian[:3]
     more = gear_twists(about.real, np.stack([torque - 1e-3, torque + 1e-3]))
     slipping = np.array([_slipping(about.arm, j, swing) for j in range(6)])
-    return Gears(
-        2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT
-    )
+    stiffness = 2e-3 / (more[1] - more[0]) + slipping.real
+    return stiffness, np.array(about.arm.coupling) + slipping.imag / _ABOUT
 
 
 def motion_matrices(about: JointsAbout, swing: float) -> MotionMatrices:
@@ -91,14 +84,15 @@ def motion_matrices(about: JointsAbout, swing: float) -> MotionMatrices:
 
     Coulomb friction of the motors is left out; it damps.
     """
-    arm, gears = about.arm, gears_about(about, swing)
+    arm = about.arm
+    stiffness, damping = gears_about(about, swing)
     tool = about.axis @ about.jacobian[:3]
     mass = np.zeros((12, 12))
     mass[:6, :6], mass[6:, 6:] = about.inertia - about.head * np.outer(tool, tool), np.diag(arm.inertia)
     matrices = []
     for gear, servo in (
-        (gears.stiffness, arm.kp),
-        (gears.damping, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
+        (stiffness, arm.kp),
+        (damping, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
     ):
         twisted = np.diag(gear)
         matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,17 +37,11 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 # What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
 
 
-class Removal(NamedTuple):
-    """A run's removal, over the region and over time."""
-
-    map: RemovalMap
-    log: RunLog  #: The run's log with the running exposure of the whole part
-
-
 def remove_material(
     scenario: Checked, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
-) -> Removal:
-    """Sum Preston's law up over a finished run; the loop is not slowed down by it.
+) -> tuple[RemovalMap, RunLog]:
+    """Sum Preston's law up over a finished run; the loop is not slowed down by it. Returns the removal over
+    the region, and the run's log with the running exposure of the whole part.
 
     ``part_turns`` (n, 3, 3) is how a part that is carried stands in the base at the log's rows.
     """
@@ -74,7 +67,7 @@ def remove_material(
         unplaced_share=motion.impulses[removed.carried <= 0.0].sum() / pressed if pressed > 0.0 else math.nan,
         field_ratio=(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
     )
-    return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
+    return removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed))
 
 
 def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
@@ -136,8 +129,8 @@ def measure_run(
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = fed[-1] if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
-    removal = remove_material(scenario, place, part, run)
-    figures |= measure_removal(removal.map, scenario.pad.radius_m)
+    removal, log = remove_material(scenario, place, part, run)
+    figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
     figures |= shape_figures(place.shape, path)
     figures |= feed_figures(cell.strokes)
@@ -145,7 +138,7 @@ def measure_run(
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
     figures["bad_figures"] = shortcomings(figures, path.largest_force(scenario.process.contact_force_n))
     return RunResult(
-        scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
+        scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal,
         run.files,
     )  # fmt: skip
 
