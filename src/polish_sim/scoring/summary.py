@@ -116,14 +116,8 @@ def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
         name = summary.case.name if summary.case.name != before else ""
         before = summary.case.name
         cells = [_cell(summary, figure, means) for figure in SHOWN]
-        rows.append(
-            [
-                name,
-                *([summary.entry.label] if several else []),
-                *cells,
-                f"{summary.stable}/{len(summary.rows)}",
-            ]
-        )
+        cells.append(f"{summary.stable}/{len(summary.rows)}")
+        rows.append([name, *([summary.entry.label] if several else []), *cells])
     title = "all cases, mean / worst seed" if means else "all cases, worst seed [s, N]; means in score.md"
     return Table(title, headings, rows, 1 + several)
 
@@ -310,7 +304,7 @@ def _told(changes: dict[str, float], places: bool) -> str:
 
 
 def _signed(value: float) -> str:
-    return ("+" if value >= 0.0 else "") + number_or_dash(value if abs(value) >= _NOTHING else 0.0)
+    return number_or_dash(value if abs(value) >= _NOTHING else 0.0, "+.3g")
 
 
 def _laws(entry: Entry) -> list[str]:
