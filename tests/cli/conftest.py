@@ -137,7 +137,7 @@ def undrawn() -> Iterator[None]:
         ):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
         for name in ("corners", "deviation", "joints", "tool_rates"):
-            left_out.setattr(f"polish_sim.cli.smoothed.plot_{name}", lambda *_, **__: Figure())
+            left_out.setattr(f"polish_sim.smoothing.plots.plot_{name}", lambda *_, **__: Figure())
         for name in ("run", "report"):
             left_out.setattr(f"polish_sim.cli.{name}.save_cell_picture", save_cell)
         yield
