@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -125,6 +126,7 @@ def _rehearse(controller: str) -> None:
         def progress(self, done: float, total: float) -> None:
             os._exit(0)  # it simulates, so its kernels are compiled
 
+    gc.disable()  # it ends soon, by `_exit`
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with compiling_shown(lambda count: print(count, flush=True)):
         # a user's own stays here

@@ -69,7 +69,7 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
-from numba.core.types import Dispatcher
+from numba.core.types import Dispatcher, Function, Number
 from numba.core.types.misc import unliteral
 from numba.experimental import structref as structref  # used by envs
 
@@ -93,6 +93,40 @@ _log = logging.getLogger(__name__)
 
 
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
+_target = cpu_target.target_context
+_load_registries = cache(_target.load_additional_registries)
+
+
+def _refresh_registries() -> None:
+    """Let the compiler see functions defined since it looked last; what defines numba's own is imported
+    once, not with each function it meets."""
+    _load_registries()
+    for registry in tuple(_target._registries):
+        _target.install_registry(registry)
+
+
+_target.load_additional_registries = _refresh_registries
+_resolve_call = Function.get_call_type
+
+
+@cache
+def _resolve_once(operator: Any, context: Any, kinds: tuple[Any, ...]) -> Any:
+    return _resolve_call(operator, context, kinds, {})
+
+
+def _resolve(self: Any, context: Any, kinds: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    """Types of a call of numba's own: those of ``a * b`` are sought among 30 kinds once for each kind of
+    number, not for each product."""
+    if getattr(self.typing_key, "__module__", "") == "_operator" and all(
+        isinstance(kind, Number) for kind in kinds
+    ):
+        return _resolve_once(self, context, kinds)
+    return _resolve_call(self, context, kinds, named)
+
+
+Function.get_call_type = _resolve
+# Numba notes the begin and the end of each call of LLVM, 100 000 in a first start; nobody here reads that.
+llvm.ffi.lib._lock._cblist.clear()
 
 
 def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **options: Any) -> Any:
@@ -267,6 +301,19 @@ def _collector_at_rest() -> Iterator[None]:
             gc.enable()
 
 
+def _in_one_chunk(work: Callable[..., Any], signature: Any) -> Any:
+    """Call a function with room for the frames of all it calls.
+
+    CPython keeps frames in chunks of 16 KB: each call that crosses the end of one maps memory and its return
+    unmaps it, 350 000 times in a first start, which took 3 s. A frame of 512 KB comes with a chunk of 1 MB,
+    half of it free.
+    """
+    return work(signature)
+
+
+_in_one_chunk.__code__ = _in_one_chunk.__code__.replace(co_stacksize=1 << 16)
+
+
 class _Function(CPUDispatcher):  # type: ignore[misc]
     """A function of kernels. Integer literals are passed as plain integers; numba would specialise on
     each."""
@@ -279,7 +326,7 @@ class _Function(CPUDispatcher):  # type: ignore[misc]
     def compile(self, signature: Any) -> Any:
         """Entry point for a signature."""
         with _collector_at_rest():
-            return super().compile(signature)
+            return _in_one_chunk(super().compile, signature)
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]

@@ -23,8 +23,10 @@ Matrix3 = Annotated[Array, (3, 3)]
 Matrix4 = Annotated[Array, (4, 4)]
 Matrix6 = Annotated[Array, (6, 6)]
 
+part = njit(cache=False)
+"""Compiled for the kernels that call it and kept on disk only with them; callable from Python, too."""
 kernel = njit(cache=False, forceinline=True)
-"""Compiled into the kernels that call it and kept on disk only with them; callable from Python, too."""
+"""A part that is put in the place of each call."""
 
 Triple = tuple[float, float, float]
 Vector = Array | Triple

@@ -10,7 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Ints, next_corners, norms
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record
+from polish_sim.kernels import Record, part
 
 LEAF_SIZE = 2
 BINS = 12  #: Places along each axis where a split is tried
@@ -83,7 +83,7 @@ def _build(lows, highs, centers, items, low, high, right, first, size):  # type:
     return nodes
 
 
-@njit
+@part
 def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-untyped-def]
     """Write the box around some items' boxes to low and high."""
     for k in range(3):
@@ -93,7 +93,7 @@ def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-unty
             high[k] = max(high[k], highs[items[i], k])
 
 
-@njit
+@part
 def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
     """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
 
@@ -135,7 +135,7 @@ def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-
     return middle
 
 
-@njit
+@part
 def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-untyped-def]
     """Area times number of items of the first bins up to each one, from one end on."""
     x0 = y0 = z0 = np.inf
@@ -171,7 +171,7 @@ class SearchRoom(Record):
     lowers: Annotated[Array, (_CANDIDATES,)]  #: What each one is away at least [m]
 
 
-@njit
+@part
 def closest_in_tree(control, tree, search, point, hint, limit):  # type: ignore[no-untyped-def]
     """Closest point of all patches (m, 6, 3) to a point [m]: squared distance [m^2], facet (-1 if none), u,
     v.
@@ -216,7 +216,7 @@ def closest_in_tree(control, tree, search, point, hint, limit):  # type: ignore[
     return _best_of(control, items, lowers, found, point, best, facet, best_u, best_v)
 
 
-@njit
+@part
 def _best_of(  # type: ignore[no-untyped-def]
     control, items, lowers, found, point, best, facet, best_u, best_v
 ):

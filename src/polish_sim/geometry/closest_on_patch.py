@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Triple, Vector, dot, kernel, minus, plus, scaled
+from polish_sim.kernels import Triple, Vector, dot, kernel, minus, part, plus, scaled
 
 _STEPS = 24
 _STEP_DONE = 1e-13
 _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 
-@njit
+@part
 def closest_on_patch(patch, point):  # type: ignore[no-untyped-def]
     """Closest point of one patch (6, 3) to a point [m]: squared distance [m^2] and barycentric coordinates
     u, v.
@@ -36,7 +35,7 @@ def closest_on_patch(patch, point):  # type: ignore[no-untyped-def]
     return best, best_u, best_v
 
 
-@njit
+@part
 def on_edge(edge, t):  # type: ignore[no-untyped-def]
     """Barycentric u, v of a point on an edge, t from its first corner."""
     if edge == 0:
@@ -46,7 +45,7 @@ def on_edge(edge, t):  # type: ignore[no-untyped-def]
     return t, 0.0
 
 
-@njit
+@part
 def blossom(patch, u, v, w):  # type: ignore[no-untyped-def]
     """Points a, b, c: a patch's point is u a + v b + w c, its derivatives are 2 (a - c) and 2 (b - c)."""
     p0, p1, p2, p3, p4, p5 = patch[0], patch[1], patch[2], patch[3], patch[4], patch[5]
@@ -63,7 +62,7 @@ def weighted(u: float, a: Vector, v: float, b: Vector, w: float, c: Vector) -> T
     return plus(plus(scaled(u, a), scaled(v, b)), scaled(w, c))  # type: ignore[no-any-return]
 
 
-@njit
+@part
 def _newton(patch, point):  # type: ignore[no-untyped-def]
     """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a
     minimum."""
@@ -114,7 +113,7 @@ def _newton(patch, point):  # type: ignore[no-untyped-def]
     return u, v, settled
 
 
-@njit
+@part
 def _distance2(patch, u, v, point):  # type: ignore[no-untyped-def]
     w = 1.0 - u - v
     total = 0.0
@@ -130,7 +129,7 @@ def _distance2(patch, u, v, point):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit
+@part
 def _closest_on_edge(patch, edge, point):  # type: ignore[no-untyped-def]
     """Closest point of an edge: its parameter from corner ``edge`` on, and the squared distance."""
     last = (edge + 1) % 3
@@ -180,7 +179,7 @@ def _closest_on_edge(patch, edge, point):  # type: ignore[no-untyped-def]
     return t, total
 
 
-@njit
+@part
 def flat_distance2(patch, point):  # type: ignore[no-untyped-def]
     """Squared distance to the flat triangle of a patch's corners [m^2]."""
     a, b, p = minus(patch[0], patch[2]), minus(patch[1], patch[2]), minus(point, patch[2])

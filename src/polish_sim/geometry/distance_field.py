@@ -19,7 +19,7 @@ from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus, plus
+from polish_sim.kernels import cross, dot, minus, part, plus
 
 _ON_EDGE = 1e-9
 _MOST_NODES = 400_000_000
@@ -81,7 +81,7 @@ def signed_distance(skin, point, hint, limit):  # type: ignore[no-untyped-def]
     return (-distance if side < 0.0 else distance), facet
 
 
-@njit
+@part
 def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
     """The closest point and a vector towards outside; a zero vector at borders."""
     w = 1.0 - u - v
@@ -103,7 +103,7 @@ def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
     return foot, outwards
 
 
-@njit
+@part
 def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     """Point of a patch and its unit normal."""
     w = 1.0 - u - v

@@ -27,7 +27,7 @@ from polish_sim.arrays import (
 )
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot
+from polish_sim.kernels import dot, part
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
@@ -222,7 +222,7 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
     return fitted, seen
 
 
-@njit
+@part
 def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
     """Add an equation to normal equations, lower triangle and right side."""
     for i in range(9):
@@ -232,7 +232,7 @@ def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
         sums[i, 9] += scaled * row[9]
 
 
-@njit
+@part
 def _solve(rows, found):  # type: ignore[no-untyped-def]
     """Solve a symmetric positive system by Cholesky's method: lower triangle and right side, overwritten."""
     size = len(found)

@@ -18,7 +18,7 @@ from polish_sim.arms import ARMS, FIRST, ArmTable, arm_table
 from polish_sim.arrays import Array, Bools, crosses
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import kernel, part
 from polish_sim.spatial import inverse, place_of, vectors_from_rotations
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
@@ -181,7 +181,7 @@ _REACH_SLACK = 1e-9
 _WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 and wrist 3 is given [-]
 
 
-@njit
+@part
 def _solve_branch(
     lengths: Array, T: Array, side: float, wrist: float, elbow: float, q6_if_aligned: float
 ) -> tuple[bool, tuple[float, float, float, float, float, float]]:
