@@ -39,8 +39,8 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     """
     prepare_headless()
     _keep_memory()
-    # Reference cycles are few here: looking for them among all that is imported costs 0.3 s of a start.
-    gc.set_threshold(200_000)
+    # Reference cycles are few here: looking for them among all that is imported costs 0.4 s of a start.
+    gc.set_threshold(500_000)
     # More threads would mostly wait for each other: the systems solved here are small.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # What a killed command leaves of its processes is cleaned up without a word.

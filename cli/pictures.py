@@ -189,7 +189,7 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
             for way in (-CROSS, CROSS):
                 draw.line((x - CROSS, y - way, x + CROSS, y + way), fill=color, width=line)
         draw.text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
-    whole.save(file)
+    whole.save(file, compress_level=4)  # half the time of the default, a twelfth larger
     return True
 
 
