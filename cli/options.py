@@ -314,7 +314,7 @@ def _read(option: TyperOption, context: Any, given: Any) -> Any:
     return _read_by_typer(option, context, bool(given) if declared.annotation is bool else given)
 
 
-TyperOption.process_value = _read  # type: ignore[method-assign]
+TyperOption.process_value = _read  # type: ignore[assignment, method-assign]
 
 
 def argument(name: str, text: str) -> Any:

@@ -124,7 +124,7 @@ def _resolve(self: Any, context: Any, kinds: tuple[Any, ...], named: dict[str, A
     return _resolve_call(self, context, kinds, named)
 
 
-Function.get_call_type = _resolve
+Function.get_call_type = _resolve  # type: ignore[assignment, method-assign]
 # Numba notes the begin and the end of each call of LLVM, 100 000 in a first start; nobody here reads that.
 llvm.ffi.lib._lock._cblist.clear()
 
