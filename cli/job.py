@@ -1,12 +1,15 @@
 """`polish-sim job`: setups x regions x passes from one file, planned, simulated, written; it resumes.
 
-Its page has times, passes, and each region's removal summed over its passes.
+Its page has times, passes, what falls short in them, their notes, and each region's removal summed over its
+passes.
 """
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -58,6 +61,10 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
             facts = plan_facts(plan, f"Delete '{plan.parents[1]}': --resume does that pass again.")
             again = "Do the job anew with --overwrite."
             check_part(plan, asked.passes[0].scenario.part.file, facts["part"], again)
+        console.note(
+            f"note: resumed with {len(_passes(folder, 'run'))} of {len(asked.passes) * asked.head.parts} "
+            f"passes done, and {len(_passes(folder, 'pieces/*/0*.npz'))} s of the next one recorded"
+        )
     rows: list[PassRow] = []
     with occupied(folder, LOCK, "job"):
         try:
@@ -82,16 +89,21 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
             raise
         finally:
             shutil.rmtree(draft, ignore_errors=True)
+            with suppress(PermissionError):  # on Windows, where it is open
+                (folder / LOCK).unlink(missing_ok=True)
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         put_file(folder, f"setup_{number}.script", text)
-    save_page(folder, job_page(f"job {file.stem}: {asked.head.part}", figures))
+    page = job_page(f"job {file.stem}: {asked.head.part}", figures)
+    save_page(folder, page)
     write_json(folder / "job.json", figures)
+    for text in page.notes:
+        console.note(text if text.startswith("bad: ") else f"note: {text}")
     passes = [row[:SHOWN] for row in pass_rows(figures["passes"])]
-    console.table(Table("job", PASS[:SHOWN], passes, left=2))
+    console.table(Table(page.title, PASS[:SHOWN], passes, left=2))
     console.say(
         f"robot {figures['cycle_time_s']:.1f} s (planned {figures['planned_cycle_time_s']:.1f}), operator "
-        f"{figures['operator_s']:.0f} s, {1e4 * figures['area_per_hour_m2']:.0f} cm^2 an hour"
+        f"{figures['operator_s']:.0f} s, {page.about}"
     )
     console.say_folder(folder)
     return STOPPED if any(row.figures["protective_stop"] for row in rows) else DONE
@@ -106,9 +118,10 @@ def _init(part: str | None, given: Given) -> int:
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
+    name = shlex.quote(str(file))
     with room_for(file):
-        put_file(file.parent, file.name, TEMPLATE.format(part=part, name=file.name))
-    console.say(f"{file}: run it with polish-sim job {file}")
+        put_file(file.parent, file.name, TEMPLATE.format(part=part, name=name))
+    console.say(f"{file}: run it with polish-sim job {name}")
     return DONE
 
 
@@ -120,6 +133,8 @@ def _folder(copy: bytes, given: Given) -> Path:
     """
     out: Path | None = given["--out"]
     if given["--resume"]:
+        if given["--overwrite"]:
+            raise InputError("--resume keeps what is done, --overwrite does it anew: give one of them.")
         if out is None or not (out / COPY).is_file():
             held = f"'{out}' holds no {COPY}" if out else "there is no --out"
             raise InputError(f"{held}: name the folder of a job begun before, or leave --resume out.")
@@ -161,10 +176,10 @@ def _passes(folder: Path, name: str) -> list[Path]:
 
 
 PASS: Sequence[str] = (
-    *("pass", "tool", "grit", "time, s", "planned, s", "contact, s"),
-    *("removal std, %", "abrasive path, m", "abrasive left, %", "stopped"),
+    *("pass", "tool", "grit", "region, cm^2", "polished", "left out", "time, s", "polished, cm^2/h"),
+    *("removal std, %", "planned, s", "contact, s", "abrasive path, m", "abrasive left, %", "stopped"),
 )
-SHOWN = 7  #: Of them on the screen
+SHOWN = 9  #: Of them on the screen
 ONE = "Pictures and page of one: polish-sim report PASS/run. In 3D over time: polish-sim view PASS/run."
 
 
@@ -175,10 +190,14 @@ def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
             p["folder"],
             p["tool"],
             str(p["grit"] or "-"),
+            f"{1e4 * p['region_area_m2']:.1f}",
+            f"{1e4 * p['polished_area_m2']:.1f}",
+            f"{1e4 * p['left_out_area_m2']:.1f}",
             f"{p['cycle_time_s']:.1f}",
+            f"{3.6e7 * p['polished_area_m2'] / p['cycle_time_s']:.0f}",
+            number_or_dash(p["removal_cv"], ".1f", 100.0),
             f"{p['planned_cycle_time_s']:.1f}",
             f"{p['contact_time_s']:.1f}",
-            number_or_dash(p["removal_cv"], ".1f", 100.0),
             f"{p['abrasive_path_m']:.0f}",
             f"{100.0 * p['abrasive_left']:.0f}",
             p["protective_stop"] or "",
@@ -193,8 +212,8 @@ def job_page(title: str, figures: Metrics) -> Page:
 
     f = figures
     totals = [
-        ["robot, simulated", f"{f['cycle_time_s']:.1f}"],
         ["robot, planned", f"{f['planned_cycle_time_s']:.1f}"],
+        ["robot, simulated", f"{f['cycle_time_s']:.1f}"],
         ["  in contact", f"{f['contact_time_s']:.1f}"],
         ["  air, landing, lifts", f"{f['air_time_s']:.1f}"],
         ["operator: clamping, turning, changing", f"{f['operator_s']:.1f}"],
@@ -210,13 +229,17 @@ def job_page(title: str, figures: Metrics) -> Page:
         for r in f["regions"]
     ]
     sums = ["region, all passes", "pressure x way, N/m", "std / mean, %", "a pad's radius inside, %"]
-    about = f"{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {count_text(f['parts'], 'part')}"
+    bad = [f"bad: {p['folder']}: {text}." for p in f["passes"] for text in p["bad_figures"]]
+    notes = dict.fromkeys(text for p in f["passes"] for text in p["notes"])
+    said = [f"{', '.join(p['folder'] for p in f['passes'] if text in p['notes'])}: {text}" for text in notes]
     return Page.of(
-        title,
-        about,
+        title + ": with bad figures" * bool(bad),
+        f"{1e4 * f['polished_per_hour_m2']:.0f} cm^2 polished an hour of robot and operator, "
+        f"{count_text(f['parts'], 'part')}",
         [
             Table("Time", ["time", "s"], totals),
             Table("Passes", PASS, pass_rows(f["passes"]), caption=ONE),
             Table("Removal", sums, regions),
         ],
+        [*bad, *said],
     )

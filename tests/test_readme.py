@@ -37,6 +37,10 @@ def test_blocks_of_pages_are_of_a_kind_that_runs_or_cannot_and_shortened_only_wh
     assert shortened(["score", "--reach"]) == ["score", "--reach", "--case", "reach-step", "--seeds", "1"]
 
 
+def test_a_table_ends_with_an_empty_line_or_the_text_behind_it_would_be_a_row():
+    assert not [row for text in TEXTS for row in re.findall(r"^\|.*\n[^|\n].*", text, flags=re.MULTILINE)]
+
+
 def test_every_command_line_names_existing_commands_and_options():
     assert len(TYPED) > 100
     for line in sorted(TYPED):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import trimesh
 
 from polish_sim.cell import Silent
 from polish_sim.cli.boundary import execute
+from polish_sim.cli.job import job_page
 from polish_sim.cli.main import commands
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.job.job_file import Job, read_job
@@ -91,6 +93,9 @@ def test_a_stopped_job_goes_on_and_takes_off_as_much(job, whole, tmp_path, after
     (row,) = run_job(job, tmp_path, Silent())
     assert row.figures["pieces"] == pieces
     assert not (tmp_path / "setup_1/region_1/pass_1/pieces").exists()
+    alone = whole[1][0].figures
+    assert row.figures["left_out"] == alone["left_out"]
+    assert row.figures["bad_figures"] == alone["bad_figures"]
     one, two = (read_removal(folder / FILE) for folder in (whole[0], tmp_path))
     assert two.areas @ two.exposure == pytest.approx(one.areas @ one.exposure, rel=0.1)
     assert (two.exposure[one.exposure > 0.2 * one.mean] > 0.0).all()
@@ -98,6 +103,36 @@ def test_a_stopped_job_goes_on_and_takes_off_as_much(job, whole, tmp_path, after
         plan = json.loads((tmp_path / "setup_1/region_1/pass_1/plan/metrics.json").read_text())
         again = (1.5 * 0.02 + 0.5 * 0.05) / plan["path_length_m"]
         assert 1.0 < two.mean / one.mean < 1.0 + again
+
+
+def test_a_job_says_what_its_passes_miss_and_polish_and_counts_an_area_once(job, whole, tmp_path):
+    folder = shutil.copytree(whole[0], tmp_path / "out")
+    file = folder / "setup_1/region_1/pass_1/run/metrics.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"tracking_error_max_m": 7.36e-4}))
+    (row,) = run_job(job, folder, Silent())
+    figures = job_figures(job, folder, [row, row])
+    page = job_page("job", figures)
+    (missed,) = figures["passes"][0]["bad_figures"]
+    assert re.search(r"tangential.* 0\.736 mm.*<= 0\.65", missed)
+    planned = json.loads((folder / "setup_1/region_1/pass_1/plan/metrics.json").read_text())
+    noted = [f"{row.folder}, {row.folder}: {text}" for text in planned["notes"]]
+    assert set(page.notes) > {f"bad: {row.folder}: {missed}.", *noted}
+    assert page.title == "job: with bad figures"
+    areas = [planned[f"{name}_area_m2"] for name in ("region", "polished", "left_out")]
+    shown = page.tables["Passes"][1][3:6]
+    assert list(map(float, shown)) == pytest.approx([1e4 * area for area in areas], abs=0.05)
+    assert figures["polished_area_m2"] == areas[1]
+    assert figures["polished_per_hour_m2"] == pytest.approx(3600.0 * areas[1] / figures["whole_s"])
+    labels = [label for label, _ in page.tables["Time"]]
+    assert labels[labels.index("robot, simulated") + 1].strip() == "in contact"
+
+
+def test_the_name_of_a_new_job_is_quoted_for_a_shell(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(plate_file(), "blade part.stl")
+    assert execute(commands, ["job", "init", "blade part.stl"]) == 0
+    for line in (capfd.readouterr().out, Path("blade part.toml").read_text().splitlines()[0]):
+        assert line.strip().endswith("polish-sim job 'blade part.toml'")
 
 
 def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do_not(job, tmp_path):
@@ -192,9 +227,19 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
     assert "leave --resume out" in err
     assert not out.exists()
     assert done() == 0
+    said = capfd.readouterr()
+    assert "with bad figures" in said.out
+    assert re.search("bad: setup_1/region_1/pass_1: .* are left out", said.err)
+    assert not (out / ".lock").exists()
     first = seconds()
-    assert done() == 2
-    assert "--resume" in capfd.readouterr().err
+    assert done() == done("--resume", "--overwrite") == 2
+    assert "--overwrite does it anew: give one" in capfd.readouterr().err
+    piece = out / "setup_1/region_1/pass_1/pieces/0-1/000001.npz"
+    (piece.parents[2] / "run").rename(tmp_path / "run")
+    piece.parent.mkdir(parents=True)
+    piece.touch()
+    assert done("--resume") == 0
+    assert "0 of 1 passes done, and 1 s of the next" in capfd.readouterr().err
     with locked(out / ".lock", "job"):
         assert done("--resume") == done("--overwrite") == 2
         assert "another job is at work" in capfd.readouterr().err

@@ -47,6 +47,7 @@ FACTS: Mapping[str, Any] = {
     "pad": {"radius_m": float, "stiffness_n_m": float},
     "contact_force_n": float,
     "feed_m_s": float,
+    "notes": [str],
     "cuts": [{"reason": str, "places_m": [(float,) * 3]}],
     "proof": {
         **dict.fromkeys(("arm", "controller", "proof", "settings", "path"), str),

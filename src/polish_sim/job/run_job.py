@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.metrics import measure_removal
+from polish_sim.analysis.claim import bound_text, figure_of, shortfalls, value_text
+from polish_sim.analysis.metrics import AREAS, measure_removal
 from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
@@ -25,10 +26,11 @@ from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked, ProcessConfig
 from polish_sim.errors import InputError, PolishSimError, named_place
-from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
+from polish_sim.exchange import ExportSetup, export_plan, plan_facts, read_cuts, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.proof import prove_with_a_pad_that_fits
+from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
@@ -95,14 +97,21 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
                 with naming_line(job.file), named_place(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
             try:
-                figures = read_record(target / "run").metrics
+                figures = {**plan_facts(target / "plan"), **read_record(target / "run").metrics}
                 read_removal(target / "run" / REMOVAL)
             except PolishSimError as error:
                 raise _no_longer_whole(target, error) from None
-            for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
+            for key in ("sliding_work_after_nm", *PASS_KEYS):
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} is not in run/{METRICS}.")
             worn[abrasive] = figures["sliding_work_after_nm"]
+            figures["notes"] += experiment(one.scenario.experiment).notes_of(figures, one.scenario)
+            figures["bad_figures"] += [
+                f"{claim.label} {value_text(claim, figure_of(figures, claim.figure))} {claim.unit}, "
+                f"run --check asks {bound_text(claim)}"
+                for claim in shortfalls(claims_shown([one.scenario]), figures)
+                if claim.figure != "force_within_4n"  # there already
+            ]
             yield PassRow(here, part, one, figures)
 
 
@@ -148,10 +157,8 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
         except (PolishSimError, KeyError):
             raise _no_longer_whole(folder, "plan/pass.json is gone or damaged.") from None
         scenario = replace(scenario, part=part)
-        return (
-            measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
-            scenario,
-        )
+        asked = scenario.part, scenario.plan, scenario.process, scenario.pad
+        return measure_given_path(read_path(done), *asked, cuts=read_cuts(done)), scenario
     plan = zoned(one, scenario.process, plan_removal(scenario, observer))
     if scenario.safety.proof != "none":
         plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
@@ -236,6 +243,9 @@ def _write(
     work = sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
     figures = {
         **last.figures,
+        **{name: parts[0].figures[name] for name in AREAS},
+        "bad_figures": [*dict.fromkeys(text for result in parts for text in result.figures["bad_figures"])],
+        "tracking_error_max_m": max(result.figures["tracking_error_max_m"] for result in parts),
         **measure_removal(removal, scenario.pad.radius_m),
         "cycle_time_s": simulated,
         "planned_cycle_time_s": planned_s,
@@ -245,7 +255,6 @@ def _write(
         "abrasive_path_m": work / scenario.process.contact_force_n,
         "sliding_work_after_nm": worn + work,
         "abrasive_left": left,
-        "area_m2": removal.areas.sum(),
         "grit": one.head.grit,
         "tool": one.head.tool,
         "wall_s": 0.0,
@@ -280,6 +289,7 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
         for name, those in regions.items()
     ]
     total = {name: sum(row.figures[name] for row in rows) for name in SUMMED}
+    area = sum(max(row.figures["polished_area_m2"] for row in those) for those in regions.values())
     whole = total["cycle_time_s"] + operator
     return {
         "job_sha256": job.sha256,
@@ -287,7 +297,8 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
         **total,
         "operator_s": operator,
         "whole_s": whole,
-        "area_per_hour_m2": 3600.0 * sum(row.figures["area_m2"] for row in rows) / whole,
+        "polished_area_m2": area,
+        "polished_per_hour_m2": 3600.0 * area / whole,
         "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows],
         "regions": sums,
     }
@@ -298,6 +309,7 @@ SUMMED = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s"
 PASS_KEYS = (
     "tool",
     "grit",
+    *AREAS,
     *SUMMED,
     "pieces",
     "path_done",
@@ -306,6 +318,8 @@ PASS_KEYS = (
     "removal_cv_inside",
     "force_rms_error_n",
     "protective_stop",
+    "bad_figures",
+    "notes",
 )
 
 
