@@ -112,6 +112,7 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
 def _init(part: str | None, given: Given) -> int:
     from polish_sim.job.job_file import TEMPLATE
     from polish_sim.models import part_path
+    from polish_sim.toml_text import toml_value
 
     if part is None or not part_path(part).is_file():
         raise InputError(f"job init PART: '{part or ''}' is no mesh and no shipped part.")
@@ -120,7 +121,7 @@ def _init(part: str | None, given: Given) -> int:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
     name = shlex.quote(str(file))
     with room_for(file):
-        put_file(file.parent, file.name, TEMPLATE.format(part=part, name=name))
+        put_file(file.parent, file.name, TEMPLATE.format(part=toml_value(part), name=name))
     console.say(f"{file}: run it with polish-sim job {name}")
     return DONE
 

@@ -18,7 +18,7 @@ from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
 from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 
-TEXT = TEMPLATE.format(part="plate", name="job.toml")
+TEXT = TEMPLATE.format(part='"plate"', name="job.toml")
 
 
 def read(folder: Path, text: str) -> Job:

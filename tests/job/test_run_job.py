@@ -127,12 +127,13 @@ def test_a_job_says_what_its_passes_miss_and_polish_and_counts_an_area_once(job,
     assert labels[labels.index("robot, simulated") + 1].strip() == "in contact"
 
 
-def test_the_name_of_a_new_job_is_quoted_for_a_shell(tmp_path, monkeypatch, capfd):
+def test_the_name_of_a_new_job_is_quoted_for_a_shell_and_its_part_for_toml(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    shutil.copy(plate_file(), "blade part.stl")
-    assert execute(commands, ["job", "init", "blade part.stl"]) == 0
-    for line in (capfd.readouterr().out, Path("blade part.toml").read_text().splitlines()[0]):
-        assert line.strip().endswith("polish-sim job 'blade part.toml'")
+    shutil.copy(plate_file(), 'blade "1".stl')
+    assert execute(commands, ["job", "init", 'blade "1".stl']) == 0
+    for line in (capfd.readouterr().out, Path('blade "1".toml').read_text().splitlines()[0]):
+        assert line.strip().endswith("polish-sim job 'blade \"1\".toml'")
+    assert read_job(Path('blade "1".toml')).parts == 1
 
 
 def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do_not(job, tmp_path):

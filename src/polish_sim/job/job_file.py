@@ -169,7 +169,7 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
 
 TEMPLATE = """\
 # A job: setups x regions x passes. Run it: polish-sim job {name}
-part = "{part}"
+part = {part}
 parts = 1  # of the batch
 
 [cell]
