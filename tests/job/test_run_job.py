@@ -133,7 +133,7 @@ def test_the_name_of_a_new_job_is_quoted_for_a_shell_and_its_part_for_toml(tmp_p
     assert execute(commands, ["job", "init", 'blade "1".stl']) == 0
     for line in (capfd.readouterr().out, Path('blade "1".toml').read_text().splitlines()[0]):
         assert line.strip().endswith("polish-sim job 'blade \"1\".toml'")
-    assert read_job(Path('blade "1".toml')).parts == 1
+    assert read_job(Path('blade "1".toml')).head.parts == 1
 
 
 def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do_not(job, tmp_path):
