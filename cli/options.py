@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperOption
 
 from polish_sim.config import PadConfig, PlanConfig, Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
@@ -298,23 +297,6 @@ def _declared(parameter: str, option: Own) -> inspect.Parameter:
         default=False if switch else None,
         annotation=Annotated[kind, declared],
     )
-
-
-_read_by_typer = TyperOption.process_value
-
-
-def _read(option: TyperOption, context: Any, given: Any) -> Any:
-    """Value of an option; where typer would read it, it imports pydantic first, 0.1 s of every start."""
-    declared = option.type_descriptor
-    parser = declared.parameter_info.parser
-    if parser and isinstance(given, (list, tuple)):
-        return list(map(parser, given))
-    if parser:
-        return None if given is None else parser(given)
-    return _read_by_typer(option, context, bool(given) if declared.annotation is bool else given)
-
-
-TyperOption.process_value = _read  # type: ignore[assignment, method-assign]
 
 
 def argument(name: str, text: str) -> Any:

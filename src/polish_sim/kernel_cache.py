@@ -69,7 +69,7 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
-from numba.core.types import Dispatcher, Function, Number
+from numba.core.types import Dispatcher
 from numba.core.types.misc import unliteral
 from numba.experimental import structref as structref  # used by envs
 
@@ -106,25 +106,6 @@ def _refresh_registries() -> None:
 
 
 _target.load_additional_registries = _refresh_registries
-_resolve_call = Function.get_call_type
-
-
-@cache
-def _resolve_once(operator: Any, context: Any, kinds: tuple[Any, ...]) -> Any:
-    return _resolve_call(operator, context, kinds, {})
-
-
-def _resolve(self: Any, context: Any, kinds: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    """Types of a call of numba's own: those of ``a * b`` are sought among 30 kinds once for each kind of
-    number, not for each product."""
-    if getattr(self.typing_key, "__module__", "") == "_operator" and all(
-        isinstance(kind, Number) for kind in kinds
-    ):
-        return _resolve_once(self, context, kinds)
-    return _resolve_call(self, context, kinds, named)
-
-
-Function.get_call_type = _resolve  # type: ignore[assignment, method-assign]
 # Numba notes the begin and the end of each call of LLVM, 100 000 in a first start; nobody here reads that.
 llvm.ffi.lib._lock._cblist.clear()
 
