@@ -99,7 +99,7 @@ def test_planted_ripple_friction_by_speed_and_load_delay_and_error_are_found():
     qd, rigid = 0.8 * np.cos(0.5 * t), 40.0 * np.sin(0.31 * t)
     share = np.where(rigid * qd > 0.0, 0.09, 0.04)
     torque = rigid + np.sign(qd) * (5.0 + 8.0 * np.abs(qd) + share * np.abs(rigid))
-    np.testing.assert_allclose(measured.fit_friction(qd, torque, rigid), (5.0, 8.0, 0.09, 0.04), atol=1e-9)
+    np.testing.assert_allclose(measured.fit_friction(qd, torque, rigid)[0], (5.0, 8.0, 0.09, 0.04), atol=1e-9)
     curve = measured.friction_curve(qd, torque, rigid)
     assert 5.0 < curve[0] < curve[8] < 5.0 + 8.0 * 0.8 + 0.09 * 40.0
     t = np.arange(0.0, 20.0, 0.004)
@@ -107,6 +107,22 @@ def test_planted_ripple_friction_by_speed_and_load_delay_and_error_are_found():
     late = np.sin(2.0 * (t - 0.0123))[:, None] * np.ones(6)
     assert measured.delay(t, late, a) == pytest.approx(0.0123, abs=2e-4)
     np.testing.assert_allclose(torque_error(a + 0.02, a), 0.01, rtol=1e-3)
+
+
+def test_a_joint_that_moves_one_way_shows_no_friction_and_a_step_has_labels_and_its_peak():
+    log = sines(4.0)
+    log.values["q_rad"][:, 2] = 1.2 - 0.1 * log.time
+    log.values["torque_nm"] = np.zeros_like(log.values["q_rad"])
+    found = compare_joints(UR10E, log, CarriedPayload()).figures
+    assert np.isnan(found["simulated_coulomb_nm"]).tolist() == [joint == 2 for joint in range(6)]
+    assert "moves one way only" in replay.joint_table("", found).caption
+    t = np.arange(-1.0, 4.0, 0.001)
+    step = measured.from_contact(t, np.where(t < 0.0, 0.0, 20.0 + 200.0 * np.exp(-t / 0.02)), 20.0)
+    rows = replay.step_table("", measured.compare_steps(step, step)).rows
+    assert ["peak", "N", "220", "220"] in rows
+    assert not any("_" in row[0] for row in rows)
+    (axes,) = replay.plot_steps([("", step, step)], "").axes
+    assert axes.get_ylim()[1] > 220.0
 
 
 def test_a_step_is_measured_by_its_closed_form():

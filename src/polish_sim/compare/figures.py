@@ -20,6 +20,7 @@ MOST_S = 0.1  #: Delays looked at [s]
 _CLOCK_S = 1e-3  #: Shifts are tried in steps of it [s]
 _SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
 _STILL = 0.02  #: Below it friction is not that of sliding [rad/s]
+_PARTS = 10  #: Of a motion, as long as each other
 _LEAST = 300  #: Samples of a direction
 SPEEDS = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3])
 """Bounds between which friction is averaged [rad/s]."""
@@ -36,7 +37,7 @@ def delay(time: Array, measured: Array, simulated: Array) -> float:
     if len(t) < 4 * count:
         return float("nan")
     scale = measured.std(axis=0)
-    moving = scale > _HARDLY * scale.max()
+    moving = scale > _HARDLY * scale.max(initial=0.0)
     if not moving.any():
         return float("nan")
     both = (side[:, moving] / scale[moving] for side in (measured, simulated))
@@ -98,15 +99,30 @@ class Friction(NamedTuple):
     driven: float  #: While the load drives [-]
 
 
-def fit_friction(qd: Array, torque: Array, rigid: Array) -> Friction:
-    """Fit friction by speed and load to a joint's torque, that without friction given, all (n,)."""
+def moves_both_ways(qd: Array) -> Array:
+    """Whether joints move both ways, by their speeds (n, ...); one way, a load looks like friction."""
+    return (qd.max(axis=0) > _STILL) & (qd.min(axis=0) < -_STILL)
+
+
+def fit_friction(qd: Array, torque: Array, rigid: Array) -> tuple[Friction, Array]:
+    """Fit friction by speed and load to a joint's torque, that without friction given, all (n,).
+
+    Returns:
+        The friction, and the standard errors of its four figures, (4,): by the jackknife, each of `_PARTS`
+        of the motion left out once, because what a fit leaves of a motion is no noise.
+    """
     moving = np.abs(qd) > _STILL
     sign = np.sign(qd[moving])
     speed = np.abs(qd[moving])
     load = rigid[moving]
     drives = load * sign > 0.0
     base = np.column_stack([np.ones(len(sign)), speed, np.abs(load) * drives, np.abs(load) * ~drives])
-    return Friction(*np.linalg.lstsq(base, (torque - rigid)[moving] * sign, rcond=None)[0].tolist())
+    rubbing = (torque - rigid)[moving] * sign
+    without = [
+        np.linalg.lstsq(np.delete(base, part, axis=0), np.delete(rubbing, part), rcond=None)[0]
+        for part in [[], *np.array_split(np.arange(len(sign)), _PARTS)]
+    ]
+    return Friction(*without[0].tolist()), np.std(without[1:], axis=0) * np.sqrt(_PARTS - 1.0)
 
 
 TOUCH_N = 2.0  #: Force from which the tool is in contact

@@ -20,13 +20,23 @@ from polish_sim.arrays import Array, midpoints
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.scene import build_scene
-from polish_sim.compare.figures import SPEEDS, ForceStep, delay, fit_friction, friction_curve, ripple
+from polish_sim.compare.figures import (
+    BAND_N,
+    SPEEDS,
+    WINDOW_S,
+    ForceStep,
+    delay,
+    fit_friction,
+    friction_curve,
+    moves_both_ways,
+    ripple,
+)
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.exchange.robot_log import RobotRecording
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
 from polish_sim.identification.estimate import torque_error
-from polish_sim.page import Table, number_or_dash
+from polish_sim.page import Table, figure_rows, number_or_dash
 from polish_sim.page.page import Line, Motion, Page, Plot
 from polish_sim.planning.toolpath import interpolate
 
@@ -141,6 +151,7 @@ def warm(robot: RobotConfig) -> RobotConfig:
 
 
 JOINTS = range(6)
+SURE = 2.0  #: Standard errors above zero from which a figure of friction is shown
 _SHARP = 0.01  #: Speed in which Coulomb's friction changes its sign where it is taken off [rad/s]
 
 
@@ -163,37 +174,40 @@ def compare_joints(robot: RobotConfig, log: RobotRecording, payload: CarriedPayl
     played = replay(robot, log, payload)
     measured = log.torques(arm_table(robot.arm).torque_constants)
     q = log.values["q_rad"]
+    commands = commands_of(log)
+    qd = commands(log.time, 1)
+    both = moves_both_ways(qd)
     figures: dict[str, Any] = {
-        "motion_delay_s": delay(log.time, q, played.q),
+        "motion_delay_s": delay(log.time, q[:, both], played.q[:, both]),
         "motion_rms_rad": np.sqrt(np.mean((q - played.q) ** 2, axis=0)).tolist(),
     }
     curves = np.full((2, 6, len(SPEEDS) - 1), np.nan)
     if len(measured):
-        commands = commands_of(log)
-        qd = commands(log.time, 1)
         qdd = commands(log.time, 2)
         rigid = rigid_torques(robot, commands(log.time), qd, qdd, payload)
         figures |= {
             "nrms": torque_error(played.torque, measured).tolist(),
-            "delay_s": delay(log.time, measured, played.torque),
+            "delay_s": delay(log.time, measured[:, both], played.torque[:, both]),
         }
         for side, (torque, prefix) in enumerate(((measured, ""), (played.torque, "simulated_"))):
             found = [_one_joint(log.time, q[:, j], qd[:, j], torque[:, j], rigid[:, j]) for j in JOINTS]
             figures |= {prefix + name: [one[name] for one in found] for name in found[0]}
             curves[side] = [friction_curve(qd[:, j], torque[:, j], rigid[:, j]) for j in JOINTS]
+        curves[:, ~both] = np.nan
         off = curves[1] / curves[0] - 1.0
         figures["friction_curve_error"] = [_largest(row) for row in off]
     return JointComparison(log.time, q, played.q, measured, played.torque, curves, figures)
 
 
 def _one_joint(time: Array, q: Array, qd: Array, torque: Array, rigid: Array) -> dict[str, float]:
-    found = fit_friction(qd, torque, rigid)
+    found, errors = fit_friction(qd, torque, rigid)
     sign = np.tanh(qd / _SHARP)
     share = np.where(rigid * qd > 0.0, found.driving, found.driven)
     rubbing = sign * (found.coulomb + found.viscous * np.abs(qd) + share * np.abs(rigid))
     line = ripple(time, q, qd, torque - rigid - rubbing)
     names = ("ripple_cycles", "ripple_nm", "coulomb_nm", "viscous_nm_s_rad", "driving", "driven")
-    return dict(zip(names, (*line, *found), strict=True))
+    shown = np.where(moves_both_ways(qd) & (found > SURE * errors), found, np.nan)
+    return dict(zip(names, (*line, *shown), strict=True))
 
 
 def _largest(values: Array) -> float:
@@ -216,6 +230,13 @@ _LABELS = {
     "driven": ("  of the load, driven", "%", 100.0),
     "friction_curve_error": ("friction by speed, largest", "% off", 100.0),
 }
+STEP_ROWS = (
+    (f"settling to ±{BAND_N:g} N", "s", "settling_s", ".4g"),
+    ("mean error", "N", "mean_error_n", ".4g"),
+    ("peak", "N", "peak_n", ".4g"),
+    ("in the air after contact", "s", "lost_s", ".4g"),
+    (f"mean of the last {WINDOW_S / 3.0:g} s, off by", "N", "late_error_n", ".4g"),
+)  #: Of a force step
 ONE_SIDED = ("nrms", "friction_curve_error")  #: Of both sides at once
 
 
@@ -230,18 +251,17 @@ def joint_table(title: str, figures: dict[str, Any]) -> Table:
     delays = (f"{name} {number_or_dash(figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in figures)  # fmt: skip
     caption = f"measured behind simulated: {', '.join(delays)}"
+    if np.isnan(figures.get("coulomb_nm", 0.0)).any():
+        caption += f"; friction -: below {SURE:g} standard errors, or the joint moves one way only"
     return Table(title, ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)], rows, 3, caption)
 
 
 def step_table(title: str, figures: dict[str, Any]) -> Table:
     """A force step, measured beside simulated."""
-    rows = [
-        [name, number_or_dash(value, ".4g"), number_or_dash(figures[f"simulated_{name}"], ".4g")]
-        for name, value in figures.items()
-        if f"simulated_{name}" in figures
-    ]
-    rows.append(["force_rms_n (curve on curve)", "", number_or_dash(figures["force_rms_n"], ".4g")])
-    return Table(title, ["figure", "measured", "simulated"], rows)
+    simulated = {name: figures.get(f"simulated_{name}") for name in figures}
+    caption = f"rms of the difference of the curves: {number_or_dash(figures['force_rms_n'], '.4g')} N"
+    rows = figure_rows(STEP_ROWS, figures, simulated)
+    return Table(title, ["figure", "unit", "measured", "simulated"], rows, 2, caption)
 
 
 @styled
@@ -277,10 +297,11 @@ def plot_steps(pairs: Sequence[tuple[str, ForceStep, ForceStep]], title: str) ->
     figure = new_figure(6.0 * wide, 1.2 + 2.2 * high)
     grid = figure.subplots(high, wide, squeeze=False).ravel()
     for axes, (name, measured, simulated) in zip(grid, pairs, strict=False):
-        axes.plot(measured.time, measured.force, color=ORANGE, linewidth=0.7, label="measured")
-        axes.plot(simulated.time, simulated.force, color=BLUE, linewidth=0.7, label="simulated")
+        for step, color, side in ((measured, ORANGE, "measured"), (simulated, BLUE, "simulated")):
+            inside = (step.time > -0.1) & (step.time < WINDOW_S)
+            axes.plot(step.time[inside], step.force[inside], color=color, linewidth=0.7, label=side)
         axes.axhline(measured.asked, color="#444444", linewidth=0.6, linestyle=":")
-        axes.set(title=name, xlim=(-0.1, 3.0), ylim=(-10.0, 3.0 * measured.asked + 40.0), ylabel="force [N]")
+        axes.set(title=name, xlim=(-0.1, WINDOW_S), ylabel="force [N]")
     for axes in grid[len(pairs) :]:
         axes.set_visible(False)
     head(figure, title, ["seconds since first contact"], legend=(grid[0],))
