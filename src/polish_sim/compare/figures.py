@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from polish_sim.arrays import Array, rms
+from polish_sim.arrays import Array, Bools, rms
 from polish_sim.planning.toolpath import interpolate
 
 RATE_HZ = 100.0  #: Both sides are looked at on this clock
@@ -99,7 +99,7 @@ class Friction(NamedTuple):
     driven: float  #: While the load drives [-]
 
 
-def moves_both_ways(qd: Array) -> Array:
+def moves_both_ways(qd: Array) -> Bools:
     """Whether joints move both ways, by their speeds (n, ...); one way, a load looks like friction."""
     return (qd.max(axis=0) > _STILL) & (qd.min(axis=0) < -_STILL)
 
@@ -118,11 +118,12 @@ def fit_friction(qd: Array, torque: Array, rigid: Array) -> tuple[Friction, Arra
     drives = load * sign > 0.0
     base = np.column_stack([np.ones(len(sign)), speed, np.abs(load) * drives, np.abs(load) * ~drives])
     rubbing = (torque - rigid)[moving] * sign
-    without = [
-        np.linalg.lstsq(np.delete(base, part, axis=0), np.delete(rubbing, part), rcond=None)[0]
-        for part in [[], *np.array_split(np.arange(len(sign)), _PARTS)]
-    ]
-    return Friction(*without[0].tolist()), np.std(without[1:], axis=0) * np.sqrt(_PARTS - 1.0)
+    part = np.linspace(0.0, _PARTS, len(sign), endpoint=False).astype(int)
+    *without, found = (
+        np.linalg.lstsq(base[part != left_out], rubbing[part != left_out], rcond=None)[0]
+        for left_out in range(_PARTS + 1)
+    )
+    return Friction(*found.tolist()), np.std(without, axis=0) * np.sqrt(_PARTS - 1.0)
 
 
 TOUCH_N = 2.0  #: Force from which the tool is in contact
