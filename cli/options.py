@@ -105,7 +105,15 @@ OWN = {
             "NAME",
             "Of the tool library, see 'polish-sim list tools'; FILE.toml:NAME for one of your own.",
         ),
-        Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
+        Own(
+            "--seeds",
+            RUN,
+            "N",
+            "Run this many seeds, counting up from --seed; --out of some begun continues them.",
+            int,
+            low=1,
+            high=1e6,
+        ),
         Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
         Own(
             "--on",
@@ -167,8 +175,7 @@ OWN = {
             "--out",
             OUTPUT,
             "DIR",
-            "Output folder; default results/<command>[-<experiment>]/<date-time>. Many runs begun "
-            "there are continued.",
+            "Output folder; default results/<command>[-<experiment>]/<date-time>.",
             Path,
         ),
         Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder."),

@@ -160,15 +160,14 @@ def rows_folder(
     if folder.exists() and not folder.is_dir():
         raise InputError(_taken(folder))
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
-        raise InputError(
-            f"'{folder}' holds something that is not a {what}. Choose another folder with --out."
-        )
+        held = "a single run" if (folder / "log.npz").exists() else f"something that is not a {what}"
+        raise InputError(f"'{folder}' holds {held}. Choose another folder with --out.")
     with occupied(folder, ROWS, what):
         try:
             refuse(folder)
             for name, text in begin.items():
                 put_file(folder, name, text)
-            console.note(f"folder: {folder} ({SAME} --out {folder} resumes it)")
+            console.note(f"rows are kept in '{folder}'.")
             yield folder
         except BaseException as error:
             if made and not (folder / ROWS).stat().st_size:

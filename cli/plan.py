@@ -116,6 +116,7 @@ def plan_once(
 ) -> tuple[PlanResult, str]:
     """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless
     ``forced``."""
+    from polish_sim.analysis.metrics import much_left_out
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
@@ -151,6 +152,8 @@ def plan_once(
     for surface in (result.surface, result.region.surface):
         surface.free_tree()
     page = path_page(result, setup)
+    bad = (f"bad: {text}." for text in much_left_out(result.figures))
+    page = page._replace(notes=[*page.notes, *bad])
     if reach is not None and strokes:
         page = plan_page(page, scenario, result, reach, strokes)
     save_page(folder, page)
@@ -263,8 +266,10 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
         "cycle time, s",
     ]
     console.table(Table(f"setups of {done[0].mesh.name}", headings, rows, left=2))
-    whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
-    console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
+    console.say(
+        f"of the part's {1e4 * area['part_area_m2']:.1f} cm^2 no setup reaches "
+        f"{1e4 * area['unreached_area_m2']:.1f} cm^2"
+    )
 
 
 def find_place(

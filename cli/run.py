@@ -241,7 +241,8 @@ def run_once(
             raise
         # The run itself is on disk by now and stays; only pictures are missing.
         undrawn = (
-            f"'polish-sim report' with the folder of the run draws them{', but no film' if video else ''}."
+            "'polish-sim report' with the folder of the run draws them into a folder of its own"
+            f"{', but no film' if video else ''}."
         )
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     figures = record.metrics

@@ -147,7 +147,7 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
     rows = [["points", f"{points} ({study.sample})"], ["seeds", str(study.seeds)], ["runs", str(total)]]
     rows += [["done", str(total - missing)]] if total > missing else []
     rows += [["on", f"{on}, on {count_text(share, 'processor')}" if here else on]]
-    if run_s is not None:
+    if run_s is not None and missing:
         about = duration_text(run_s * missing / share)
         rows += [["about", f"{about}{'' if here else ' on one processor'}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]

@@ -123,8 +123,8 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
         where = f"{place}{name}"
         if name not in known:
             raise ConfigError(
-                f"unknown key '{where}'.{_nearest_key(name, place, known)} Known here: "
-                f"{', '.join(sorted(known))}."
+                f"unknown key '{where}'.{_nearest_key(name, place, known, isinstance(value, dict))} "
+                f"Known here: {', '.join(sorted(known))}."
             )
         current = getattr(base, name)
         if is_dataclass(current):
@@ -195,12 +195,12 @@ def _turned(
     return replace(base, **changes)  # type: ignore[type-var]
 
 
-def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:
-    """Ask whether the nearest key of the same section was meant, or of any where no section is named."""
+def _nearest_key(name: str, place: str, known: Iterable[str], section: bool) -> str:
+    """Ask whether the nearest name of the same section was meant, or any key where no section is named."""
     here = nearest(name, known) or next((key for key in known if name in key), "")
     if here:
         return f" Did you mean '{place}{here}'?"
-    everywhere = {} if place else {name.rpartition(".")[2]: name for name, _ in leaves(Scenario())}
+    everywhere = {} if place or section else {name.rpartition(".")[2]: name for name, _ in leaves(Scenario())}
     near = nearest(name, everywhere)
     return f" Did you mean '{everywhere[near]}'?" if near else ""
 

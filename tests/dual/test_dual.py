@@ -12,7 +12,7 @@ import pytest
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.dual import FREE_CLAIMS, pressing_claims, task
+from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
 from polish_sim.dual.arms import follow_joints, pair_arms
 from polish_sim.dual.carrier import FIRST_JOINT
 from polish_sim.dual.frames import true_chain
@@ -79,8 +79,7 @@ def pressed() -> RunResult:
 def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free, pressed):
     assert len(free.figures["tracking_error_max_m"]) == 3
     assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
-    pressing = pressing_claims(pressed.scenario)
-    for run, claims, feed, panels in ((free, FREE_CLAIMS, 0.05, 1), (pressed, pressing, 0.01, 2)):
+    for run, claims, feed, panels in ((free, FREE_CLAIMS, 0.05, 1), (pressed, PRESSING_CLAIMS, 0.01, 2)):
         assert {claim.figure for claim in claims} <= set(run.figures)
         fed = run.trace.fed
         speed = np.ptp(run.trace.path_s_m[fed]) / np.ptp(run.trace.time_s[fed])

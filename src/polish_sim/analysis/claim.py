@@ -21,8 +21,6 @@ class Claim(NamedTuple):
     low: float = -math.inf  #: Least value that passes [SI]
     high: float = math.inf  #: Largest value that passes [SI]
     more_is_better: bool = False
-    #: What it was set to [SI]: the farther from it the worse; NaN: nothing one value, so none is the worst
-    set_value: float | None = None
 
     @property
     def scale(self) -> float:
@@ -39,16 +37,10 @@ class Claim(NamedTuple):
         return not self.bounded or self.low <= value <= self.high
 
     def worst_of(self, values: Sequence[float]) -> float:
-        """The least good value, or NaN if one, or what is good, is undefined."""
-        badness = [self._badness(value) for value in values]
-        if not values or any(map(math.isnan, badness)):
+        """The least good value, or NaN if one is undefined."""
+        if not values or any(map(math.isnan, values)):
             return math.nan
-        return max(values, key=self._badness)
-
-    def _badness(self, value: float) -> float:
-        if self.set_value is not None:
-            return abs(value - self.set_value)
-        return -value if self.more_is_better else value
+        return min(values) if self.more_is_better else max(values)
 
 
 HOLD_BAND_N, FOLLOW_BAND_N = 3.0, 4.0  #: About the set force, on one point and along a path (paper 1)

@@ -4,7 +4,7 @@ above."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain, repeat
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
-LEFT_OUT = (YELLOW, SKY)  #: What is left out, for the first reasons
+LEFT_OUT = (YELLOW, SKY, GREY, "#8C564B", "#B7A800", "#7B3FA0")  #: What is left out, a colour for each reason
 MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
 MOST_CHORDS = 3_000  #: Chords that draw the path in contact at most, for the same reason
 AXES_SHOWN = 90
@@ -191,9 +191,7 @@ def _draw_part(solid: Any, flat: Axes, corners: Array, flat_corners: Array, tint
 
 def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
     """What is left out in a colour for each reason, and in red where the tool is in the part."""
-    for (reason, row), color in zip(
-        result.area.left_out.items(), chain(LEFT_OUT, repeat(GREY)), strict=False
-    ):
+    for (reason, row), color in zip(result.area.left_out.items(), cycle(LEFT_OUT), strict=False):
         out = row.triangles @ frame.T * MM
         if not len(out):
             continue

@@ -273,7 +273,8 @@ def _frame(axes: Axes, time: Array, forces: Sequence[Array], target: float, touc
     axes.set(
         xlabel=f"time since {'first contact' if touched else 'the start'} [s]",
         ylabel="force along the tool axis [N]",
-        xlim=(max(time[0], -_BEFORE_S), min(time[-1], _LONGEST_S)),
+        # A log may be one row.
+        xlim=(max(time[0], -_BEFORE_S), min(time[-1] + 0.01, _LONGEST_S)),
         ylim=(max(lowest, -target) - 1.0, max(target + 2.5 * HOLD_BAND_N, highest + 1.0)),
     )
 
@@ -348,11 +349,10 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
                 alpha=0.7,
                 label=label,
             )
-    worst = claim.worst_of(values[~np.isnan(values)].tolist())
-    if not math.isnan(worst):
-        name = f"seed {seeds[values.tolist().index(worst)]}: {value_text(claim, worst)}"
-        place = (claim.scale * worst, 0.0)
-        axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
+    worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
+    name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
+    place = (claim.scale * values[worst], 0.0)
+    axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")
     asked = f", asked {bound_text(claim)}: {met.sum()} of {len(seeds)}" if claim.bounded else ""

@@ -116,6 +116,10 @@ def read_record(folder: Path) -> RunRecord:
     check_forms(metrics, FORMS, folder / METRICS, WITHOUT)
     files = (CONFIG, METRICS, LOG, *(metrics.get("files") or ()))
     if missing := [name for name in files if not (folder / name).is_file()]:
+        if seeds := sorted(folder.glob("seed-*")):
+            raise InputError(
+                f"'{folder}' is a folder of many seeds. Give that of one or more, e.g. '{seeds[0]}'."
+            )
         raise InputError(
             f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a whole one made by 'run'."
         )

@@ -34,14 +34,11 @@ def delay(time: Array, measured: Array, simulated: Array) -> float:
     """
     t = np.arange(time[0], time[-1], _CLOCK_S)
     count = round(MOST_S / _CLOCK_S)
-    if len(t) < 4 * count:
-        return float("nan")
     scale = measured.std(axis=0)
     moving = scale > _HARDLY * scale.max(initial=0.0)
-    if not moving.any():
+    if len(t) < 4 * count or not moving.any():
         return float("nan")
-    both = (side[:, moving] / scale[moving] for side in (measured, simulated))
-    late, early = (interpolate(t, time, side) for side in both)
+    late, early = (interpolate(t, time, side[:, moving] / scale[moving]) for side in (measured, simulated))
     inside = late[count:-count]
     off = [np.mean((inside - early[count - k : len(t) - count - k]) ** 2) for k in range(-count, count + 1)]
     best = int(np.argmin(off))
@@ -101,7 +98,7 @@ class Friction(NamedTuple):
 
 def moves_both_ways(qd: Array) -> Bools:
     """Whether joints move both ways, by their speeds (n, ...); one way, a load looks like friction."""
-    return (qd.max(axis=0) > _STILL) & (qd.min(axis=0) < -_STILL)
+    return np.minimum(qd.max(axis=0), -qd.min(axis=0)) > _STILL
 
 
 def fit_friction(qd: Array, torque: Array, rigid: Array) -> tuple[Friction, Array]:
@@ -173,9 +170,8 @@ def compare_steps(measured: ForceStep, simulated: ForceStep) -> dict[str, Any]:
     time = measured.time[(measured.time >= 0.0) & (measured.time <= WINDOW_S)]
     ours = np.interp(time, simulated.time, simulated.force)
     theirs = np.interp(time, measured.time, measured.force)
-    own = measure_step(simulated)
     return {
         "force_rms_n": rms(ours - theirs),
         **measure_step(measured),
-        **{f"simulated_{name}": value for name, value in own.items()},
+        **{f"simulated_{name}": value for name, value in measure_step(simulated).items()},
     }

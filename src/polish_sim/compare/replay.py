@@ -248,9 +248,10 @@ def joint_table(title: str, figures: dict[str, Any]) -> Table:
             if key in figures:
                 cells = (number_or_dash(value, ".4g", scale) for value in figures[key])
                 rows.append([label, unit, "" if name in ONE_SIDED else side, *cells])
-    delays = (f"{name} {number_or_dash(figures[key], '.1f', 1e3)} ms" for name, key in
-              (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in figures)  # fmt: skip
-    caption = f"measured behind simulated: {', '.join(delays)}"
+    caption = (
+        f"measured behind simulated: motion {number_or_dash(figures['motion_delay_s'], '.1f', 1e3)} ms, "
+        f"torque {number_or_dash(figures.get('delay_s'), '.1f', 1e3)} ms"
+    )
     if np.isnan(figures.get("coulomb_nm", 0.0)).any():
         caption += f"; friction -: below {SURE:g} standard errors, or the joint moves one way only"
     return Table(title, ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)], rows, 3, caption)
@@ -339,5 +340,4 @@ def _lines(measured: Array, simulated: Array, kept: Any, j: int) -> list[Line]:
 
 def step_page(figures: dict[str, Any], title: str) -> Page:
     """A force step's figures as a page."""
-    tables = [step_table("Force step", figures)]
-    return Page.of(title, "a robot's force beside a simulated run's", tables)
+    return Page.of(title, "a robot's force beside a simulated run's", [step_table("Force step", figures)])

@@ -3,7 +3,6 @@ of the calibrations it needs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from polish_sim.analysis.claim import PATH_DONE, Claim
@@ -33,23 +32,17 @@ _PAIR = (
     Claim("master_turn_rad", "turn of the part", "deg"),
 )
 BAND_N = 1.5  #: The force is to be held so near what is set
+PRESSING_CLAIMS = (
+    Claim("force_max_deviation_n", "force error, max", "N", high=BAND_N),
+    Claim("force_mean_n", "force, mean", "N"),
+    Claim("force_rms_error_n", "force error, rms", "N"),
+    Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
+    Claim("contact_lost_s", "contact lost", "s"),
+    *_PAIR,
+    Claim("removal_cv", "removal, std / mean", "%"),
+    PATH_DONE,
+)
 FREE_CLAIMS = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
-
-
-def pressing_claims(scenario: Scenario) -> tuple[Claim, ...]:
-    """What is asked at no stand-off; a force that follows a removal has no one set value."""
-    force = math.nan if scenario.plan.removal else scenario.process.contact_force_n
-    return (
-        Claim("force_max_deviation_n", "force error, max", "N", high=BAND_N),
-        Claim("force_mean_n", "force, mean", "N", set_value=force),
-        Claim("force_rms_error_n", "force error, rms", "N"),
-        Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
-        Claim("contact_lost_s", "contact lost", "s"),
-        *_PAIR,
-        Claim("removal_cv", "removal, std / mean", "%"),
-        PATH_DONE,
-    )
-
 
 _TOUCH = Claim("residual_rms_m", "residual of a touch, rms", "mm")
 _ROTATION_AND_TOUCH = Claim("rotation_error_rad", "axes, error, all three", "deg"), _TOUCH
@@ -139,7 +132,7 @@ DUAL = Experiment(
     Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),
     run="polish_sim.dual.dual:run_dual",
     prepare="polish_sim.dual.dual:check_dual",
-    claims=lambda s: FREE_CLAIMS if s.dual.standoff_m > 0.0 else pressing_claims(s),
+    claims=lambda scenario: FREE_CLAIMS if scenario.dual.standoff_m > 0.0 else PRESSING_CLAIMS,
     plots=always({"dual.png": "polish_sim.dual.plots:plot_dual"}),
     comparisons={"dual.png": "polish_sim.dual.plots:plot_dual_runs"},
     path_name="around the rim",

@@ -303,7 +303,13 @@ def path_words(scenario: Scenario) -> str:
 SETTINGS = (
     Setting("part", "", lambda s: Path(s.part.file).name, "on_part"),
     Setting("path", "", path_words, "along_plan"),
-    Setting("step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", "plans"),
+    # Of a path that is no plan of ours nobody knows it.
+    Setting(
+        "step-over",
+        "mm",
+        lambda s: f"{1e3 * s.plan.stepover_m:g}" if Path(s.plan.file).suffix in ("", ".json") else "-",
+        "plans",
+    ),
     Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", "on_part"),
     Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", "fed"),
     Setting("controller", "", lambda s: Path(s.controller.name).name, "controlled"),

@@ -3,8 +3,6 @@ asked."""
 
 from __future__ import annotations
 
-import math
-
 from polish_sim.analysis.claim import FOLLOW_BAND_N, HOLD_BAND_N, PATH_DONE, Claim
 from polish_sim.config import PartConfig, RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.experiments.registry import (
@@ -29,7 +27,7 @@ def arc_claims(elastic: bool, feed: float) -> tuple[Claim, ...]:
     return (
         Claim("tracking_error_max_m", "tracking error, max", "mm", "< 0.3", high=error),
         Claim("tracking_error_rms_m", "tracking error, rms", "mm"),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", "10", set_value=feed),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "10"),
         Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", "held", high=deviation),
         Claim("orientation_error_max_rad", "orientation error, max", "mrad"),
         PATH_DONE,
@@ -56,24 +54,21 @@ def most_astray(robot: RobotConfig) -> float:
     return 6.5e-4 if robot.elastic else 3e-4
 
 
-def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
-    """What is asked of polishing a part, with an active flange or without."""
-    process, flange = scenario.process, scenario.head.flange.bandwidth_hz > 0.0
-    # Force and feed that follow a removal have no one set value.
-    constant = math.nan if scenario.plan.removal else 1.0
+def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
+    """What is asked of polishing a part, with an active ``flange`` or without."""
     stroke = Claim("flange_stroke_used", "stroke of the flange used", "%")
     return (
         Claim("force_within_4n", "force in ±4 N", "%", "100, six dips", low=0.995, more_is_better=True),
         Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
-        Claim("force_mean_n", "force, mean", "N", "20", set_value=constant * process.contact_force_n),
+        Claim("force_mean_n", "force, mean", "N", "20"),
         Claim("force_rms_error_n", "force error, rms", "N"),
         Claim("force_max_deviation_n", "force error, max", "N", "4"),
         Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N"),
         Claim("force_error_median_n", "force error, median", "N"),
         Claim("curvature_peaks", "curvature peaks", "", "6"),
         Claim("contact_lost_s", "contact lost", "s", "0"),
-        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(scenario.robot)),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant", set_value=constant * process.feed_m_s),
+        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(robot)),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant"),
         Claim("cycle_time_s", "cycle time", "s"),
         Claim("removal_cv", "removal, std / mean", "%"),
         Claim("removal_cv_inside", "  a pad's radius inside the border", "%"),
@@ -128,7 +123,7 @@ SURFACE = Experiment(
     Scenario(experiment="surface"),
     run="polish_sim.experiments.surface:run_surface",
     prepare="polish_sim.experiments.surface:prepare_surface",
-    claims=surface_claims,
+    claims=lambda s: surface_claims(s.robot, s.head.flange.bandwidth_hz > 0.0),
     notes="polish_sim.analysis.metrics:map_notes",
     plots=always(
         {
