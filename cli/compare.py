@@ -182,7 +182,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     measured = from_contact(log.time, force[:, 0], asked)
     simulated = from_contact(column_of(record.log, "time_s"), column_of(record.log, "normal_force_n"), asked)
     found = compare_steps(measured, simulated)
-    title = f"{real.name} {given['--run'] or ''} beside {record.name}".replace("  ", " ")
+    title = f"{real.name} {given['--run'] or ''} beside {record.name}"
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     save_page(draft, step_page(found, title))
