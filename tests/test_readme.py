@@ -111,6 +111,7 @@ def test_every_public_name_resolves_an_unknown_one_says_what_there_is_and_no_sim
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8").partition("Your own controller")[0]
     names = re.findall(r":: (?!polish_sim)(\w+)", page)
     assert len(names) > 25
+    assert set(names) <= set(dir(polish_sim))
     assert None not in [getattr(polish_sim, name) for name in names]
     with pytest.raises(AttributeError, match="run_surface"):
         _ = polish_sim.run_everything

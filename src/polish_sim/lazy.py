@@ -15,15 +15,17 @@ def names_on_use(package: str) -> Callable[[str], Any]:
     """The ``__getattr__`` of a package whose names its ``__init__.py`` imports under ``if TYPE_CHECKING:``.
 
     The imports are indented once. The type checker and the reader see ordinary imports; each module is
-    imported when one of its names is used.
+    imported when one of its names is used; ``dir`` and completion know them before.
     """
+    own = vars(sys.modules[package])
+    own["__dir__"] = lambda: sorted({*own, *_homes(package)})
 
     def load(name: str) -> Any:
         if name not in (homes := _homes(package)):
             offers = ", ".join(sorted(homes))
             raise AttributeError(f"module '{package}' has no attribute '{name}'; it offers {offers}")
         value = getattr(import_module(homes[name]), name)
-        setattr(sys.modules[package], name, value)
+        own[name] = value
         return value
 
     return load
