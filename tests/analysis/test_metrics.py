@@ -186,6 +186,7 @@ def test_an_undefined_figure_meets_no_bound_the_worst_seed_is_the_least_good_and
     assert Claim("x", "x", "N", high=0.5).worst_of([0.1, 0.4, 0.2]) == 0.4
     assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([0.1, math.nan]))
     assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([]))
+    assert math.isnan(Claim("x", "x", "N", is_mean=True).worst_of([0.1, 0.2]))
     tables = [*map(asked_of, experiments()), *CALIBRATIONS.values(), *IDENTIFY.values(), PAYLOAD_CLAIMS]
     for claim in (claim for claims in tables for claim in claims):
         assert claim.more_is_better or math.isinf(claim.low)

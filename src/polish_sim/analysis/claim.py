@@ -21,6 +21,7 @@ class Claim(NamedTuple):
     low: float = -math.inf  #: Least value that passes [SI]
     high: float = math.inf  #: Largest value that passes [SI]
     more_is_better: bool = False
+    is_mean: bool = False  #: Neither more nor less is better: no value is the worst
 
     @property
     def scale(self) -> float:
@@ -37,8 +38,8 @@ class Claim(NamedTuple):
         return not self.bounded or self.low <= value <= self.high
 
     def worst_of(self, values: Sequence[float]) -> float:
-        """The least good value, or NaN if one is undefined."""
-        if not values or any(map(math.isnan, values)):
+        """The least good value, or NaN if there is none, or a value is undefined."""
+        if not values or self.is_mean or any(map(math.isnan, values)):
             return math.nan
         return min(values) if self.more_is_better else max(values)
 

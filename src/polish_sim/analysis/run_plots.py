@@ -349,10 +349,11 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
                 alpha=0.7,
                 label=label,
             )
-    worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
-    name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
-    place = (claim.scale * values[worst], 0.0)
-    axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
+    if not claim.is_mean:
+        worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
+        name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
+        place = (claim.scale * values[worst], 0.0)
+        axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")
     asked = f", asked {bound_text(claim)}: {met.sum()} of {len(seeds)}" if claim.bounded else ""

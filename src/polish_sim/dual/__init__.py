@@ -34,7 +34,7 @@ _PAIR = (
 BAND_N = 1.5  #: The force is to be held so near what is set
 PRESSING_CLAIMS = (
     Claim("force_max_deviation_n", "force error, max", "N", high=BAND_N),
-    Claim("force_mean_n", "force, mean", "N"),
+    Claim("force_mean_n", "force, mean", "N", is_mean=True),
     Claim("force_rms_error_n", "force error, rms", "N"),
     Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
     Claim("contact_lost_s", "contact lost", "s"),

@@ -303,7 +303,7 @@ def path_words(scenario: Scenario) -> str:
 SETTINGS = (
     Setting("part", "", lambda s: Path(s.part.file).name, "on_part"),
     Setting("path", "", path_words, "along_plan"),
-    # Of a path that is no plan of ours nobody knows it.
+    # Unknown for a path that is no plan of ours.
     Setting(
         "step-over",
         "mm",

@@ -27,7 +27,7 @@ def arc_claims(elastic: bool, feed: float) -> tuple[Claim, ...]:
     return (
         Claim("tracking_error_max_m", "tracking error, max", "mm", "< 0.3", high=error),
         Claim("tracking_error_rms_m", "tracking error, rms", "mm"),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", "10"),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "10", is_mean=True),
         Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", "held", high=deviation),
         Claim("orientation_error_max_rad", "orientation error, max", "mrad"),
         PATH_DONE,
@@ -60,7 +60,7 @@ def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
     return (
         Claim("force_within_4n", "force in ±4 N", "%", "100, six dips", low=0.995, more_is_better=True),
         Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
-        Claim("force_mean_n", "force, mean", "N", "20"),
+        Claim("force_mean_n", "force, mean", "N", "20", is_mean=True),
         Claim("force_rms_error_n", "force error, rms", "N"),
         Claim("force_max_deviation_n", "force error, max", "N", "4"),
         Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N"),
@@ -68,7 +68,7 @@ def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
         Claim("curvature_peaks", "curvature peaks", "", "6"),
         Claim("contact_lost_s", "contact lost", "s", "0"),
         Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(robot)),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant"),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant", is_mean=True),
         Claim("cycle_time_s", "cycle time", "s"),
         Claim("removal_cv", "removal, std / mean", "%"),
         Claim("removal_cv_inside", "  a pad's radius inside the border", "%"),
