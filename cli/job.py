@@ -100,7 +100,7 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     for text in page.notes:
         console.note(text if text.startswith("bad: ") else f"note: {text}")
     passes = [row[:SHOWN] for row in pass_rows(figures["passes"])]
-    console.table(Table(page.title, PASS[:SHOWN], passes, left=2))
+    console.table(Table(page.title, PASS[:SHOWN], passes))
     console.say(
         f"robot {figures['cycle_time_s']:.1f} s (planned {figures['planned_cycle_time_s']:.1f}), operator "
         f"{figures['operator_s']:.0f} s, {page.about}"
@@ -177,10 +177,11 @@ def _passes(folder: Path, name: str) -> list[Path]:
 
 
 PASS: Sequence[str] = (
-    *("pass", "tool", "grit", "region, cm^2", "polished", "left out", "time, s", "polished, cm^2/h"),
-    *("removal std, %", "planned, s", "contact, s", "abrasive path, m", "abrasive left, %", "stopped"),
+    *("pass", "region, cm^2", "polished", "left out", "time, s", "removal std, %"),
+    *("tool", "grit", "polished, cm^2/h", "planned, s", "contact, s"),
+    *("abrasive path, m", "abrasive left, %", "stopped"),
 )
-SHOWN = 9  #: Of them on the screen
+SHOWN = 6  #: Of them on the screen
 ONE = "Pictures and page of one: polish-sim report PASS/run. In 3D over time: polish-sim view PASS/run."
 
 
@@ -189,14 +190,14 @@ def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
     return [
         [
             p["folder"],
-            p["tool"],
-            str(p["grit"] or "-"),
             f"{1e4 * p['region_area_m2']:.1f}",
             f"{1e4 * p['polished_area_m2']:.1f}",
             f"{1e4 * p['left_out_area_m2']:.1f}",
             f"{p['cycle_time_s']:.1f}",
-            f"{3.6e7 * p['polished_area_m2'] / p['cycle_time_s']:.0f}",
             number_or_dash(p["removal_cv"], ".1f", 100.0),
+            p["tool"],
+            str(p["grit"] or "-"),
+            f"{3.6e7 * p['polished_area_m2'] / p['cycle_time_s']:.0f}",
             f"{p['planned_cycle_time_s']:.1f}",
             f"{p['contact_time_s']:.1f}",
             f"{p['abrasive_path_m']:.0f}",
