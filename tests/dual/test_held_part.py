@@ -24,13 +24,13 @@ from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft
 from polish_sim.geometry import PartMesh, part_from_arrays
-from polish_sim.models import part_path, workpiece_path
+from polish_sim.models import part_path
 from polish_sim.motion import forward
-from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import apply, from_pose, inverse, transform
 from tests.cell.cells import EVERY_STEP, along_tool, drawn_vertices, free_stroke, ideal, joints_at
-from tests.dual.test_pair import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
-from tests.planning.shapes import UP, path_through
+from tests.dual.test_pair import ON_GRIPPER, Q_MASTER, TOOL, hub, pair_cell
+from tests.geometry.shapes import prism
+from tests.planning.shapes import UP, circle, path_through
 
 ANGLE = default_scenario("dual").plan.feature_angle_rad
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
@@ -52,11 +52,6 @@ def test_a_wrong_chain_shows_as_it_is():
     np.testing.assert_allclose(chain.residual(first, second, T_work_tool), 0.0, atol=1e-12)
     off = moved.residual(first, second, T_work_tool)
     np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
-
-
-@cache
-def hub() -> geometry.PartMesh:
-    return geometry.load_part(workpiece_path("wheel_hub_rim"))
 
 
 def fitted(mesh: trimesh.Trimesh) -> geometry.Surface:
@@ -84,22 +79,14 @@ def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it():
     assert seat.nose == 0.0
 
 
-def beside_wall(distance: float) -> ToolPath:
-    """A path along a wall at x = 0, on a floor at z = 0."""
-    y = np.linspace(-0.02, 0.02, 41)
-    return path_through(np.stack([np.full(41, distance), y, np.zeros(41)], axis=1))
-
-
 def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad():
     """The shaft's radius is 9 mm: beside a wall it keeps its distance less that."""
     profile = np.array([[-20, -10], [60, -10], [60, 0], [0, 0], [0, 80], [-20, 80]]) * 1e-3
-    solid = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(profile), 0.1)
-    turn = Rotation.from_euler("x", 90, degrees=True).as_matrix()
-    solid.apply_transform(transform(turn, np.array([0.0, 0.05, 0.0])))
-    wall = fitted(solid)
-    check_shaft(beside_wall(0.0145), wall, 0.005)
+    wall = fitted(prism(profile, 0.1))
+    along = np.linspace([0.0, 0.03, 0.0], [0.0, 0.07, 0.0], 41)
+    check_shaft(path_through(along + [0.0145, 0.0, 0.0]), wall, 0.005)
     with pytest.raises(PlanError, match=r"shaft .* 4\.[0-9] mm .* \(13"):
-        check_shaft(beside_wall(0.0135), wall, 0.005)
+        check_shaft(path_through(along + [0.0135, 0.0, 0.0]), wall, 0.005)
 
 
 @cache
@@ -143,21 +130,15 @@ def test_marks_span_a_narrow_strip_s_part_and_a_long_slanted_one(tmp_path):
     assert spread[1] > 0.1 * spread[0]
 
 
-def rim(radius: float, count: int = 12) -> Array:
-    angle = 2.0 * np.pi * np.arange(count) / count
-    return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
-
-
 def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smooth_where_it_closes():
     radius = 0.2
-    spline = fit_closed_spline(rim(radius))
+    rim = circle(radius, count=12)
+    spline = fit_closed_spline(rim)
     u = np.linspace(0.0, length_of(spline), 4001)
     assert np.abs(np.linalg.norm(spline(u), axis=1) - radius).max() <= 3.2e-7
-    twice = rim(radius)
-    twice[4] = twice[3]
     with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
-        fit_closed_spline(twice)
-    spline = fit_closed_spline(rim(radius) + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
+        fit_closed_spline(rim[[0, 1, 2, 3, 3, *range(5, 12)]])
+    spline = fit_closed_spline(rim + np.random.default_rng(1).normal(0.0, 0.01, (12, 3)))
     knots = np.unique(spline.t[5:-5])
     for derivative in range(5):
         before, behind = spline(knots - 1e-9, derivative), spline(knots + 1e-9, derivative)

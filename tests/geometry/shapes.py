@@ -12,6 +12,7 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
+from polish_sim.arrays import directions_at, unit
 from polish_sim.errors import MeshError
 from polish_sim.geometry import PartMesh, Region, fit_surface, load_part, part_from_arrays, select_region
 from polish_sim.geometry.fit import fit_triangles
@@ -27,9 +28,8 @@ TORUS = trimesh.creation.torus(major_radius=40.0, minor_radius=15.0, major_secti
 RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
 
 
-def part_of(mesh: trimesh.Trimesh, up: str = "z") -> PartMesh:
-    """A part from a mesh in mm."""
-    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up=up)
+def part_of(mesh: trimesh.Trimesh, up: str = "z", unit: str = "mm") -> PartMesh:
+    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit=unit, up=up)
 
 
 def region_of(mesh: trimesh.Trimesh, choice="auto", up="z", margin=0.0, holes=0.0) -> Region:
@@ -71,6 +71,11 @@ def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int
     return np.concatenate([np.stack(corners, -1) for corners in sides])
 
 
+def enclosed(loop: Floats, axis: Floats) -> float:
+    """Area within a loop (n, 3) seen against an axis, positive counter-clockwise."""
+    return 0.5 * float(np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) @ axis)
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A mesh with its closed form."""
@@ -81,10 +86,6 @@ class Shape:
     normal: Callable[[Floats], Floats]  #: Outward unit normal at points on it, (n, 3) -> (n, 3)
     curvatures: Callable[[Floats], Floats]
     """Principal curvatures at points on it, larger first, positive = convex, (n, 3) -> (n, 2)."""
-
-
-def unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def flat(points: Floats) -> Floats:
@@ -105,7 +106,7 @@ def sphere(subdivisions: int, radius: float = 1.0) -> Shape:
 def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0.0) -> Shape:
     """Torus about z with facets of about equal sides; jitter moves the vertices on the true surface."""
     along = max(round(around * major / minor), 3)
-    i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
+    i, j = np.indices((along, around))
     rng = np.random.default_rng(1)
     a = 2.0 * np.pi * (i + jitter * rng.uniform(-0.5, 0.5, i.shape)) / along
     b = 2.0 * np.pi * (j + jitter * rng.uniform(-0.5, 0.5, i.shape)) / around
@@ -132,8 +133,7 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
 
 def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     """Open cylinder about z with one long strip of two facets per division, as CAD writes it."""
-    angle = 2.0 * np.pi * np.arange(around) / around
-    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(around)], axis=-1)
+    ring = radius * np.pad(directions_at(2.0 * np.pi * np.arange(around) / around), ((0, 0), (0, 1)))
     return Shape(
         np.concatenate([ring, ring + [0.0, 0.0, height]]),
         strip(np.arange(around), np.arange(around) + around).astype(np.int32),

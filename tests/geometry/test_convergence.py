@@ -18,7 +18,6 @@ LADDERS = {
     "torus": (torus, (16, 32, 64), (3.0, 1.9, 1.9)),
     "uneven torus": (partial(torus, jitter=0.4), (16, 32, 64), (3.0, 1.9, 1.9)),
 }
-RING = fit(trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20))
 
 
 def errors(shape: Shape) -> dict[str, np.ndarray]:
@@ -90,17 +89,26 @@ def everywhere(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat(np.arange(count, dtype=np.int32), 20), np.tile(places, (count, 1))
 
 
-def rounded_plate(division: int) -> trimesh.Trimesh:
+def rounded_plate() -> trimesh.Trimesh:
     """A 100 x 60 x 20 mm block whose upper edges along y are rounded with 5 mm."""
-    angle = np.linspace(0.0, np.pi / 2.0, division + 1)
+    angle = np.linspace(0.0, np.pi / 2.0, 7)
     right = np.column_stack([45.0 + 5.0 * np.sin(angle), 15.0 + 5.0 * np.cos(angle)])[::-1]
     outline = np.concatenate([[[50.0, 0.0]], right, right[::-1] * [-1.0, 1.0], [[-50.0, 0.0]]])
     mesh = prism(outline, 60.0)
     return trimesh.Trimesh(1e-3 * (mesh.vertices - [0.0, 30.0, 0.0]), mesh.faces, process=False)
 
 
+SOLIDS = {
+    "box": trimesh.creation.box((0.1, 0.06, 0.02)),
+    "cylinder": trimesh.creation.cylinder(radius=0.03, height=0.02, sections=24),
+    "cone": trimesh.creation.cone(radius=0.03, height=0.02, sections=24),
+    "ring": trimesh.creation.annulus(r_min=0.01, r_max=0.03, height=0.02, sections=20),
+    "rounded plate": rounded_plate(),
+}
+
+
 def test_creases_stay_sharp_and_flat_faces_flat_also_beside_a_rounding():
-    surface = fit(trimesh.creation.box((0.1, 0.06, 0.02)))
+    surface = fit(SOLIDS["box"])
     positions, normals = surface.evaluate(*everywhere(surface))
     inside = np.abs(positions) / [0.05, 0.03, 0.01]
     assert np.abs(inside.max(axis=1) - 1.0).max() < 1e-14
@@ -111,7 +119,7 @@ def test_creases_stay_sharp_and_flat_faces_flat_also_beside_a_rounding():
     assert (~surface.smooth).sum() == 24
     with pytest.raises(ValueError, match="read-only"):
         surface.control[0, 0, 0] = 1.0
-    mesh = rounded_plate(6)
+    mesh = SOLIDS["rounded plate"]
     surface = fit(mesh)
     facets, places = everywhere(surface)
     positions, normals = surface.evaluate(facets, places)
@@ -128,18 +136,9 @@ def test_creases_stay_sharp_and_flat_faces_flat_also_beside_a_rounding():
     assert np.abs(around[rounding] - 0.005).max() < sagitta / 20.0
 
 
-@pytest.mark.parametrize(
-    "surface",
-    [
-        fit(trimesh.creation.box((0.1, 0.06, 0.02))),
-        fit(trimesh.creation.cylinder(radius=0.03, height=0.02, sections=24)),
-        fit(trimesh.creation.cone(radius=0.03, height=0.02, sections=24)),
-        fit(rounded_plate(6)),
-        RING,
-    ],
-    ids=["box", "cylinder", "cone", "rounded plate", "ring"],
-)
-def test_the_skin_is_watertight_both_sides_of_every_edge_are_one_curve(surface):
+@pytest.mark.parametrize("name", SOLIDS)
+def test_the_skin_is_watertight_both_sides_of_every_edge_are_one_curve(name):
+    surface = fit(SOLIDS[name])
     assert (surface.neighbours >= 0).all()
     facet, edge = np.nonzero(surface.neighbours >= 0)
     other, other_edge = surface.neighbours[facet, edge], surface.neighbour_edges[facet, edge]
@@ -147,10 +146,11 @@ def test_the_skin_is_watertight_both_sides_of_every_edge_are_one_curve(surface):
 
 
 def test_the_rim_of_a_hole_is_round_and_a_cone_a_cone_up_to_its_tip():
-    facet, edge = np.nonzero(~RING.smooth & (RING.neighbours >= 0))
+    ring = fit(SOLIDS["ring"])
+    facet, edge = np.nonzero(~ring.smooth & (ring.neighbours >= 0))
     places = np.full((len(facet), 3), 0.5)
     places[np.arange(len(facet)), (edge + 2) % 3] = 0.0
-    middles = RING.evaluate(facet.astype(np.int32), places).positions
+    middles = ring.evaluate(facet.astype(np.int32), places).positions
     radii = np.hypot(middles[:, 0], middles[:, 1])
     sagitta = 0.03 * (1.0 - np.cos(np.pi / 20.0))
     assert np.minimum(np.abs(radii - 0.01), np.abs(radii - 0.03)).max() < sagitta / 100.0

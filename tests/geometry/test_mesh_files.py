@@ -162,11 +162,6 @@ def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, w
     assert message.endswith(".")
 
 
-def box(*sides: float, unit: str = "auto") -> PartMesh:
-    mesh = trimesh.creation.box(sides)
-    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit=unit)
-
-
 @pytest.mark.parametrize(
     ("size", "unit", "metres"),
     [
@@ -176,7 +171,8 @@ def box(*sides: float, unit: str = "auto") -> PartMesh:
 )  # fmt: skip
 def test_a_part_is_read_in_the_unit_named_or_the_only_one_that_makes_it_sensible(size, unit, metres):
     given = unit in ("cm", "inch")
-    part = box(size, 0.6 * size, 0.3 * size, unit=unit if given else "auto")
+    box = trimesh.creation.box((size, 0.6 * size, 0.3 * size))
+    part = part_of(box, unit=unit if given else "auto")
     assert np.ptp(part.vertices, axis=0) == pytest.approx(np.array([1.0, 0.6, 0.3]) * metres)
     assert part.unit == unit
     assert any("the only unit" in note for note in part.notes) == (unit == "m")
@@ -196,9 +192,9 @@ def test_a_part_is_read_in_the_unit_named_or_the_only_one_that_makes_it_sensible
 )
 def test_a_wrong_unit_or_side_is_refused_and_the_fitting_ones_named(sides, unit, said):
     with pytest.raises(MeshError, match=said):
-        box(*sides, unit=unit)
+        part_of(trimesh.creation.box(sides), unit=unit)
     with pytest.raises(InputError, match=r"'ft'. Known: cm, inch, m, mm"):
-        box(*sides, unit="ft")
+        part_of(BLOCK, unit="ft")
     with pytest.raises(InputError, match=r"'up'. Known: -x, -y, -z, X,Y,Z, auto"):
         part_of(BLOCK, "up")
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.arrays import chord_lengths
 from polish_sim.errors import InputError, PlanError
-from polish_sim.geometry import Region, fit_surface, part_from_arrays, select_region
+from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.geometry.orientation import UP_CONE
-from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, TORUS, grid_faces, part_of, prism, region_of
+from tests.geometry import shapes
+from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, enclosed, part_of, prism, region_of
 
 
 @pytest.fixture
@@ -24,15 +26,6 @@ def listed(tmp_path) -> Callable[[str], str]:
     return write
 
 
-def length(loop: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum())
-
-
-def turns(loop: np.ndarray, axis: np.ndarray) -> float:
-    """Signed area enclosed, seen against the axis."""
-    return 0.5 * float(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0) @ axis)
-
-
 def middle_normals(region: Region) -> np.ndarray:
     count = len(region.facets)
     return region.surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).normals
@@ -42,7 +35,7 @@ def test_auto_takes_the_whole_top_of_a_block_and_of_a_ball_the_cap_within_the_co
     region = region_of(BLOCK, "auto")
     assert region.area_m2 == pytest.approx(0.006)
     assert len(region.boundary_loops) == 1
-    assert length(region.boundary_loops[0]) == pytest.approx(0.32)
+    assert chord_lengths(region.boundary_loops[0]).sum() == pytest.approx(0.32)
     assert region.surface.bounds[:, 2] == pytest.approx([0.01, 0.01])
     assert region.up.tolist() == [0.0, 0.0, 1.0]
     assert region.components() == (region,)
@@ -53,7 +46,7 @@ def test_auto_takes_the_whole_top_of_a_block_and_of_a_ball_the_cap_within_the_co
     assert np.array_equal(loop[0], loop[-1])
     # Not ragged: the border is the circle where the normal leaves the cone.
     assert np.abs(loop[:, 2] - 0.05 * np.cos(UP_CONE)).max() < 2e-4
-    assert length(loop) == pytest.approx(2.0 * np.pi * 0.05 * np.sin(UP_CONE), rel=1e-3)
+    assert chord_lengths(loop).sum() == pytest.approx(2.0 * np.pi * 0.05 * np.sin(UP_CONE), rel=1e-3)
 
 
 def test_top_goes_over_creases_where_auto_stops_as_a_point_does_below_the_feature_angle():
@@ -77,8 +70,8 @@ def test_a_ring_has_its_outer_border_first_and_all_of_a_block_is_its_six_faces_t
     region = region_of(RING, "auto")
     # The region lies to the left: the outer loop runs counter-clockwise, the hole clockwise.
     for loop, radius, sense in zip(region.boundary_loops, (0.03, 0.01), (1.0, -1.0), strict=True):
-        assert length(loop) == pytest.approx(2.0 * np.pi * radius, rel=1e-3)
-        assert sense * turns(loop, region.up) > 0.0
+        assert chord_lengths(loop).sum() == pytest.approx(2.0 * np.pi * radius, rel=1e-3)
+        assert sense * enclosed(loop, region.up) > 0.0
     region = region_of(BLOCK, "all")
     assert region.area_m2 == pytest.approx(2.0 * (6000.0 + 2000.0 + 1200.0) * 1e-6)
     faces = region.components()
@@ -198,7 +191,7 @@ def test_an_outline_may_repeat_a_corner_run_straight_on_and_touch_itself(outline
     assert region_of(BLOCK, f"polygon:{outline}").area_m2 == pytest.approx(200e-6)
 
 
-@pytest.mark.parametrize(("mesh", "count"), [(BALL, 6), (TORUS, 10)])
+@pytest.mark.parametrize(("mesh", "count"), [(BALL, 6), (shapes.TORUS, 10)])
 def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_nothing(mesh, count):
     region = region_of(mesh, "all")
     pieces = region.components()
@@ -207,7 +200,7 @@ def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_
     for piece in pieces:
         # No farther from its own axis than the corner of a cube.
         assert (middle_normals(piece) @ piece.up).min() > np.cos(np.radians(56.0))
-        assert turns(piece.boundary_loops[0], piece.up) > 0.0
+        assert enclosed(piece.boundary_loops[0], piece.up) > 0.0
 
 
 def test_pieces_that_touch_in_a_point_are_parted_there(listed):
@@ -228,7 +221,7 @@ def chessboard(squares: int) -> trimesh.Trimesh:
     """A plate whose top is a grid of 10 mm squares."""
     x, y = 10.0 * np.indices((squares + 1, squares + 1)).reshape(2, -1)
     points = np.column_stack([x, y, np.zeros(x.size)])
-    return trimesh.Trimesh(points, grid_faces(squares + 1, squares + 1), process=False)
+    return trimesh.Trimesh(points, shapes.grid_faces(squares + 1, squares + 1), process=False)
 
 
 def facets_of(count: int, squares: list[tuple[int, int]]) -> str:
@@ -273,7 +266,7 @@ def test_a_dumbbell_falls_apart_and_a_margin_too_wide_is_refused_with_the_width(
     points = np.column_stack([np.array(below + above), np.zeros(12)])
     left, right = "012 029 09A 0AB", "345 356 368 678"
     side = np.array([[int(corner, 16) for corner in face] for face in f"{left} {right} 238 289".split()])
-    part = part_from_arrays(points, side, unit="mm", up="z")
+    part = part_of(trimesh.Trimesh(points, side, process=False))
     surface = fit_surface(part)
     one, two = select_region(surface, part, edge_margin=0.007).components()
     # Two squares of 26 mm, each with a tip between the circles about the neck's corners.

@@ -14,14 +14,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import (
-    DistanceField,
-    Region,
-    build_distance_field,
-    fit_surface,
-    load_part,
-    select_region,
-)
+from polish_sim.geometry import DistanceField, build_distance_field, fit_surface, load_part, select_region
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.distance_field import bend_field, signed_distances
@@ -137,7 +130,7 @@ def test_a_renumbered_part_has_the_same_surface_and_region(seed):
     assert np.linalg.norm(again.positions - some.positions, axis=1).max() < 1e-9 * size
 
 
-def _region_of(part: RandomPart, rng: np.random.Generator | None) -> Region:
+def _region_of(part: RandomPart, rng: np.random.Generator | None):
     vertices, faces = part.solid.vertices, part.solid.faces
     if rng is not None:
         order = rng.permutation(len(vertices))
