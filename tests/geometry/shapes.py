@@ -37,6 +37,10 @@ def region_of(mesh: trimesh.Trimesh, choice="auto", up="z", margin=0.0, holes=0.
     return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
 
 
+def surface_of(mesh: trimesh.Trimesh) -> Surface:
+    return fit_surface(part_of(mesh))
+
+
 def fit(mesh: "trimesh.Trimesh | Shape", sunk: float = 0.0) -> Surface:
     """The surface of a mesh in metres, lowered."""
     vertices = np.array(mesh.vertices, dtype=np.float64) - [0.0, 0.0, sunk]

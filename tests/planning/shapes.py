@@ -7,57 +7,22 @@ from pathlib import Path
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array, directions_at, foot_on_chord
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
-from polish_sim.geometry import ClosestPoints, Region, Surface, fit_surface, load_part, select_region
+from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.kept import keep
 
-Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
-
-
-class Ball:
-    """A sphere about the origin; its closest point is known in closed form."""
-
-    def __init__(self, radius: float) -> None:
-        self.radius = radius
-
-    def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
-        normals = points / np.linalg.norm(points, axis=1, keepdims=True)
-        return on_surface(self.radius * normals, normals)
-
-
-class Floor:
-    def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
-        return on_surface(points * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (len(points), 1)))
-
-
-class Bar:
-    """A cylinder about the y axis."""
-
-    def __init__(self, radius: float) -> None:
-        self.radius = radius
-
-    def closest(self, points: Array, hint: NDArray[np.int32] | None = None) -> ClosestPoints:
-        radial = points * [1.0, 0.0, 1.0]
-        normals = radial / np.linalg.norm(radial, axis=1, keepdims=True)
-        return on_surface(self.radius * normals + points * [0.0, 1.0, 0.0], normals)
-
-
-def on_surface(positions: Array, normals: Array) -> ClosestPoints:
-    count = len(positions)
-    return ClosestPoints(positions, normals, np.zeros(count, np.int32), np.tile([1.0, 0.0, 0.0], (count, 1)))
 
 
 def circle(radius: float, height: float = 0.0, count: int = 400, centre=(0.0, 0.0)) -> Array:
     """Points of a level circle, counter-clockwise, shape (count, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-    flat = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) + centre
+    flat = radius * directions_at(np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)) + centre
     return np.column_stack([flat, np.full(count, height)])
 
 
@@ -84,10 +49,7 @@ def path_through(points: Array, axes: Array = UP, feed: Array | None = None) -> 
 
 def to_polyline(points: Array, corners: Array) -> Array:
     """Distances (n,) of points (n, 3) from a polyline through corners (m, 3)."""
-    first, leg = corners[:-1], np.diff(corners, axis=0)
-    away = points[:, None] - first
-    share = np.clip((away * leg).sum(axis=2) / (leg**2).sum(axis=1).clip(1e-18), 0.0, 1.0)
-    return np.linalg.norm(away - share[..., None] * leg, axis=2).min(axis=1)
+    return foot_on_chord(points[:, None] - corners[:-1], np.diff(corners, axis=0))[1].min(axis=1)
 
 
 def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimesh:
@@ -100,11 +62,6 @@ def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
     outer = moved(trimesh.creation.box((side, side, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
     inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
     return trimesh.boolean.difference([outer, inner], engine="manifold")
-
-
-def surface_of(mesh: trimesh.Trimesh, folder: Path) -> Surface:
-    mesh.export(folder / "solid.stl")
-    return fit_surface(load_part(folder / "solid.stl", "mm", "z"))
 
 
 def plate(outline: shapely.Geometry) -> trimesh.Trimesh:

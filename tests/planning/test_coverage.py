@@ -1,10 +1,14 @@
 """What the pad reaches and for how long, against closed forms; what of the region is left out, and why."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import chord_lengths
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.ground import prepare_ground, triangulate
@@ -17,7 +21,7 @@ from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
-from tests.planning.shapes import UP, path_through, plan_of, region_of
+from tests.planning.shapes import UP, level, path_through, plan_of, region_of
 
 PAD = PadConfig()
 R, K, F = PAD.radius_m, PAD.stiffness_n_m, 20.0
@@ -45,40 +49,30 @@ def test_the_pad_sinks_in_until_it_carries_the_force(bend, slope, depth, rel):
 
 def test_one_line_across_a_plate_covers_a_stripe():
     mesh = triangulate(region_of("plate").surface, 0.002)
-    x = np.linspace(-0.1, 0.1, 400)
-    positions = np.stack([x, 0.0 * x, np.full(400, 0.02)], axis=1)
-    normals = np.tile(UP, (400, 1))
-    share = coverage.strict_share(mesh, mesh.areas, [Curve(positions, normals, False)], 0.04)
+    line = level(np.linspace((-0.1, 0.0, 0.02), (0.1, 0.0, 0.02), 400))
+    share = coverage.strict_share(mesh, mesh.areas, [line], 0.04)
     assert share == pytest.approx(2 * 0.55 * 0.04 / 0.2, abs=6e-4)
-    # Not on the other side of the part.
-    assert not coverage.strictly_covered(
-        mesh.vertices, mesh.normals, [Curve(positions, -normals, False)], 0.04
-    ).any()
+    other_side = Curve(line.positions, -line.normals, False)
+    assert not coverage.strictly_covered(mesh.vertices, mesh.normals, [other_side], 0.04).any()
 
 
 def flat_steps(points, feed):
     """Steps of the pad over a plane, pressed in a little."""
-    points = np.asarray(points, dtype=float)
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points, length = level(points).positions, chord_lengths(np.asarray(points))
     count = len(length)
     return PadSteps(points[:-1], points[1:], np.tile(UP, (count, 1)), np.full(count, 1e-3), length / feed)
 
 
-def on_plane(xy):
-    return np.column_stack([xy, np.zeros(len(xy))])
-
-
 def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed_in_any_frame_and_on_long_chords():
     y = np.linspace(-1.2 * R, 1.2 * R, 49)
-    points = on_plane(np.column_stack([np.full(49, 0.003), y]))
-    steps = flat_steps(on_plane(np.column_stack([np.linspace(-0.1, 0.1, 37), np.zeros(37)])), 0.01)
+    points = np.column_stack([np.full(49, 0.003), y, 0.0 * y])
+    steps = flat_steps(np.linspace((-0.1, 0.0), (0.1, 0.0), 37), 0.01)
     times = time_under_pad(points, np.tile(UP, (49, 1)), steps, R)
     assert times == pytest.approx(2.0 * np.sqrt(np.maximum(R**2 - y**2, 0.0)) / 0.01, abs=1e-9)
     rng = np.random.default_rng(2)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    places = on_plane(rng.uniform(-0.08, 0.08, (3000, 2)))
-    steps = flat_steps(on_plane([[-0.03, 0.0], [0.03, 0.01], [0.0, 0.03]]), 0.01)
+    turn = Rotation.random(rng=rng).as_matrix()
+    places = rng.uniform(-0.08, 0.08, (3000, 3)) * [1.0, 1.0, 0.0]
+    steps = flat_steps([[-0.03, 0.0], [0.03, 0.01], [0.0, 0.03]], 0.01)
     starts, ends, ups, *rest = steps
     moved = PadSteps(starts @ turn.T + 0.3, ends @ turn.T + 0.3, ups @ turn.T, *rest)
     there = time_under_pad(places, np.tile(UP, (3000, 1)), steps, R)
@@ -139,9 +133,7 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     shaking = path.process & (np.abs(path.positions_work[:, 0]) < 0.06)
     rest, cut = path.rows(~shaking), CutOut("shakes", path.positions_work[shaking])
     # A lift stands where the stretch was: else both sides of it would be one stroke.
-    lifted = rest.segment.copy()
-    lifted[np.flatnonzero(np.diff(rest.s) > 0.01)] = RETRACT
-    rest = type(rest)(**{**vars(rest), "segment": lifted})
+    rest = replace(rest, segment=np.where(np.diff(rest.s, append=rest.s[-1]) > 0.01, RETRACT, rest.segment))
     account = account_area(result.ready.asked, rest, ProcessConfig(), result.tool.pad, [cut])
     # 120 mm less the two radii the pad covers from the turns on either side.
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)

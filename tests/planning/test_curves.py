@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import foot_on_chord, unit
 from polish_sim.errors import PlanError
-from polish_sim.geometry import fit_surface, load_part, select_region
-from polish_sim.geometry.surface import boundary_loops
+from polish_sim.geometry.surface import ClosestPoints, boundary_loops
 from polish_sim.planning.curve import Curve, step_on_surface
 from polish_sim.planning.ground import bridge_holes, triangulate
 from polish_sim.planning.offset_curve import LevelLine, adapted_spacing, level_lines, offset_curve
@@ -21,13 +21,33 @@ from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.planner import uncross
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.turns import border_curves
-from tests.planning.shapes import UP, Ball, Bar, Floor, circle, level, plate, region_of, square
+from tests.geometry import shapes as geometry
+from tests.planning.shapes import UP, circle, level, plate, region_of, square
 
-STEP = 0.008
 LINE = [(0, 0), (1, 0), (2, 0)]
 LONG = [*LINE, (3, 0)]
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)]
-STEPOVER = 0.008
+STEP = 0.008
+
+
+class Known:
+    """A surface whose closest points and normals are formulas of points (n, 3)."""
+
+    def __init__(self, foot, normal):
+        self.foot, self.normal = foot, normal
+
+    def closest(self, points, hint=None):
+        foot, count = self.foot(points), len(points)
+        return ClosestPoints(foot, self.normal(foot), np.zeros(count, np.int32), np.tile(UP, (count, 1)))
+
+
+def ball(radius):
+    return Known(lambda points: radius * unit(points), unit)
+
+
+FLOOR = Known(lambda points: points * [1.0, 1.0, 0.0], lambda points: np.tile(UP, (len(points), 1)))
+ACROSS, ALONG = np.array([1.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+BAR = Known(lambda points: 0.03 * unit(points * ACROSS) + points * ALONG, lambda foot: unit(foot * ACROSS))
 
 
 def roughly(points, noise=0.0):
@@ -41,10 +61,10 @@ def test_an_offset_keeps_its_distance_on_a_sphere_beside_a_square_and_as_an_arc_
     high = low - 2.0 * np.arcsin(0.5 * STEP / radius)
     guess = circle(radius * np.sin(high), radius * np.cos(high))
     trial = LevelLine(guess, guess / radius, np.zeros(len(guess), np.int64), True)
-    found = offset_curve(Ball(radius), [Curve(ring, ring / radius, True)], trial, STEP)
+    found = offset_curve(ball(radius), [Curve(ring, ring / radius, True)], trial, STEP)
     assert found.positions[:, 2] == pytest.approx(radius * np.cos(high), abs=1e-7)
     old = level(square(0.05), closed=True)
-    found = offset_curve(Floor(), [old], roughly(square(0.042), noise=2e-4), STEP)
+    found = offset_curve(FLOOR, [old], roughly(square(0.042), noise=2e-4), STEP)
     assert old.nearest(found.positions).distances == pytest.approx(STEP, abs=1e-9)
     # Round a corner that points into the region the offset is an arc about the corner.
     corner = np.array([0.0, 0.0, 0.0])
@@ -53,7 +73,7 @@ def test_an_offset_keeps_its_distance_on_a_sphere_beside_a_square_and_as_an_arc_
     angle = np.linspace(0.75 * np.pi, 0.25 * np.pi, 40)
     trial = 0.0085 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     guess = LevelLine(trial, np.tile(UP, (40, 1)), np.zeros(40, np.int64), False)
-    found = offset_curve(Floor(), [level(outline, closed=True)], guess, STEP)
+    found = offset_curve(FLOOR, [level(outline, closed=True)], guess, STEP)
     assert np.linalg.norm(found.positions, axis=1) == pytest.approx(STEP, abs=1e-9)
 
 
@@ -66,7 +86,7 @@ def test_control_points_stand_so_that_the_chord_error_is_the_same(radius):
     assert chords.sum() == pytest.approx(2.0 * np.pi * radius, rel=1e-5)
 
 
-@pytest.mark.parametrize("surface", [Ball(0.05), Ball(0.3), Bar(0.03), Floor()])
+@pytest.mark.parametrize("surface", [ball(0.05), ball(0.3), BAR, FLOOR])
 def test_a_step_has_the_asked_length_to_a_picometre_ahead_in_the_plane_of_direction_and_normal(surface):
     """To the point exactly one step away (paper 1, fig. 4)."""
     rng = np.random.default_rng(0)
@@ -82,20 +102,12 @@ def test_a_step_has_the_asked_length_to_a_picometre_ahead_in_the_plane_of_direct
     assert ((way * along).sum(axis=1) >= 0.9 * lengths).all()
 
 
-def coarse_plate(tmp_path, hole=None):
-    outline = shapely.box(-80, -80, 80, 80)
-    plate(outline if hole is None else outline - hole).export(tmp_path / "plate.stl")
-    mesh = load_part(tmp_path / "plate.stl", "mm", "z")
-    return select_region(fit_surface(mesh), mesh)
+OUTLINE = shapely.box(-80, -80, 80, 80)
+COARSE = geometry.region_of(plate(OUTLINE))
 
 
-def enclosed(loop):
-    """Area within a level loop, positive counter-clockwise."""
-    return 0.5 * np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0)[2]
-
-
-def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_refused(tmp_path):
-    mesh = triangulate(coarse_plate(tmp_path).surface, 0.003)
+def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_refused():
+    mesh = triangulate(COARSE.surface, 0.003)
     a, b = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
     assert np.linalg.norm(a - b, axis=1).max() <= 0.003
     assert mesh.areas.sum() == pytest.approx(0.16**2, rel=1e-12)
@@ -105,9 +117,9 @@ def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_r
     (border,) = border_curves(mesh)
     assert border.length == pytest.approx(0.64)
     # It has the region on its left.
-    assert enclosed(border.positions) == pytest.approx(0.16**2, rel=1e-9)
+    assert geometry.enclosed(border.positions, UP) == pytest.approx(0.16**2, rel=1e-9)
     with pytest.raises(PlanError, match="too large for so fine a step-over"):
-        triangulate(coarse_plate(tmp_path).surface, 2e-5)
+        triangulate(COARSE.surface, 2e-5)
     region = region_of("sphere_50")
     mesh = triangulate(region.surface, 0.001)
     middle = np.array([0.0, 0.0, mesh.vertices[:, 2].max() - 0.05])
@@ -115,20 +127,20 @@ def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_r
     assert (mesh.normals * (mesh.vertices - middle)).sum(axis=1).min() > 0.05 * (1.0 - 1e-4)
 
 
-def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_side_on_its_left(tmp_path):
-    mesh = triangulate(coarse_plate(tmp_path).surface, 0.002)
+def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_side_on_its_left():
+    mesh = triangulate(COARSE.surface, 0.002)
     (line,) = level_lines(mesh, -np.linalg.norm(mesh.vertices[:, :2], axis=1), -0.05)
     assert line.closed
     assert np.linalg.norm(line.positions[:, :2], axis=1) == pytest.approx(0.05, abs=2e-5)
-    assert enclosed(line.positions) == pytest.approx(np.pi * 0.05**2, rel=1e-3)
+    assert geometry.enclosed(line.positions, UP) == pytest.approx(np.pi * 0.05**2, rel=1e-3)
     # One that meets the border is open.
     (line,) = level_lines(mesh, mesh.vertices[:, 1], 0.0123)
     assert not line.closed
     assert np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() == pytest.approx(0.16, rel=1e-9)
 
 
-def test_a_bridged_hole_is_flat_in_a_plate_and_follows_a_sphere(tmp_path):
-    region = coarse_plate(tmp_path, shapely.box(35, -5, 45, 5))
+def test_a_bridged_hole_is_flat_in_a_plate_and_follows_a_sphere():
+    region = geometry.region_of(plate(OUTLINE - shapely.box(35, -5, 45, 5)))
     bridged = bridge_holes(region, 0.02)
     assert bridged.holes == 1
     assert len(bridged.region.boundary_loops) == 1
@@ -164,10 +176,7 @@ CASES = {
     "along each other, then back": ([LONG, [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, 1)]], 0),
     "there and back on the same line": ([[(0, 0), (1, 0), (2, 0), (1.3, 0), (0.4, 0)]], 0),
     "a square closed": ([SQUARE], 0),
-    "one long chord over many short ones": (
-        [[(0, 0), (90, 0)], [(33.3, y) for y in np.linspace(-1, 1, 999)]],
-        1,
-    ),
+    "one long chord over many short ones": ([[(0, 0), (90, 0)], np.linspace((33.3, -1), (33.3, 1), 999)], 1),
 }
 
 
@@ -212,11 +221,8 @@ def test_random_walks_cross_as_every_pair_tried_in_turn_says_in_any_frame(seed):
 
 def _closest_waypoint(points):
     """Smallest distance from a waypoint to a segment that does not begin or end there."""
-    start, way = points[:-1], np.diff(points, axis=0)
-    away = points[:, None] - start
-    share = np.clip((away * way).sum(axis=2) / (way**2).sum(axis=1), 0.0, 1.0)
-    gap = np.linalg.norm(away - share[:, :, None] * way, axis=2)
-    k = np.arange(len(start))
+    _, gap = foot_on_chord(points[:, None] - points[:-1], np.diff(points, axis=0))
+    k = np.arange(len(points) - 1)
     gap[k, k] = gap[k + 1, k] = np.inf
     return gap.min()
 
@@ -236,14 +242,14 @@ def _every_pair(points):
 
 def run_along(points, number=0):
     """A run of points half a millimetre apart on the plane z = 0."""
-    floor, curve = Floor(), level(points)
+    curve = level(np.asarray(points))
     line = curve.points(np.linspace(0.0, curve.length, int(curve.length / 5e-4) + 2))
-    return SurfaceRun(floor, floor.closest(line), np.full(len(line), number))
+    return SurfaceRun(FLOOR, FLOOR.closest(line), np.full(len(line), number))
 
 
 def uncrossed(*lines):
     """What is left of lines, and the number of the line each piece was a part of."""
-    done = uncross([run_along(np.asarray(line), number) for number, line in enumerate(lines)], STEPOVER)
+    done = uncross([run_along(line, number) for number, line in enumerate(lines)], STEP)
     return done, [int(run.pass_index[0]) for run in done.runs]
 
 
@@ -258,12 +264,11 @@ def eight(size):
 
 SHARE = np.linspace(0.0, 1.0, 400)
 WAVE = np.column_stack([0.2 * SHARE, 0.012 * np.sin(30.0 * SHARE)])
-LINE = [(-0.01, 0.0), (0.21, 0.0)]
 FIGURES = {
     "a figure of eight": [eight(0.06)],
     "an eight smaller than the step-over": [eight(0.003)],
     "two lines that meet at four degrees": [[(-0.1, 0.0), (0.1, 0.0)], [(-0.1, -0.007), (0.1, 0.007)]],
-    "a wave over a line": [WAVE, LINE],
+    "a wave over a line": [WAVE, [(-0.01, 0.0), (0.21, 0.0)]],
     "a grid": [
         *[[(x, -0.05), (x, 0.05)] for x in (-0.02, 0.001, 0.02)],
         *[[(-0.05, y), (0.05, y)] for y in (-0.02, 0.0, 0.02)],
@@ -273,26 +278,25 @@ FIGURES = {
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_nothing_crosses_after_the_cuts_and_no_place_is_far_from_what_is_left(figure):
-    before = [run_along(np.asarray(line)) for line in FIGURES[figure]]
+    before = [run_along(line) for line in FIGURES[figure]]
     assert crossings(before) > 0
-    done = uncross(before, STEPOVER)
+    done = uncross(before, STEP)
     assert crossings(done.runs) == 0
     assert len(done.cuts) >= crossings(before)
     left = np.concatenate([run.positions for run in done.runs])
     gone = cKDTree(left).query(np.concatenate([run.positions for run in before]))[0]
-    assert gone.max() < 0.55 * STEPOVER
+    assert gone.max() < 0.55 * STEP
 
 
 def test_a_cut_is_a_fraction_of_a_stepover_wide_and_a_dead_end_is_dropped_only_where_others_cover_it():
     done, lines = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
     assert lines == [0, 1, 1]
     ends = [run.positions[[0, -1], 1] for run in done.runs[1:]]
-    assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEPOVER, rel=1e-6)
+    assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEP, rel=1e-6)
     assert done.cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
     # What does not cross stays what it is.
-    assert len(uncross(done.runs, STEPOVER).cuts) == 0
-    # A comb of lines a step-over apart, and one that goes over the last of them and ends on its far
-    # side.
-    lines = [[(-0.05, y), (0.05, y)] for y in STEPOVER * np.arange(-3, 4)]
-    assert uncrossed(*lines, [(0.0, -0.06), (0.0, -2.5 * STEPOVER)])[1] == list(range(8))
+    assert len(uncross(done.runs, STEP).cuts) == 0
+    # A comb of lines a step-over apart, and one that goes over the last of them and ends on its far side.
+    lines = [[(-0.05, y), (0.05, y)] for y in STEP * np.arange(-3, 4)]
+    assert uncrossed(*lines, [(0.0, -0.06), (0.0, -2.5 * STEP)])[1] == list(range(8))
     assert uncrossed([(-0.05, 0.0), (0.05, 0.0)], [(0.0, -0.06), (0.0, 0.02)])[1] == [0, 1, 1]

@@ -15,18 +15,19 @@ from polish_sim.planning.moves import leads, travel
 from polish_sim.planning.moves.stroke import lift_over
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
-from tests.planning.shapes import UP, moved, plan_of, surface_of
+from tests.geometry.shapes import surface_of
+from tests.planning.shapes import UP, moved, plan_of
 
 CLEARANCE = 0.03
 LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
 STEPOVER = 0.008
 
 
-def slab_with_wall(tmp_path, height=60.0):
+def slab_with_wall(height=60.0):
     """A slab 200 x 100 x 10 mm, its top at z = 0, with a wall across the middle."""
     slab = moved(trimesh.creation.box((200.0, 100.0, 10.0)), 0, 0, -5)
     wall = moved(trimesh.creation.box((10.0, 100.0, height)), 0, 0, height / 2)
-    return surface_of(trimesh.boolean.union([slab, wall], engine="manifold"), tmp_path)
+    return surface_of(trimesh.boolean.union([slab, wall], engine="manifold"))
 
 
 def stroke(x0, x1, y=0.0):
@@ -36,8 +37,8 @@ def stroke(x0, x1, y=0.0):
     return travel.move_in(PROCESS, positions, UP, 0)
 
 
-def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
-    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
+def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of():
+    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)))
     beside = np.array([[0.06, 0.0, 0.0]])
     assert travel.rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
     depth = travel.rim_depths(box, beside, UP[None], 0.025)[0]
@@ -46,8 +47,8 @@ def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
 
 
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
-def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(tmp_path, height, ahead):
-    part = slab_with_wall(tmp_path, height)
+def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(height, ahead):
+    part = slab_with_wall(height)
     first, second = (leads.with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
     way, clear = travel.travel(first, second, travel.AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
@@ -56,8 +57,8 @@ def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_the
     assert np.linalg.norm(np.diff(way.positions, axis=0), axis=1).max() < 1.1e-3
 
 
-def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
-    part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
+def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round():
+    part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)))
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (leads.with_leads(move, LANDING, LANDING) for move in (top, below))
@@ -67,14 +68,14 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
 
 
-def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_free_leads_are_kept(tmp_path):
-    part = slab_with_wall(tmp_path)
+def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_free_leads_are_kept():
+    part = slab_with_wall()
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
     air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
     chosen = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
     assert chosen.start.shape is leads.normal_lead
     assert chosen.end.shape is leads.tangent_lead
-    part = surface_of(moved(trimesh.creation.box((200.0, 200.0, 10.0)), 0, 0, -5), tmp_path)
+    part = surface_of(moved(trimesh.creation.box((200.0, 200.0, 10.0)), 0, 0, -5))
     air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
     for name, shape in leads.LEADS.items():
         chosen = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
@@ -82,7 +83,7 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     # The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm.
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
-    part = surface_of(bowl, tmp_path)
+    part = surface_of(bowl)
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
     move = travel.move_in(PROCESS, -0.03 * normal, normal, 0)
@@ -123,12 +124,9 @@ def air(ends, order, flips):
 
 def shortest(ends, free):
     """The best of all orders that begin with the first block as it is."""
-    n = len(ends)
-    best = np.inf
-    for rest in permutations(range(1, n)):
-        for turns in product(*([[0, 1] if free else [0]] * (n - 1))):
-            best = min(best, air(ends, (0, *rest), (0, *turns)))
-    return best
+    others = range(1, len(ends))
+    flips = list(product([0, 1] if free else [0], repeat=len(others)))
+    return min(air(ends, (0, *rest), (0, *turns)) for rest in permutations(others) for turns in flips)
 
 
 @pytest.mark.parametrize("free", [True, False])
@@ -149,10 +147,9 @@ def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_
     assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))
     assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
     ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
-    assert travel.order_blocks(ends, True).order[0] == 0
-    assert not travel.order_blocks(ends, True).backwards[0]
-    tour = travel.order_blocks(ends, True, ends[7, 1] + 1e-4)
-    assert (tour.order[0], tour.backwards[0]) == (7, True)
+    for start, first in (((), (0, False)), ((ends[7, 1] + 1e-4,), (7, True))):
+        tour = travel.order_blocks(ends, True, *start)
+        assert (tour.order[0], tour.backwards[0]) == first
     assert travel.order_blocks(ends, False, ends[7, 0]).order[0] == 7
     assert travel.order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
     assert not travel.order_blocks(ends[:1], False, ends[0, 1]).backwards[0]

@@ -24,12 +24,11 @@ from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Discs, Tool, standing_above
 from tests.cell.cells import drawn_vertices, meshes_of
-from tests.planning.shapes import UP, moved, pocket, shipped_plan, surface_of
+from tests.geometry.shapes import prism, surface_of
+from tests.planning.shapes import UP, moved, pocket, shipped_plan
 from tests.planning.tools import reached_share, volumes_in_part
 
-CLEARANCE = 0.001
-YIELDS = 20.0 / 20000.0
-RADIUS = 0.010
+CLEARANCE, YIELDS, RADIUS = 0.001, 20.0 / 20000.0, 0.010
 PAD = PadConfig(radius_m=RADIUS)
 PLAN = PlanConfig(stepover_m=0.004, pattern="contour", region="point:0,0,0")
 
@@ -130,22 +129,22 @@ def test_no_body_of_the_tool_shares_volume_with_the_part_on_any_plan(planned, na
 
 
 def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(planned):
-    diameter_mm = 20.0
-    result = planned("pocket", "contour", diameter_mm)
-    side, radius = 120.0 - 2e3 * CLEARANCE - diameter_mm, 0.5 * diameter_mm
+    radius = 10.0  # of the pad [mm]
+    result = planned("pocket", "contour", 2.0 * radius)
+    side = 120.0 - 2e3 * CLEARANCE - 2.0 * radius
     reached = side**2 + 4.0 * side * radius + np.pi * radius**2
     assert result.figures["region_area_m2"] == pytest.approx(0.0144, rel=1e-9)
     assert 1e6 * result.figures["unreachable_area_m2"] == pytest.approx(14400.0 - reached, rel=0.02)
     # The outermost turn keeps the clearance, and no more than a tenth of a step-over besides.
     widest = 2e3 * np.abs(result.path.positions_work[result.path.process, :2]).max()
-    assert side - 0.2 * 0.2 * diameter_mm < widest < side + 1e-3
+    assert side - 0.2 * 0.4 * radius < widest < side + 1e-3
     assert reached_share(result.figures) > 0.98
     (note,) = (note for note in result.notes if "left out" in note)
     assert note.endswith("pad too near the part")
     # What is marked on the pictures is what no disc about a place of the inner square covers.
     middles = 1e3 * result.area.left_out["pad too near the part"].triangles.mean(axis=1)[:, :2]
     beyond = np.linalg.norm(np.maximum(np.abs(middles) - 0.5 * side, 0.0), axis=1)
-    assert beyond.min() > radius - 0.1 * diameter_mm
+    assert beyond.min() > 0.8 * radius
 
 
 def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(part, planned):
@@ -207,25 +206,23 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(pl
         assert 255.0 * np.array(marked.color) == pytest.approx(color)
 
 
-def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad(tmp_path):
+def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad():
     """A lead that keeps the tool point clear keeps the tool out of the wall, 6 mm beside the pad's rim."""
-    part = surface_of(boss(), tmp_path)
+    part = surface_of(boss())
     tool = Tool(PadConfig(radius_m=0.010), 20.0)
     for radius in (0.0, 0.010):
-        air = AirSpace(part, radius, 0.03, np.array([0.0, 0.0, 1.0]), tool)
+        air = AirSpace(part, radius, 0.03, UP, tool)
         for away, free in ((0.024, True), (0.017, False)):
             line = np.array([[0.005 + away, 0.003, z] for z in (0.005, 0.02)])
-            assert air.has_room(line, np.tile([0.0, 0.0, 1.0], (2, 1))) == free
+            assert air.has_room(line, np.tile(UP, (2, 1))) == free
 
 
 def test_a_pad_too_large_and_a_plan_all_of_which_is_in_the_part_are_refused(planned, tmp_path, part):
     with pytest.raises(PlanError, match=r"its pad would still come .* too close"):
         planned("pocket", "spiral", 122.0, stepover_m=0.008)
     bowl(40.0).export(tmp_path / "bowl.stl")
-    hollow, plan = (
-        PartConfig(str(tmp_path / "bowl.stl"), up="z"),
-        PlanConfig(region="point:0,0,-20", stepover_m=0.016),
-    )
+    hollow = PartConfig(str(tmp_path / "bowl.stl"), up="z")
+    plan = PlanConfig(region="point:0,0,-20", stepover_m=0.016)
     with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius"):
         plan_part(hollow, plan, pad=PadConfig(choice="given"))
     # The default pad is replaced by one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
@@ -246,26 +243,23 @@ def disc(x, y, z=0.0, low=1e-3):
 @pytest.mark.parametrize(
     ("gap", "thickness", "facet"), [(0.0005, 40.0, 500.0), (0.0099, 1.0, 500.0), (0.0005, 40.0, 10.0)]
 )
-def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp_path, gap, thickness, facet):
+def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(gap, thickness, facet):
     """However thin the wall is, and of however many rows of facets: the pad has to get past it."""
-    part = surface_of(pocket(ring_mm=thickness).subdivide_to_size(facet), tmp_path)
+    part = surface_of(pocket(ring_mm=thickness).subdivide_to_size(facet))
     found = standing_above(part, disc(0.060 - gap, 0.013))
     assert found.depths[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert found.reaches[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert standing_above(part, disc(0.060 - RADIUS - 1e-6, 0.013)).depths[0] == 0.0
     # It is no deeper in a step than the step is high.
-    step = surface_of(pocket(wall_mm=3.0), tmp_path)
+    step = surface_of(pocket(wall_mm=3.0))
     assert standing_above(step, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
     assert standing_above(step, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0
 
 
-def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
+def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says():
     """A ramp of 45 deg from x = 5 mm on: the rim at x = 10 mm is 5 mm sin 45 deg behind its plane."""
-    outline = [(-50, -10), (60, -10), (60, 55), (5, 0), (-50, 0)]
-    polygon = trimesh.path.polygons.Polygon(outline)
-    ramp = trimesh.creation.extrude_polygon(polygon, 80.0)
-    ramp.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    part = surface_of(moved(ramp, 0, 40, 0), tmp_path)
+    ramp = prism([(-50, -10), (60, -10), (60, 55), (5, 0), (-50, 0)], 80.0)
+    part = surface_of(moved(ramp, 0, -40, 0))
     found = standing_above(part, disc(0.0, 0.0))
     assert found.depths[0] == pytest.approx(0.005 * np.sin(np.pi / 4), abs=1e-9)
     # What stands no higher than 1 mm does not count: the ramp does so from x = 6 mm on.

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import trimesh
 
-from polish_sim.arrays import perpendicular
+from polish_sim.arrays import plane_axes
 from polish_sim.models import robot_model_path
 from tests.cell.cells import drawn_vertices
 
@@ -55,16 +55,10 @@ def room_behind_pad() -> manifold3d.Manifold:
 
 
 def volumes_in_part(path, part: trimesh.Trimesh, pad_radius, yields, apart=4e-3) -> dict[str, float]:
-    """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact
-    [mm^3].
+    """Largest volume each body of the tool shares with a part, a closed mesh in mm, along a path [mm^3].
 
-    Args:
-        path: The path.
-        part: A closed mesh in mm.
-        pad_radius: [m].
-        yields: How far the pad may be compressed in contact [m], everywhere or at each point of the path
-            (n,).
-        apart: Distance of the places looked at along the path [m].
+    The pad ``yields`` in contact [m], everywhere or at each point of the path (n,); places looked at are
+    ``apart`` [m].
     """
     shape = solid(part.copy().apply_scale(1e-3))
     worst = dict.fromkeys(("pad", *(name for name, _ in bodies_behind_pad())), 0.0)
@@ -72,8 +66,7 @@ def volumes_in_part(path, part: trimesh.Trimesh, pad_radius, yields, apart=4e-3)
     rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], apart)))
     for row in rows:
         z = path.axes_work[row]
-        x = perpendicular(z[None])[0]
-        place = np.column_stack([x, np.cross(z, x), z, path.positions_work[row]])
+        place = np.column_stack([*plane_axes(z), z, path.positions_work[row]])
         low = float(yields[row]) if path.process[row] else 1e-3
         pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64)
         pad = pad.translate((0.0, 0.0, low))
