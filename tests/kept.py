@@ -149,7 +149,6 @@ def _frozen(array: Any) -> Any:
 
 
 def _columns(named: dict[str, Any]) -> MappingProxyType[str, Any]:
-    """The columns of a run's log, read back."""
     return MappingProxyType(named)
 
 

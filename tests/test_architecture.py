@@ -72,7 +72,6 @@ def test_the_command_line_starts_without_the_heavy_libraries():
 
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="from 3.12 on parts of f-strings are tokens as well")
 def test_the_house_keeps_its_size(capsys):
-    """Tokens of each room; new ones must be worth it."""
     rooms: dict[str, int] = {}
     for folder in ("src/polish_sim", "cli"):
         for file in sorted((ROOT / folder).rglob("*.py")):
@@ -99,7 +98,6 @@ def test_texts_use_none_of_the_banned_phrases():
 
 
 def _tokens(text: str) -> int:
-    """Tokens of a file's code."""
     quiet: set[int] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(

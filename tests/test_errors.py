@@ -12,7 +12,6 @@ def test_places_numbers_and_names_that_are_nearly_right_are_written_as_people_do
         "60000", "0.0002", "1e-12", "9223372036854775807", "-8",
     ]  # fmt: skip
     assert number_text(10**400) == "100000... (401 digits)"
-    # A name or file that is nearly right is asked back, whatever its capitals.
     assert did_you_mean("Freeform", ["plate", "freeform"]) == " Did you mean 'freeform'?"
     assert did_you_mean("circle", ["arc", "force"]) == ""
     (tmp_path / "Part.STL").touch()

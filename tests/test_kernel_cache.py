@@ -162,7 +162,6 @@ def test_processes_share_the_compiling_of_kernels_and_a_killed_one_leaves_its_to
     runs = [numbers for numbers, _ in _runs(package, SCRIPT, 3)]
     assert [run[:2] for run in runs] == [[20.0, -2.0]] * 3
     assert sum(run[2] for run in runs) == 3
-    # A killed one leaves its kernel to others.
     shutil.rmtree(_cache(package))
     claim = "from polish_sim.gains import gain; gain._cache._wait_for_claim(); print(1, flush=True)"
     command = [sys.executable, "-c", f"import time; {claim}; time.sleep(60)"]

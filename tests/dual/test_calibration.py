@@ -236,11 +236,7 @@ def axes_of(*moves: list[float]) -> None:
         (base_of, (np.ones((9, 3)), arc(1)), "in one place"),
         (base_of, (arc(0, sector=(0.0, 20.0)), arc(1)), "arc of 20 deg is too short"),
         (matched_points.check_matched, (CLOUD[:2], CLOUD[:2]), "2 points give no frame"),
-        (
-            matched_points.check_matched,
-            np.arange(5.0)[:, None] * [[[1.0, 1, 0]], [[0.0, 1, 1]]],
-            "lie on a line",
-        ),
+        (matched_points.check_matched, ON_LINES, "lie on a line"),
         (matched_points.check_matched, (1e3 * CLOUD, CLOUD), "are units mixed"),
         (matched_points.check_matched, (CLOUD[:, [1, 0, 2]], CLOUD), "mirror image"),
         (tip_of, (planned(3 + 1)[:3],), "3 touches cannot separate"),

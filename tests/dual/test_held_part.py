@@ -109,7 +109,6 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it
     points = spread_marks(region, surface, 3)[:, :3, 3]
     size = np.ptp(region.surface.vertices[np.unique(region.surface.faces)], axis=0).max()
     assert np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).min() > 0.4 * size
-    # Their triangle is not much narrower than what they lie on.
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     assert spread[1] > 0.3 * spread[0]
     if name == "wheel_hub_rim":  # a third of a turn apart
@@ -211,7 +210,6 @@ def test_pad_and_part_may_touch_housing_and_part_not_and_arms_keep_their_drawn_c
     found = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q)
     one, two = found.split(" and ")
     assert {one.partition("_link_")[0], two.partition("_link_")[0]} == {"follower", "master"}
-    # Without a clearance nothing is said: they do not touch.
     touching = Clearances(0.0, 0.0)
     assert PairContacts(scene(facing(near), touching), touching).first(q, q) == ""
     assert PairContacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES).first(q, q) == ""

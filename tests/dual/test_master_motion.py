@@ -90,7 +90,6 @@ def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_t
     for off in between(task, run):
         assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2.1e-4
         assert Rotation.from_matrix(off[:, :3, :3]).magnitude().max() < 0.01
-    # Errors are drawn for the strokes and not between them.
     figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
     drawn = np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=np.float64)
     fed = run.log.fed

@@ -27,7 +27,6 @@ TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
 
 
 def shape(size: int, rng: np.random.Generator, scale: float) -> Array:
-    """A covariance that is stretched some way."""
     L = scale * (np.eye(size) + 0.4 * rng.uniform(-1.0, 1.0, (size, size)))
     return np.asarray(L @ L.T)
 
@@ -60,7 +59,6 @@ def measured(parts: PairParts, closing: ClosingTouches, rng) -> tuple[PairParts,
 
 
 def unknowns(found: PairAdjustment) -> Array:
-    """Error of all 15 unknowns."""
     bases = step_from(T_MASTER_FOLLOWER, found.T_master_follower)
     return np.concatenate([bases, found.tip - TIP, step_from(T_FLANGE_WORK, found.T_flange_work)])
 

@@ -12,11 +12,11 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from polish_sim.arrays import directions_at, unit
+from polish_sim.arrays import unit
 from polish_sim.errors import MeshError
 from polish_sim.geometry import PartMesh, Region, fit_surface, load_part, part_from_arrays, select_region
 from polish_sim.geometry.fit import fit_triangles
-from polish_sim.geometry.surface import Surface
+from polish_sim.geometry.surface import Surface, SurfacePoints
 
 Floats = NDArray[np.float64]
 
@@ -68,11 +68,10 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
     return faces.reshape(-1, 3).astype(np.int32)
 
 
-def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles between two closed rings of as many vertices, outward where the first runs to the left."""
-    ahead, second_ahead = np.roll(first, -1), np.roll(second, -1)
-    sides = [first, ahead, second_ahead], [first, second_ahead, second]
-    return np.concatenate([np.stack(corners, -1) for corners in sides])
+def at_middles(surface: Surface, facets: NDArray[np.int32] | None = None) -> SurfacePoints:
+    """Positions and normals of a surface at the middles of facets, of all if none are named."""
+    facets = np.arange(len(surface.faces)) if facets is None else facets
+    return surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
 
 
 def enclosed(loop: Floats, axis: Floats) -> float:
@@ -110,14 +109,12 @@ def sphere(subdivisions: int, radius: float = 1.0) -> Shape:
 def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0.0) -> Shape:
     """Torus about z with facets of about equal sides; jitter moves the vertices on the true surface."""
     along = max(round(around * major / minor), 3)
-    i, j = np.indices((along, around))
-    rng = np.random.default_rng(1)
-    a = 2.0 * np.pi * (i + jitter * rng.uniform(-0.5, 0.5, i.shape)) / along
-    b = 2.0 * np.pi * (j + jitter * rng.uniform(-0.5, 0.5, i.shape)) / around
+    mesh, rng = trimesh.creation.torus(major, minor, along, around), np.random.default_rng(1)
+    x, y, z = mesh.vertices.T
+    shift = 2.0 * np.pi * jitter * rng.uniform(-0.5, 0.5, (2, len(x)))
+    a, b = np.arctan2(y, x) + shift[0] / along, np.arctan2(z, np.hypot(x, y) - major) + shift[1] / around
     ring = major + minor * np.cos(b)
-    vertices = np.stack([ring * np.cos(a), ring * np.sin(a), minor * np.sin(b)], axis=-1).reshape(-1, 3)
-    number = np.arange(along * around).reshape(along, around)
-    faces = np.concatenate([strip(number[:, k - 1], number[:, k]) for k in range(around)])
+    vertices = np.column_stack([ring * np.cos(a), ring * np.sin(a), minor * np.sin(b)])
 
     def normal(points: Floats) -> Floats:
         return unit(points - major * unit(flat(points)))
@@ -128,7 +125,7 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
 
     return Shape(
         vertices,
-        faces.astype(np.int32),
+        np.array(mesh.faces, np.int32),
         foot=lambda points: major * unit(flat(points)) + minor * normal(points),
         normal=normal,
         curvatures=curvatures,
@@ -137,10 +134,10 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
 
 def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     """Open cylinder about z with one long strip of two facets per division, as CAD writes it."""
-    ring = radius * np.pad(directions_at(2.0 * np.pi * np.arange(around) / around), ((0, 0), (0, 1)))
+    mesh = trimesh.creation.revolve([(radius, 0.0), (radius, height)], sections=around)
     return Shape(
-        np.concatenate([ring, ring + [0.0, 0.0, height]]),
-        strip(np.arange(around), np.arange(around) + around).astype(np.int32),
+        np.array(mesh.vertices),
+        np.array(mesh.faces, np.int32),
         foot=lambda points: radius * unit(flat(points)) + points * [0.0, 0.0, 1.0],
         normal=lambda points: unit(flat(points)),
         curvatures=lambda points: np.tile([1.0 / radius, 0.0], (len(points), 1)),

@@ -100,7 +100,6 @@ def test_polygons_are_split_without_leaving_their_outline(tmp_path):
     assert solid.volume == pytest.approx(1e-9 * 30.0 * (60 * 20 + 20 * 30))
     assert solid.area == pytest.approx(1e-6 * (2 * 1800 + 30 * 220))
     assert any("split 8 facets" in note for note in part.notes)
-    # Both halves of a wall carry the wall's number.
     assert np.bincount(part.stl_facets).tolist() == [2] * 6 + [4] * 2
 
 

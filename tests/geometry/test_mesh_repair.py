@@ -9,7 +9,7 @@ import trimesh
 from benchmarks.fuzz import LARGEST, run_apart, try_files
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
-from tests.geometry.shapes import BLOCK, grid_faces, memory_to_load, stl_bytes
+from tests.geometry.shapes import BLOCK, at_middles, grid_faces, memory_to_load, stl_bytes
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
 
@@ -23,7 +23,6 @@ def as_trimesh(part) -> trimesh.Trimesh:
 
 
 def is_solid(part, volume: float, rel: float = 1e-6) -> bool:
-    """Whether a part is closed, of this volume [mm^3]."""
     mesh = as_trimesh(part)
     return mesh.is_watertight and mesh.volume == pytest.approx(1e-9 * volume, rel=rel)
 
@@ -42,7 +41,6 @@ def test_empty_double_and_flipped_facets_are_dropped_or_turned_so_that_bodies_lo
     corner, edge = triangles[0, 0], triangles[0, 1]
     empty = [[corner, edge, corner], [corner, corner, corner]]
     part = joined(empty, triangles, triangles[:40:2], triangles[100:120, ::-1])
-    # Facets keep their numbers in the file.
     assert part.stl_facets.tolist() == list(range(2, 1282))
     assert said(part, "2 facets without area")
     assert is_solid(part, BALL.volume)
@@ -82,7 +80,6 @@ def test_facets_without_height_tiny_gaps_and_t_junctions_are_mended_so_that_the_
     part = joined(np.array(triangles))
     assert is_solid(part, 90 * 60 * 40)
     assert said(part, "T-junctions", "the first at (")
-    # The triangles a facet became carry its number.
     assert len(part.stl_facets) > len(triangles) == len(np.unique(part.stl_facets))
 
 
@@ -112,7 +109,6 @@ def test_bodies_are_counted_and_measured_loose_fins_dropped_and_glued_solids_mad
     assert as_trimesh(small).is_watertight
     large = joined(soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]])
     assert said(large, "2 bodies in one file (1 of them closed)")
-    # the same diagonals where they meet
     right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]
     part = joined(soup(BLOCK), right)
     assert is_solid(part, 200 * 60 * 20)
@@ -147,7 +143,7 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     radius = np.linalg.norm(surface.vertices[inside], axis=1)
     assert np.sqrt(np.mean((radius - 0.1) ** 2)) < 0.35 * noise
     facets = np.flatnonzero(inside[surface.faces].all(axis=1)).astype(np.int32)
-    points, normals = surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
+    points, normals = at_middles(surface, facets)
     tilt = np.arccos(np.clip((normals * points).sum(axis=1) / np.linalg.norm(points, axis=1), -1.0, 1.0))
     assert np.degrees(np.sqrt(np.mean(tilt**2))) < 0.4 * noise / 0.00005
     assert part.noise.slope == pytest.approx(np.sqrt(np.mean(tilt**2)), rel=0.35)
@@ -195,9 +191,7 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
     part = part_from_arrays(np.array(points), np.array(faces), unit="mm")
     assert said(part, "flipped the long edge of 60 needles", "the first at (")
     assert as_trimesh(part).is_watertight
-    surface = fit_surface(part)
-    facets = np.arange(len(part.faces), dtype=np.int32)
-    positions, normals = surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))
+    positions, normals = at_middles(fit_surface(part))
     radius = np.linalg.norm(positions, axis=1)
     assert np.abs(radius - 0.04).max() < 1e-6
     assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02

@@ -9,26 +9,29 @@ import trimesh
 
 from polish_sim.arrays import chord_lengths
 from polish_sim.errors import InputError, PlanError
-from polish_sim.geometry import Region, fit_surface, select_region
+from polish_sim.geometry import fit_surface, select_region
 from polish_sim.geometry.orientation import UP_CONE
 from tests.geometry import shapes
-from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, enclosed, part_of, prism, region_of
+from tests.geometry.shapes import (
+    BALL,
+    BLOCK,
+    FINE_BALL,
+    RING,
+    at_middles,
+    enclosed,
+    part_of,
+    prism,
+    region_of,
+)
 
 
 @pytest.fixture
 def listed(tmp_path) -> Callable[[str], str]:
-    """Writes a list of facets or corners into a file; the file's name."""
-
     def write(text: str) -> str:
         (tmp_path / "list.txt").write_text(text)
         return str(tmp_path / "list.txt")
 
     return write
-
-
-def middle_normals(region: Region) -> np.ndarray:
-    count = len(region.facets)
-    return region.surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).normals
 
 
 def test_auto_takes_the_whole_top_of_a_block_and_of_a_ball_the_cap_within_the_cone():
@@ -79,7 +82,7 @@ def test_a_ring_has_its_outer_border_first_and_all_of_a_block_is_its_six_faces_t
     for face in faces:
         assert len(face.boundary_loops) == 1
         # A face is looked at from outside: from above, or along its own normal.
-        assert middle_normals(face)[0] == pytest.approx(face.up)
+        assert at_middles(face.surface).normals[0] == pytest.approx(face.up)
     assert len(region.boundary_loops) == 6
 
 
@@ -92,7 +95,6 @@ def test_boxes_polygons_points_and_listed_facets_take_what_they_name_cut_along_s
         assert loop[:, :2].min(axis=0) == pytest.approx([-0.02, -0.01])
         assert loop[:, :2].max(axis=0) == pytest.approx([0.03, 0.012])
     assert region_of(BLOCK, "point:10,10,11").area_m2 == pytest.approx(0.006)
-    # A side wall, though it does not look up.
     side = region_of(BLOCK, "point:50,0,0")
     assert side.area_m2 == pytest.approx(60.0 * 20.0 * 1e-6)
     assert side.surface.bounds[:, 0] == pytest.approx([0.05, 0.05])
@@ -150,11 +152,9 @@ def test_a_box_over_two_steps_takes_both_the_larger_first_and_leaves_out_slivers
     assert one.surface.bounds[:, 2] == pytest.approx([0.02, 0.02])
     assert two.surface.bounds[:, 2] == pytest.approx([0.03, 0.03])
     assert region.area_m2 == pytest.approx(one.area_m2 + two.area_m2)
-    # Each facet still knows which facet of the part it was.
     whole = fit_surface(part_of(steps))
     for piece in (one, two):
-        at = np.arange(len(piece.facets)), np.full((len(piece.facets), 3), 1 / 3)
-        middle = piece.surface.evaluate(*at).positions
+        middle = at_middles(piece.surface).positions
         assert np.abs(whole.restrict(piece.facets).closest(middle).positions - middle).max() < 1e-9
     # The box reaches 0.02 mm over the edge of the lower step.
     region = region_of(steps, "box:0,0,1,60.02,40,100")
@@ -176,7 +176,7 @@ def test_a_polygon_cuts_what_lies_under_it_along_straight_lines(up):
     region = select_region(fit_surface(part), part, f"polygon:{text}")
     x, y = shape.T
     flat = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) * 1e-6
-    seen = float((region.surface.facet_areas * (middle_normals(region) @ part.up)).sum())
+    seen = region.surface.facet_areas @ (at_middles(region.surface).normals @ part.up)
     assert seen == pytest.approx(flat, rel=1e-9 if up != "1,0,2" else 1e-6)
 
 
@@ -199,7 +199,7 @@ def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_
     assert region.area_m2 == pytest.approx(float(fit_surface(part_of(mesh)).facet_areas.sum()), rel=1e-6)
     for piece in pieces:
         # No farther from its own axis than the corner of a cube.
-        assert (middle_normals(piece) @ piece.up).min() > np.cos(np.radians(56.0))
+        assert (at_middles(piece.surface).normals @ piece.up).min() > np.cos(np.radians(56.0))
         assert enclosed(piece.boundary_loops[0], piece.up) > 0.0
 
 

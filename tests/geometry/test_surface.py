@@ -95,7 +95,6 @@ def test_both_sides_of_a_cut_are_the_whole_surface_in_two(seed, level):
     values = surface.control @ across - level
     sides = [clip(surface, sign * values).surface for sign in (1.0, -1.0)]
     for side in sides:
-        # Positions and normals stay what they were.
         some = side.evaluate(*places(side, 100, rng))
         whole = surface.closest(some.positions)
         assert np.abs(whole.positions - some.positions).max() < 1e-12

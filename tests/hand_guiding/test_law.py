@@ -24,7 +24,6 @@ DT = 0.001
 MASS, ARM, ROTOR = 3.0, 0.4, 1.0
 INERTIA = MASS * ARM**2 + ROTOR
 COULOMB, VISCOUS, CREEP = 5.0, 8.0, 0.003
-Pushed = tuple[laws.GuidingMemory, list[float]]
 IDEAL = Scenario(robot=RobotConfig(arm="ideal"))
 POINT_HAND = Hand(4000.0, 200.0, 0.0, 0.0)
 PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
@@ -68,7 +67,7 @@ def test_each_mode_gives_back_its_share_of_weight_friction_and_inertia(belief):
     assert torque_at(belief, "inertia", 0.0, 1.0, 1e4) == 150.0  # all that the motor has
 
 
-def pushed(belief, law: laws.GuidingGains, hand: float, steps: int, rubbing) -> Pushed:
+def pushed(belief, law: laws.GuidingGains, hand: float, steps: int, rubbing):
     """A joint under the law and a hand's constant torque [N m], with friction by its speed."""
     memory, q, qd, reached = laws.build_memory(1), 0.0, 0.0, []
     for step in range(steps):

@@ -6,25 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, directions_at, rms
 from polish_sim.cell.real_arm import gear_twists
 from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.geometry import fit_surface, load_part
-from polish_sim.hand_guiding import CLAIMS, kind_of
+from polish_sim.hand_guiding import CLAIMS, kind_of, teach
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
 from polish_sim.hand_guiding.drag import Recording, Taught, drag_table, simplified, teach_path
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.hand_guiding.teach import (
-    PlayedMove,
-    compare_modes,
-    figures_of_moves,
-    minimum_jerk,
-    move_table,
-    moves_of,
-)
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.robot_model import own_parameters
@@ -35,12 +27,12 @@ from tests.planning.shapes import to_polyline
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 RADIUS, SPEED = 0.08, 0.05
+IDEAL = override(default_scenario("teach"), ["robot.arm=ideal"])
 
 
 def scenario(hand: dict[str, float] | None = None, **guide: object) -> Scenario:
-    base = override(default_scenario("teach"), ["robot.arm=ideal"])
     held = replace(HandConfig(), off_s=5.0, **(hand or {}))
-    return replace(base, guide=replace(GuideConfig(), **guide), hand=held)  # type: ignore[arg-type]
+    return replace(IDEAL, guide=replace(GuideConfig(), **guide), hand=held)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +62,7 @@ def test_each_step_of_compensation_lightens_the_move_and_the_log_has_the_hand_s_
 
 
 def test_the_move_is_minimum_jerk_and_wander_and_tremor_have_the_size_and_band_asked_for():
-    way, speed = minimum_jerk(np.array([-1.0, 0.0, 0.5, 1.0, 2.0]))
+    way, speed = teach.minimum_jerk(np.array([-1.0, 0.0, 0.5, 1.0, 2.0]))
     np.testing.assert_allclose(way, [0.0, 0.0, 0.5, 1.0, 1.0])
     np.testing.assert_allclose(speed, [0.0, 0.0, 1.875, 0.0, 0.0])
     line = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 50)
@@ -80,7 +72,7 @@ def test_the_move_is_minimum_jerk_and_wander_and_tremor_have_the_size_and_band_a
         ({"tremor_m": 0.0}, 0.0, 1.0, 0.0005),
         ({"wander_m": 0.0, "tremor_m": 0.0002}, 7.0, 13.0, 0.0002),
     ):
-        made = drag_table(line, upright, replace(DragConfig(follow="rim"), **changed), hand, dt, rng)  # type: ignore[arg-type]
+        made = drag_table(line, upright, replace(DragConfig(follow="rim"), **changed), hand, dt, rng)
         off = (made.table.motion.positions - made.meant.positions)[2000:]
         power = np.abs(np.fft.rfft(off, axis=0)) ** 2
         at = np.fft.rfftfreq(len(off), dt)
@@ -114,16 +106,16 @@ def test_a_law_that_drives_by_itself_is_stopped_by_its_energy():
     assert run.figures["path_done"] == 0.0
 
 
-def cut(rows: int, stop_step: int = 0, interrupted: bool = False, direction: str = "x") -> PlayedMove:
+def cut(rows: int, stop_step: int = 0, interrupted: bool = False, direction: str = "x") -> teach.PlayedMove:
     """The first rows of a fast move, at rest."""
     asked = scenario(mode="gravity", direction=direction, duration_s=0.6)
-    move = moves_of(asked.guide, asked.hand)[0]
-    table = move_table(move, asked.hand, home_pose(), 0.001)
+    move = teach.moves_of(asked.guide, asked.hand)[0]
+    table = teach.move_table(move, asked.hand, home_pose(), 0.001)
     reason = "links touch" if stop_step else None
     recorded = np.zeros(rows, GuidingRow.dtype)
     recorded["R_base_tool"] = np.eye(3)
     run = GuidingRun(recorded, reason, stop_step, interrupted, 0.0)
-    return PlayedMove(move, table, run)
+    return teach.PlayedMove(move, table, run)
 
 
 def test_only_a_whole_move_has_a_force_and_one_cut_short_leaves_its_mode_without_a_peak():
@@ -134,15 +126,15 @@ def test_only_a_whole_move_has_a_force_and_one_cut_short_leaves_its_mode_without
         (1900, {"stop_step": 1400}, False),
         (2400, {"stop_step": 1900}, True),
     ):
-        figures = figures_of_moves(scenario(), [cut(rows, **how)], 1, 1.0)
+        figures = teach.figures_of_moves(scenario(), [cut(rows, **how)], 1, 1.0)
         assert [np.isfinite(figures[f"hand_force_{name}_n"]) for name in ("peak", "rms")] == [whole] * 2
     # The largest of a known and an unknown force is unknown, whichever came first.
     for order in (1, -1):
         played = [cut(2400), cut(1400, interrupted=True, direction="y")][::order]
-        assert np.isnan(figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
+        assert np.isnan(teach.figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
         known, unknown = {"hand_force_peak_n": 20.0, "hand_force_rms_n": 9.0}, {"hand_force_peak_n": np.nan}
         moves = "classical_x_slow", "classical_y_slow", "assist_x_slow", "assist_y_slow"
-        modes = compare_modes(dict(zip(moves, 2 * [known, unknown][::order], strict=True)))
+        modes = teach.compare_modes(dict(zip(moves, 2 * [known, unknown][::order], strict=True)))
         assert np.isnan([modes["classical_peak_n"], modes["slow_peak_n"]]).all()
 
 
@@ -157,8 +149,7 @@ def test_an_identified_model_is_as_good_as_the_true_one(tmp_path):
 
 
 def dragged(**drag: object) -> Scenario:
-    base = override(default_scenario("teach"), ["robot.arm=ideal"])
-    return replace(base, drag=replace(DragConfig(follow="rim"), **drag))  # type: ignore[arg-type]
+    return replace(IDEAL, drag=replace(DragConfig(follow="rim"), **drag))
 
 
 @pytest.fixture(scope="module")
@@ -238,8 +229,7 @@ def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.02) -> Rec
     t = np.arange(0.0, duration + 2.0 * still, 0.004)
     angle = np.clip((t - still) / duration, 0.0, 1.0) * 2.0 * np.pi
     radius = RADIUS + tremor * np.sin(2.0 * np.pi * 10.0 * t)
-    positions = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(t), height)], axis=1)
-    return Recording(t, positions)
+    return Recording(t, np.column_stack([radius[:, None] * directions_at(angle), np.full(len(t), height)]))
 
 
 def taught_on_plate(record: Recording) -> Taught:
@@ -256,8 +246,7 @@ def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(tremor):
     hand = circle(tremor)
     taught = taught_on_plate(hand)
     off = off_circle(taught.path.positions_work)[3:-3]
-    rms = [np.sqrt(np.mean(gap**2)) for gap in (off, off_circle(hand.positions))]
-    assert rms[0] < 0.2 * rms[1] if tremor else off.max() < 1e-4
+    assert rms(off) < 0.2 * rms(off_circle(hand.positions)) if tremor else off.max() < 1e-4
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=5e-3)
     assert np.diff(taught.path.s).max() < 0.0025
 
@@ -268,7 +257,6 @@ def test_standing_still_is_no_path_a_hand_that_hardly_moves_teaches_none_and_a_l
     assert np.diff(taught.path.s).min() > 0.001
     with pytest.raises(PlanError, match="too little to teach a path"):
         taught_on_plate(circle()._replace(positions=0.01 * circle().positions))
-    # No point is further from the simplified line than asked.
     points, tolerance = circle(tremor=0.0005).positions, 1e-3
     corners = simplified(points, tolerance)
     assert len(corners) < 0.02 * len(points)

@@ -8,26 +8,20 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.exchange.robot_log import columns_of
-from polish_sim.identification import IdentifySettings, identify
+from polish_sim.identification import IdentifySettings, excitation, identify
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_of
-from polish_sim.identification.excitation import (
-    FourierMotion,
-    MotionLimits,
-    random_motion,
-    started_and_stopped,
-)
+from polish_sim.identification.excitation import FourierMotion
 from polish_sim.identification.regressor import FULL, States, TorqueModel
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 
-Array = NDArray[np.float64]
 RATE, SIGMA = 250.0, np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
 RANGE, TORQUE = np.array([[-0.9, 0.9]] * 6) * np.pi, np.array([150.0] * 3 + [28.0] * 3)
-LIMITS = MotionLimits(RANGE, np.full(6, 3.0), np.full(6, 12.0), TORQUE)
+LIMITS = excitation.MotionLimits(RANGE, np.full(6, 3.0), np.full(6, 12.0), TORQUE)
 ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
   <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
   <joint name="b" type="slide" axis="0.3 -1 0.2"/>
@@ -95,7 +89,7 @@ class Known(NamedTuple):
 def known_robot(samples: int = 2000, terms: tuple[str, ...] = FULL, seed: int = 0) -> Known:
     """The arm on a random motion of one period, its torques without noise."""
     model, base = _arm(terms)
-    motion = random_motion(LIMITS, np.random.default_rng(seed))
+    motion = excitation.random_motion(LIMITS, np.random.default_rng(seed))
     states = motion(np.arange(samples) / samples * motion.period)
     truth = model.truth()
     return Known(model, base, base.combination @ truth, motion, states, model.torque(states, truth))
@@ -111,7 +105,7 @@ def noisy(torque: Array, rng: np.random.Generator) -> Array:
     return torque + rng.normal(size=torque.shape) * SIGMA
 
 
-def covers(found: Estimate, truth: Array) -> NDArray[np.bool_]:
+def covers(found: Estimate, truth: Array) -> Array:
     return np.abs(found.theta - truth) <= INTERVAL_95 * found.std
 
 
@@ -142,4 +136,4 @@ def write_log(file: Path, model: TorqueModel, states: States, sigma=0.0, truth=N
 def played(motion: FourierMotion, periods: int) -> States:
     """A periodic motion entered and left at rest."""
     end = periods * motion.period + 4.0
-    return started_and_stopped(motion, np.arange(round(end * RATE)) / RATE, 2.0, end)
+    return excitation.started_and_stopped(motion, np.arange(round(end * RATE)) / RATE, 2.0, end)

@@ -113,7 +113,6 @@ def test_every_move_of_a_teaching_run_counts(tmp_path):
     np.savez(tmp_path / "log.npz", time_s=time, q_rad=np.concatenate([first, second]), case=case)
     use = use_states(tmp_path)
     moved = [use.rows(use.q[:, 3] < 0.5), use.rows(use.q[:, 3] > 0.5)]
-    # Constant speeds, and none from the end of one move to the beginning of the next.
     for states, joint, speed in zip(moved, (0, 1), (0.5, -0.25), strict=True):
         assert len(states.q) > 90
         np.testing.assert_allclose(states.qd[:, joint], speed, atol=1e-6)

@@ -81,7 +81,6 @@ def test_a_planted_robot_is_recovered_from_its_log_and_a_joint_that_rests_at_its
     off = (found.found.theta - KNOWN.base.combination @ PLANTED) / found.found.std
     # The rms of fifty-eight errors in their own standard deviations, plus what splines smooth away.
     assert float(np.sqrt(np.mean(off**2))) < 1.4
-    # What is left of the part that was held out is its noise.
     assert max(found.figures["residual_over_noise_heldout"]) < 1.1
     rests = States(*(part.copy() for part in MOTION))
     end = slice(len(rests.q) // 2, None)
@@ -111,7 +110,6 @@ def test_gears_that_rub_by_load_are_found_and_what_they_carry_is_weighed_within_
     assert np.all(found.found.std[at[:3]] < 0.005)
     figures = found.figures
     assert np.all(np.array(figures["nrms_heldout"]) < np.array(figures["nrms_heldout_rigid"]))
-    # What is left is the noise: nothing of the gears is.
     assert max(figures["residual_over_noise_heldout"]) < 1.1
     empty, loaded, carried = _geared_log(902), _geared_log(903, 2.8), 2.8
     figures = weigh_from_logs(GEARED, empty, loaded).figures

@@ -73,7 +73,6 @@ def test_planned_and_simulated_time_agree_and_the_same_job_gives_the_same_bytes(
     assert number == 1
     assert text.count("on the table") == 1
     assert "grit 120" in text
-    # So does a pass that was thrown away.
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     shutil.rmtree(tmp_path / "setup_1/region_1/pass_1")
     list(run_job(job, tmp_path, Silent()))
@@ -244,7 +243,6 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
     with locked(out / ".lock", "job"):
         assert done("--resume") == done("--overwrite") == 2
         assert "another job is at work" in capfd.readouterr().err
-    # Whatever is left of it; what no job wrote stays.
     (out / "job.toml").unlink()
     (out / "setup_notes").mkdir()
     file.write_text(text.replace("0.05", "0.1"))

@@ -7,6 +7,7 @@ import pytest
 
 from polish_sim.models import robot_model_path
 from polish_sim.motion import JOINT_LIMITS, forward
+from polish_sim.spatial import from_pose, transform
 
 # The UR5e as the manufacturer publishes it and the tool as models/README.md describes it, built in Pinocchio.
 
@@ -92,23 +93,20 @@ def random_states(n, seed=0):
 
 
 def site_pose(data, name):
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = data.site(name).xmat.reshape(3, 3), data.site(name).xpos
-    return T
+    return transform(data.site(name).xmat.reshape(3, 3), data.site(name).xpos)
 
 
 def test_flange_and_tool_are_where_the_dh_table_puts_them(model):
     """And the pad, pushed in by the head's joint, against the tool's axis."""
     data = mujoco.MjData(model)
-    T_flange_tool, T_tool_pad = np.eye(4), np.eye(4)
-    T_flange_tool[2, 3] = 0.22
+    T_flange_tool = from_pose([0.0, 0.0, 0.22, 0.0, 0.0, 0.0])
     for q in random_states(40)[0]:
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(site_pose(data, "flange"), forward(q[ARM]), atol=1e-9)
         np.testing.assert_allclose(site_pose(data, "sensor"), site_pose(data, "flange"), atol=1e-15)
         np.testing.assert_allclose(site_pose(data, "tool"), forward(q[ARM]) @ T_flange_tool, atol=1e-9)
-        T_tool_pad[2, 3] = -q[HEAD]
+        T_tool_pad = from_pose([0.0, 0.0, -q[HEAD], 0.0, 0.0, 0.0])
         np.testing.assert_allclose(site_pose(data, "pad"), site_pose(data, "tool") @ T_tool_pad, atol=1e-12)
 
 
@@ -125,13 +123,11 @@ def test_home_is_elbow_up_the_arm_carries_its_own_weight_alone_and_collides_wher
     mujoco.mj_jac(model, data, J, None, data.xipos[mount], mount)
     np.testing.assert_allclose(left_to_carry, J.T @ [0, 0, 1.7 * 9.81], atol=1e-9)
     # Folded it collides; links that touch in the drawing and the pad do not.
-    data = mujoco.MjData(model)
-    data.qpos[ARM] = [0, -1.2, 0, 0.3, 1.5, 0.2]
-    mujoco.mj_forward(model, data)
-    assert data.ncon == 0
-    data.qpos[ARM] = [0, -1.57, 2.9, 0.0, 1.57, 0.0]
-    mujoco.mj_forward(model, data)
-    assert data.ncon > 0
+    for q, collides in (([0, -1.2, 0, 0.3, 1.5, 0.2], False), ([0, -1.57, 2.9, 0.0, 1.57, 0.0], True)):
+        data = mujoco.MjData(model)
+        data.qpos[ARM] = q
+        mujoco.mj_forward(model, data)
+        assert (data.ncon > 0) == collides
     touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     assert not np.any(model.geom_bodyid[touching] == model.body("head").id)
 

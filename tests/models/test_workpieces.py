@@ -42,7 +42,6 @@ def test_a_workpiece_is_one_closed_solid_whose_largest_smooth_face_looks_up_and_
     assert mesh.bounds[0, 2] == 0.0
     assert len(mesh.faces) < 40_000
     assert workpiece_path(name).stat().st_size < 2.5e6
-    # Patches that meet under less than 30 deg.
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < np.radians(30)]
     faces = trimesh.graph.connected_components(smooth, min_len=1)
     top = max(faces, key=lambda facets: mesh.area_faces[facets].sum())
@@ -81,7 +80,6 @@ def test_spheres_cylinder_saddle_and_rim_have_their_textbook_curvatures_and_the_
     np.testing.assert_allclose(principal_curvatures(saddle), [[5.0, -5.0]])
     crest = part("wheel_hub_rim").shape.evaluate(np.array([[0.08, 0.0]]))
     np.testing.assert_allclose(principal_curvatures(crest), [[1 / 0.06, 0.0]], atol=1e-12)
-    # Its two holes are wider than the pad runs over.
     mesh, plate = shipped("plate_two_holes"), part("plate_two_holes")
     assert mesh.euler_number == -2  # a ball with two handles
     assert min(hole.radius for hole in plate.holes) > PlanConfig().bridge_m / 2
@@ -105,7 +103,6 @@ def test_freeform_rises_to_a_sixtieth_in_six_places_of_every_outer_turn_and_is_n
         between = radius * np.minimum(to_crest, 2 * np.pi - to_crest).min(axis=1) > 0.015
         assert between.any()
         assert np.abs(curvature[between]).max() < 1 / 0.300
-    # It bends by at most one over twice the pad's radius.
     n = np.linspace(-0.1, 0.1, 401)
     xy = np.stack(np.meshgrid(n, n), axis=-1).reshape(-1, 2)
     graph = part("freeform").shape.evaluate(xy[np.linalg.norm(xy, axis=1) <= 0.1])

@@ -21,6 +21,7 @@ from polish_sim.motion.rules.deviation import measure_deviation, vertex_distance
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.serial_chain import chain_model, chain_torque
+from tests.planning.shapes import circle, to_polyline
 
 TRIPLE = np.array([0.1, 0.05, 0.02])
 SUBSETS = [subset for k in range(4) for subset in combinations(range(3), k)]
@@ -119,19 +120,15 @@ def test_stops_stray_nowhere_and_overlaps_and_crossings_are_measured_on_their_ow
     samples = Smoothed(chain, schedule).sample(times)
     to_vertex = np.linalg.norm(samples.tips[:, 0, None] - tips, axis=2).min(axis=0).max()
     assert found.vertex.value == pytest.approx(to_vertex, rel=1e-5)
-    along = np.einsum("nkj,kj->nk", samples.tips[:, 0, None] - tips[:-1], chain.directions)
-    feet = tips[:-1] + np.clip(along, 0.0, chain.lengths)[..., None] * chain.directions
-    apart = np.linalg.norm(samples.tips[:, 0, None] - feet, axis=2)
-    # the whole polyline is nearer than a stretch
-    assert found.contour.value >= apart.min(axis=1).max() * (1.0 - 1e-9)
-    assert found.contour.value == pytest.approx(apart.min(axis=1).max(), rel=1e-4)
+    apart = to_polyline(samples.tips[:, 0], tips).max()
+    assert found.contour.value >= apart * (1.0 - 1e-9)  # the whole polyline is nearer than a stretch
+    assert found.contour.value == pytest.approx(apart, rel=1e-4)
 
 
 def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
     """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2, by sinc(w T2/2) sinc(w T3/2)."""
     radius, count = 0.05, 720
-    angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
-    chain = straight(radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]))
+    chain = straight(circle(radius, count=count)[[*range(count), 0]])
     step, filters = 0.002, np.array([0.11, 0.06])
     schedule = fir_schedule(np.arange(count) * step, np.tile([step, *filters], (count, 1)))
     samples = Smoothed(chain, schedule).sample(np.linspace(0.3, 1.2, 200))

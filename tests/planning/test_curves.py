@@ -116,7 +116,6 @@ def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_r
     assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 1
     (border,) = border_curves(mesh)
     assert border.length == pytest.approx(0.64)
-    # It has the region on its left.
     assert geometry.enclosed(border.positions, UP) == pytest.approx(0.16**2, rel=1e-9)
     with pytest.raises(PlanError, match="too large for so fine a step-over"):
         triangulate(COARSE.surface, 2e-5)
@@ -133,7 +132,6 @@ def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_s
     assert line.closed
     assert np.linalg.norm(line.positions[:, :2], axis=1) == pytest.approx(0.05, abs=2e-5)
     assert geometry.enclosed(line.positions, UP) == pytest.approx(np.pi * 0.05**2, rel=1e-3)
-    # One that meets the border is open.
     (line,) = level_lines(mesh, mesh.vertices[:, 1], 0.0123)
     assert not line.closed
     assert np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() == pytest.approx(0.16, rel=1e-9)
@@ -151,8 +149,8 @@ def test_a_bridged_hole_is_flat_in_a_plate_and_follows_a_sphere():
     assert bridge_holes(region, 0.01).holes == 0
     # A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat.
     region = region_of("sphere_100")
-    surface, count = region.surface, len(region.surface.faces)
-    middles = surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).positions
+    surface = region.surface
+    middles = geometry.at_middles(surface).positions
     holed = surface.restrict(np.flatnonzero(np.linalg.norm(middles[:, :2], axis=1) > 0.008))
     bridged = bridge_holes(replace(region, surface=holed, boundary_loops=boundary_loops(holed)), 0.03)
     assert bridged.holes == 1
@@ -191,7 +189,6 @@ def test_crossings_are_found_where_they_are_and_only_on_one_sheet_of_the_part():
     assert places == pytest.approx(np.array([[0.02, 0.01, 0.0]]), abs=1e-12)
     across = [(1, -1), (1, 1)]
     assert len(find_crossings([flat(LINE), flat(across, height=0.004)])) == 0
-    # Nor on both sides of a thin plate.
     lower = flat(across, height=-2e-4)
     assert len(find_crossings([flat(LINE), Curve(lower.positions, -lower.normals, False)])) == 0
 
@@ -294,7 +291,6 @@ def test_a_cut_is_a_fraction_of_a_stepover_wide_and_a_dead_end_is_dropped_only_w
     ends = [run.positions[[0, -1], 1] for run in done.runs[1:]]
     assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEP, rel=1e-6)
     assert done.cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
-    # What does not cross stays what it is.
     assert len(uncross(done.runs, STEP).cuts) == 0
     # A comb of lines a step-over apart, and one that goes over the last of them and ends on its far side.
     lines = [[(-0.05, y), (0.05, y)] for y in STEP * np.arange(-3, 4)]

@@ -31,7 +31,6 @@ def slab_with_wall(height=60.0):
 
 
 def stroke(x0, x1, y=0.0):
-    """A straight stroke over the top of the slab."""
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
     return travel.move_in(PROCESS, positions, UP, 0)
@@ -168,11 +167,9 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     assert len(stretches(left.path.process)) == len(stretches(path.process)) + 1
     kept = left.path.positions_work[left.path.process]
     np.testing.assert_array_equal(kept, path.positions_work[path.process & ~gone])
-    # Between the two the tool is lifted by the clearance.
     (_, last), (first, _) = stretches(left.path.process)[:2]
     between = left.path.positions_work[last : first + 1, 2]
     assert between.max() - between.min() == pytest.approx(plan.plan.clearance_m, abs=1e-6)
-    # Strokes before the first that changes keep every row.
     once = left.path
     again = lift_over(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
     np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
@@ -207,7 +204,6 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
     near = plan.behind(places[0] + 0.004)
     assert near.mends == ()
     assert pressed(near.path, 0.0) == pytest.approx(pressed(whole, places[0] + 0.004), rel=0.005)
-    # A stroke that was not begun is pressed as planned.
     begun = plan.behind(0.5 * places[0])
     assert begun.mends == ()
     assert set(begun.path.force) == {plan.tool.force}

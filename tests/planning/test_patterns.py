@@ -43,7 +43,6 @@ def test_what_is_not_done_yet_lies_on_the_left_or_on_the_right(pattern, order, d
     if pattern == "contour":
         passes = path.pass_index[path.process]
         for loop in (points[passes == number] for number in np.unique(passes)):
-            # It comes back to exactly where it began.
             again = (loop == loop[0]).all(axis=1)
             assert again.sum() == 2
             radius = np.linalg.norm(loop[: np.flatnonzero(again)[1] + 1, :2], axis=1)

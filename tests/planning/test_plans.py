@@ -36,7 +36,6 @@ def test_a_part_is_covered_in_few_strokes_on_its_surface_without_crossings(name,
     assert result.figures["self_crossings"] == 0
     assert result.figures["coverage_stepover"] >= share
     assert result.figures["coverage"] >= 0.99
-    # On curved places and over edges the pad is not in the part.
     assert (result.figures["pad_in_part_max_m"], result.figures["pad_in_part_length_m"]) == (0.0, 0.0)
     path, process = result.path, result.path.process
     foot = result.region.surface.closest(path.positions_work[process])

@@ -48,7 +48,6 @@ def boss():
 
 
 def bowl(radius=90.0, depth=20.0):
-    """A block with a bowl sunk into it."""
     ball = moved(trimesh.creation.icosphere(subdivisions=4, radius=radius), 0, 0, radius - depth)
     block = moved(trimesh.creation.box((140, 140, 50)), 0, 0, -25)
     return trimesh.boolean.difference([block, ball], engine="manifold")
@@ -89,8 +88,6 @@ def part_of(name: str) -> trimesh.Trimesh:
 
 @pytest.fixture(scope="module")
 def part(tmp_path_factory):
-    """The parts by their names, as requests."""
-
     @cache
     def request(name: str) -> PartConfig:
         file = tmp_path_factory.mktemp("part") / "part.stl"
@@ -102,8 +99,6 @@ def part(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def planned(part):
-    """Plans for a part and a pad; the same request is planned once."""
-
     @cache
     def plan(name: str, pattern: str, diameter_mm: float, **keys: object) -> PlanResult:
         asked = {"stepover_m": 0.3e-3 * diameter_mm, "pattern": pattern, "region": CASES[name][1]} | keys
@@ -250,7 +245,6 @@ def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(gap
     assert found.depths[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert found.reaches[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert standing_above(part, disc(0.060 - RADIUS - 1e-6, 0.013)).depths[0] == 0.0
-    # It is no deeper in a step than the step is high.
     step = surface_of(pocket(wall_mm=3.0))
     assert standing_above(step, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
     assert standing_above(step, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0

@@ -59,7 +59,6 @@ def test_the_way_down_ends_where_contact_begins_and_leaves_the_rest_alone():
     assert heights[0] == pytest.approx(0.03)
     assert heights[-1] == 0.0
     assert (np.diff(heights) < 0.0).all()
-    # A path that begins in the air stays as it is.
     assert with_way_down(planned, 0.03) is planned
 
 
@@ -124,7 +123,6 @@ def test_axes_are_averaged_over_a_wobble_and_turned_on_a_stretch_over_a_crease()
     smooth = smooth_axes(axes, np.tile(UP, (801, 1)), s, 0.01, np.radians(10.0))
     inside = (s > 0.01) & (s < 0.09)
     assert np.abs(smooth[inside, 0]).max() < np.sin(np.radians(0.1))
-    # Without a length or a bound the axes are left alone.
     assert smooth_axes(axes, axes, s, 0.0, 0.1) is axes
     assert smooth_axes(axes, axes, s, 0.01, 0.0) is axes
     # Over a length far below the points' distance there is nothing to average, and no memory is taken for it.

@@ -75,7 +75,6 @@ def test_a_limit_cycle_and_a_growing_oscillation_are_not_stable_but_following_a_
         small, large = (scored(held(20.0 + size * wave)) for size in (1.5, 3.0))
         assert large["oscillation_n"] == pytest.approx(3.0, rel=0.2)  # a moving mean takes some of 5 Hz
         assert (small["stable"], large["stable"]) == (True, False)
-        # More is allowed where more is wanted.
         assert scored(held(50.0 + 3.0 * wave), wanted=50.0)["stable"]
     wave = np.sin(2.0 * np.pi * 8.0 * t)
     growing = scored(held(20.0 + 0.02 * np.exp(1.0 * t) * wave))

@@ -97,7 +97,6 @@ def test_slow_motion_presses_springs_in_series_servos_swing_over_at_25_hz_and_no
     assert speed[0] == pytest.approx(1.0, abs=1e-3)
     assert 1.15 < speed[1] < 1.3
     assert speed[2] < 0.5
-    # Only quick waves pass to the springs.
     setup, law = _loop()
     found = forces(setup, law, np.random.default_rng(0).normal(0.0, 0.5, 60_000))
     assert noise_rms(setup, law, 0.5) == pytest.approx(np.std(found[5000:]), rel=0.08)
@@ -227,7 +226,6 @@ def test_slow_motion_presses_head_and_arm_in_series_and_hysteresis_is_elastic_in
     behind = arm.host @ np.linalg.solve(arm.stiffness, arm.tool)  # what the encoders see of it
     assert stiffness == pytest.approx(1.0 / (1.0 / 5000.0 + softer - behind), rel=1e-3)
     assert 10e-6 < softer < 60e-6
-    # It is gone in large ones.
     (about,) = joints_about(ELASTIC, loop_model.FORCE_POSE[None])
     stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
     assert np.all(np.diff(stiff) < 0.0)

@@ -52,7 +52,6 @@ def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, bytes]:
-    """A score measured by one process, and the file of its rows."""
     folder = tmp_path_factory.mktemp("whole")
     return scored(folder)[0], (folder / ROWS).read_bytes()
 
@@ -146,7 +145,6 @@ def test_every_case_is_a_scenario_chosen_by_name_or_pattern_that_shares_its_set_
             assert scenario.experiment == case.experiment
             assert case.text
         assert all(any(one.applies(name) for name in names) for one in asked)
-    # In the battery's order.
     names = [case.name for case in scoring.choose_cases(scoring.BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
     assert scoring.choose_cases(scoring.BATTERY, []) == scoring.BATTERY

@@ -56,7 +56,6 @@ def test_tables_and_page_say_each_case_never_where_settling_is_defined_and_the_w
     stopped = row(HOLD, A, 0, stable=False, protective_stop="force above the limit", max_error_n=None)
     summaries = scoring.summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,)))
     assert scoring.breaking(summaries, A) == ["approach-20: 1 of 1 runs, force above the limit"]
-    # The page has each case and what is run in it.
     better = score_of(row(PATH, A, 0, max_error_n=1.0), row(PATH, B, 0, max_error_n=4.0))
     judged = scoring.judge(scoring.BATTERY_ASKED, better.rows_of(A))
     page = scoring.markdown(better, scoring.score_tables(better, [(A, judged)]))
@@ -86,7 +85,6 @@ def test_each_law_is_left_out_once_and_worth_how_much_a_figure_grows_without_it(
     assert cells["unstable runs"] == "+1"
     ratios = scoring.ablation_ratios(score)["feed"]["max_error_n"]
     assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
-    # The picture names the case that grows most, clear of the edge.
     grown = {"touch-down": {"step-10": 30.0, "step-20": 2.0}, "feed": {"step-10": 1.3}}
     grown["learning"] = {"step-10": 1.1}
     _, _, largest, _ = plot_ablation({law: {"max_error_n": cases} for law, cases in grown.items()}).axes

@@ -68,6 +68,8 @@ class FakeRobot:
 
 
 class Notes:
+    """What a programme says, and what else its listener is called with."""
+
     def __init__(self) -> None:
         self.texts: list[str] = []
         self.events: list[tuple[Any, ...]] = []
@@ -75,14 +77,8 @@ class Notes:
     def text(self, text: str) -> None:
         self.texts.append(text)
 
-    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
-        self.events.append(("popup", text))
-
-    def started(self, name: str) -> None:
-        self.events.append(("started", name))
-
-    def stopped(self, name: str) -> None:
-        self.events.append(("stopped", name))
-
     def runtime_exception(self, line: int, column: int, text: str) -> None:
         self.events.append(("exception", line, column, text))
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *values: self.events.append((name, *values))

@@ -25,6 +25,13 @@ def go(robot: SimulatedRobot, until: Callable[[], bool], most_s: float = 20.0) -
     raise AssertionError(f"not within {most_s} s")
 
 
+def watch(robot: SimulatedRobot, see: Callable[[], object]) -> list:
+    """What is seen at every tick of a move."""
+    seen = []
+    go(robot, lambda: seen.append(see()) or robot.move_done())
+    return seen
+
+
 def stand(robot: SimulatedRobot, seconds: float) -> None:
     for _ in range(round(seconds / TICK_S)):
         robot.step()
@@ -70,15 +77,9 @@ def test_a_line_is_straight_and_as_quick_as_asked(robot):
     robot.movel(goal, 0.5, 0.05, 0.0, 0.0)
     way = (goal - first)[:3]
     length = float(np.linalg.norm(way))
-    places = []
-
-    def arrived() -> bool:
-        places.append(robot.target_tcp_pose[:3].copy())
-        return robot.move_done()
-
-    took = go(robot, arrived)
+    places = watch(robot, lambda: robot.target_tcp_pose[:3].copy())
     off = np.cross(np.array(places) - first[:3], way / length)
-    assert took == pytest.approx(length / 0.05 + 0.05 / 0.5, abs=0.01)
+    assert TICK_S * (len(places) - 1) == pytest.approx(length / 0.05 + 0.05 / 0.5, abs=0.01)
     assert np.linalg.norm(off, axis=1).max() < 1e-6
     stand(robot, 0.5)
     assert robot.steady()
@@ -116,16 +117,10 @@ def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(robot)
     robot.set_speed_fraction(1.0)
     robot.movel(first, 0.5, 0.05, 0.0, 0.0)
     go(robot, robot.move_done)
-    robot.movel(corner, 0.5, 0.05, 0.0, 0.01)
     near = []
-
-    def arrived() -> bool:
-        near.append(float(np.linalg.norm(robot.target_tcp_pose[:3] - corner[:3])))
-        return robot.move_done()
-
-    go(robot, arrived)
-    robot.movel(goal, 0.5, 0.05, 0.0, 0.0)
-    go(robot, arrived)
+    for end, blend in ((corner, 0.01), (goal, 0.0)):
+        robot.movel(end, 0.5, 0.05, 0.0, blend)
+        near += watch(robot, lambda: np.linalg.norm(robot.target_tcp_pose[:3] - corner[:3]))
     assert 1e-4 < min(near) < 0.01
     assert robot.target_tcp_pose[:3] == pytest.approx(goal[:3], abs=1e-6)
 
