@@ -18,6 +18,8 @@ from polish_sim.errors import InputError, ProtectiveStop
 from polish_sim.row_file import whole_folder
 from polish_sim.workers import Result, WorkersError, local_copy, open_workers
 
+CHILDREN = Path(f"/proc/self/task/{os.getpid()}/children")
+
 
 def work_off(
     tasks: Sequence[Any], work: Callable[[Any], Any], group_of: Callable[[Any], Any], count: int
@@ -46,9 +48,8 @@ def die_at_1(task: int) -> int:
     return task
 
 
-def perish(_task: int) -> int:
+def perish(_task: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
-    return 0
 
 
 def read_shipped(name: str) -> tuple[bool, str]:
@@ -127,13 +128,12 @@ def test_a_folder_changes_when_its_new_content_is_whole_and_needs_a_place_that_a
         pass
 
 
+@pytest.mark.skipif(not CHILDREN.exists(), reason="needs /proc")
 def test_breaking_off_leaves_no_process_behind():
     with closing(work_off(range(100), double, lambda task: task, 2)) as results:
         next(iter(results))
-        children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
-        before = children.read_text().split() if children.exists() else []
-    after = children.read_text().split() if children.exists() else []
-    assert len(after) <= max(0, len(before) - 1)
+        before = len(CHILDREN.read_text().split())
+    assert len(CHILDREN.read_text().split()) < before
 
 
 def test_a_cluster_of_dask_does_every_task_and_leaves_out_the_one_that_kills_twice(tmp_path):
@@ -190,7 +190,7 @@ def alive(process: int) -> bool:
 
 
 def until(happened: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 90.0
     while not happened():
         assert time.monotonic() < end
-        time.sleep(0.05)
+        time.sleep(0.005)

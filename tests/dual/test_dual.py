@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,6 +12,7 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
+from polish_sim.dual import dual as module
 from polish_sim.dual.arms import follow_joints, pair_arms
 from polish_sim.dual.carrier import FIRST_JOINT
 from polish_sim.dual.frames import true_chain
@@ -55,13 +55,8 @@ def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
 def task_and_run(scenario: Scenario, plan: PlanResult | None = None) -> tuple[DualTask, RunResult]:
     """A run, and what it prepared."""
     tasks: list[DualTask] = []
-
-    def prepare(*asked: Any) -> DualTask:
-        tasks.append(prepare_dual(*asked))
-        return tasks[0]
-
-    with pytest.MonkeyPatch.context() as watched:
-        watched.setattr("polish_sim.dual.dual.prepare_dual", prepare)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "prepare_dual", lambda *asked: tasks.append(prepare_dual(*asked)) or tasks[0])
         run = run_experiment(scenario, plan)
     return tasks[0], run
 
@@ -120,12 +115,7 @@ def test_without_calibration_errors_the_chain_closes_in_the_engine_and_the_tool_
 
 def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch):
     seen: list[tuple[Array, Held]] = []
-
-    def build(scenario: Scenario, T_follower_master: Array, held: Held) -> mujoco.MjModel:
-        seen.append((T_follower_master, held))
-        return build_pair_scene(scenario, T_follower_master, held)
-
-    monkeypatch.setattr(task, "build_pair_scene", build)
+    monkeypatch.setattr(task, "build_pair_scene", lambda *a: seen.append(a[1:]) or build_pair_scene(*a))
     true, believed = prepare_dual(dual()).frames
     assert seen
     for T_follower_master, held in seen:

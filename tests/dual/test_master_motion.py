@@ -1,7 +1,6 @@
 """How the master may move the part: against the feed, along files and arcs, by strokes in the air."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from polish_sim.log import RETRACT_PHASE
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.motion.trajectory import TimedPath
-from polish_sim.spatial import apply, from_pose, inverse
+from polish_sim.spatial import from_pose, inverse, place_of, transform, wxyz
 from tests.dual.test_dual import AWAY, EXACT, dual, task_and_run, two_stretches
 from tests.planning.shapes import path_through
 
@@ -134,11 +133,9 @@ def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_
 
 def write_motion(file: Path, times: Array, poses: Array, flange: bool = False) -> str:
     name = "flange_" if flange else ""
-    lines = [f"time_s,{name}x_mm,{name}y_mm,{name}z_mm,qw,qx,qy,qz"]
-    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
-    for t, T, quaternion in zip(times, poses, turns, strict=True):
-        lines.append(",".join(f"{value:.9g}" for value in (t, *(1e3 * T[:3, 3]), *quaternion)))
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    head = f"time_s,{name}x_mm,{name}y_mm,{name}z_mm,qw,qx,qy,qz"
+    table = np.column_stack([times, 1e3 * poses[:, :3, 3], wxyz(poses[:, :3, :3])])
+    np.savetxt(file, table, "%.9g", ",", header=head, comments="")
     return f"dual.master_path={file}"
 
 
@@ -165,43 +162,24 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning, tmp_path
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
 
 
-def shorter(times: Array, _poses: Array) -> None:
-    times *= 0.5
+EVERY = np.arange(31)
+WRONG = {  # row by row: times [s], displacement [m], angle about z [rad]
+    "short": (0.05 * EVERY, 0.0, 0.0, InputError, r"1\.50 s, .* 2\.00 s: 0\.50 s "),
+    "a time twice": (0.1 * (EVERY - (EVERY == 5)), 0.0, 0.0, InputError, r"csv', line 7: time_s .* 0\.4"),
+    "a jump": (0.1 * EVERY, 0.3 * (EVERY == 7), 0.0, InputError, r"line 9: the part would jump by 300 mm"),
+    "far away": (0.1 * EVERY, 2.0, 0.0, ReachError, r"first pose, 0\.00 s .*line 2"),
+    "jolting": (0.1 * EVERY, 0.003 * (EVERY % 2), 0.0, ReachError, r"line 2\).* more time would not help"),
+    "spinning": (0.1 * EVERY, 0.0, 0.06 * EVERY, ReachError, r"joint 6 .* 3[45] deg/s .* line \d+\): 29"),
+    "shaking": (0.1 * EVERY, 0.004 * np.sin(EVERY), 0.0, ReachError, r" 4\d\d mm/s\^2 .* line \d+\): .* 300"),
+}
 
 
-def backwards(times: Array, _poses: Array) -> None:
-    times[5] = times[4]
-
-
-def spinning(times: Array, poses: Array) -> None:
-    poses[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(times[:, None] * [0.0, 0.0, 0.6]).as_matrix()
-
-
-def shaking(times: Array, poses: Array) -> None:
-    poses[:, 0, 3] += 0.004 * np.sin(10.0 * times)
-
-
-def shifted(rows: object, by: list[float]) -> Callable[[Array, Array], object]:
-    """Some rows of the motion elsewhere [m]."""
-    return lambda _times, poses: np.add.at(poses, (rows, slice(0, 3), 3), by)
-
-
-@pytest.mark.parametrize(
-    ("change", "kind", "said"),
-    [
-        (shorter, InputError, r"1\.50 s, .* 2\.00 s: 0\.50 s "),
-        (backwards, InputError, r"way\.csv', line 7: time_s .* 0\.4"),
-        (shifted(7, [0.3, 0.0, 0.0]), InputError, r"line 9: the part would jump by 300 mm"),
-        (shifted(slice(None), [0.0, 2.0, 0.0]), ReachError, r"first pose, 0\.00 s .*line 2"),
-        (shifted(slice(None, None, 2), [0.002] * 3), ReachError, r"line 2\).* more time would not help"),
-        (spinning, ReachError, r"joint 6 .* 3[45] deg/s .* line \d+\): 29"),
-        (shaking, ReachError, r" 4\d\d mm/s\^2 .* line \d+\): .* 300"),
-    ],
-)
-def test_a_motion_that_cannot_be_done_is_refused(tmp_path, short, change, kind, said):
-    times = np.linspace(0.0, 3.0, 31)
-    poses = short.work.way(short.reach.T_master_work, times)
-    change(times, poses)
+@pytest.mark.parametrize("name", WRONG)
+def test_a_motion_that_cannot_be_done_is_refused(tmp_path, short, name):
+    times, shift, angle, kind, said = WRONG[name]
+    turn = Rotation.from_euler("z", np.broadcast_to(angle, 31)[:, None]).as_matrix()
+    poses = short.work.way(short.reach.T_master_work, 0.1 * EVERY) @ transform(turn, np.zeros(3))
+    poses[:, 0, 3] += shift
     slow = ("robot.joint_speed_limit_rad_s=0.5", "robot.linear_acceleration_m_s2=0.3")
     with pytest.raises(kind, match=said):
         prepare_dual(dual(*SHORT, *slow, write_motion(tmp_path / "way.csv", times, poses)))
@@ -277,7 +255,7 @@ def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axi
     axis, center = np.array([0.6, 0.0, 0.8]), np.array([0.03, -0.02, 0.04])
     poses = master.PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
     for place in (center, center + 0.1 * axis):
-        there = np.array([apply(T, place[None])[0] for T in poses])
+        there = place_of(poses, place)
         np.testing.assert_allclose(there, np.broadcast_to(there[0], there.shape), atol=1e-15)
     turned = Rotation.from_matrix((inverse(START) @ poses)[:, :3, :3]).as_rotvec()
     np.testing.assert_allclose(turned, 0.5 * TIMES[:, None] * axis, atol=1e-12)

@@ -158,16 +158,14 @@ def test_limits_are_the_robots_and_the_heads_end_stops_hold_both_ways(model):
         assert data.qpos[HEAD] == pytest.approx(stop, abs=1e-3)
 
 
-def follow(model, joint, amplitude, frequency, seconds=2.0):
+def follow(model, joint, amplitude=0.05, frequency=0.5, seconds=2.0):
     """Swing one joint sinusoidally as commanded; how far the tool strays about its mean offset [m], (n,)."""
-    data, home = at_home(model), at_home(model).qpos[ARM].copy()
-    errors = []
+    data, errors, turning = at_home(model), [], 2.0 * np.pi * frequency
+    home = data.qpos[ARM].copy()
     for i in range(round(seconds / model.opt.timestep)):
-        phase = 2 * np.pi * frequency * i * model.opt.timestep
-        q, qd = home.copy(), np.zeros(6)
-        q[joint] += amplitude * (1.0 - np.cos(phase))
-        qd[joint] = amplitude * 2 * np.pi * frequency * np.sin(phase)
-        data.ctrl[0::2], data.ctrl[1::2] = q, qd
+        phase = turning * i * model.opt.timestep
+        q = home + amplitude * (1.0 - np.cos(phase)) * np.eye(6)[joint]
+        data.ctrl[0::2], data.ctrl[1::2] = q, amplitude * turning * np.sin(phase) * np.eye(6)[joint]
         mujoco.mj_step1(model, data)
         errors.append(data.site("tool").xpos - (forward(q) @ [0, 0, 0.22, 1])[:3])
         mujoco.mj_step2(model, data)
@@ -177,9 +175,9 @@ def follow(model, joint, amplitude, frequency, seconds=2.0):
 
 @pytest.mark.parametrize("joint", range(6))
 def test_friction_at_reversals_costs_less_than_a_twentieth_of_a_millimetre_and_a_step_dies_out(model, joint):
-    assert follow(model, joint, amplitude=0.05, frequency=0.5).max() < 0.05e-3
-    data, home = at_home(model), at_home(model).qpos[ARM].copy()
-    data.ctrl[2 * joint] = home[joint] + 1e-4
+    assert follow(model, joint).max() < 0.05e-3
+    data = at_home(model)
+    data.ctrl[2 * joint] = data.qpos[joint] + 1e-4
     speeds = []
     for _ in range(400):
         mujoco.mj_step(model, data)

@@ -21,7 +21,7 @@ ROUND = 0.02  # radius of the circle [m]
 Sampled = namedtuple("Sampled", "positions velocities quaternions spins places speeds")
 
 
-def sample(table: trajectory.PathTable, s: float) -> tuple[np.ndarray, ...]:
+def sample(table: PathTable, s: float) -> tuple[np.ndarray, ...]:
     """Position, tangent, quaternion and turning at a place, and its row."""
     found = np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)
     return *found, trajectory.sample_path(table, s, *found)
@@ -74,7 +74,7 @@ def test_a_single_pose_is_a_path_of_no_length_and_a_motion_of_no_duration():
 
 
 def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_given():
-    line = np.outer(np.linspace(0.0, 0.2, 41), [1.0, 0.0, 0.0])
+    line = np.linspace([0.0, 0.0, 0.0], [0.2, 0.0, 0.0], 41)
     x = np.repeat(np.linspace(0.0, 0.1, 11), [1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1])
     number = np.round(100.0 * x).astype(np.int64)
     points, frames = np.column_stack([x, 0 * x, 0 * x]), np.tile(np.eye(3), (12, 1, 1))

@@ -1,6 +1,5 @@
 """Studies: what is varied makes the runs it should, and rows stay whole whatever happens to the command."""
 
-from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Study, read_axis, read_study, study_text
 from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, keys_of_runs, read_rows, run_study
-from polish_sim.workers import Result, Runner
+from polish_sim.workers import Here, Result, Runner
 
 pytest.importorskip("pyarrow")
 ARC = override(default_scenario("arc"), ["process.max_feed_s=0.05", "process.feed_m_s=0.1"])
@@ -27,20 +26,12 @@ def study(*axes: str, **more: Any) -> Study:
     return Study(ARC, tuple(map(read_axis, axes)), **more)
 
 
-class Here:
-    """Workers in this process; the first ``deaths`` tasks die."""
+class Deadly(Here):
+    """The first task kills its worker."""
 
-    count, where = 1, "here"
-
-    def __init__(self, deaths: int = 0) -> None:
-        self.deaths = deaths
-
-    def results(self, tasks: Sequence[Any], work: Callable[[Any], Any], _group: Any) -> Generator[Result]:
-        for number, task in enumerate(tasks):
-            if number < self.deaths:
-                yield Result(task, None, "a worker process was killed")
-            else:
-                yield Result(task, work(task), None)
+    def results(self, tasks, work, group_of):
+        yield Result(tasks[0], None, "a worker process was killed")
+        yield from super().results(tasks[1:], work, group_of)
 
 
 def test_an_axis_is_a_range_or_values_and_a_grid_every_combination_with_every_seed():
@@ -135,7 +126,7 @@ def test_a_key_that_names_a_file_counts_by_the_file_s_content(key, tmp_path):
 def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     asked = study(f"{NOISE}=0.1,0.5", "controller.name=hybrid-pi,nobody", seeds=1)
     keys = keys_of_runs(asked)
-    runner = Runner(RunTable(tmp_path), Here(deaths=1))
+    runner = Runner(RunTable(tmp_path), Deadly())
     assert run_study(asked, keys, False, runner)["lost"] == runner.lost == 1
     first = RunTable(tmp_path)
     assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
