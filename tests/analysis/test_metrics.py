@@ -156,7 +156,7 @@ def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again():
     assert time[steady][-1] == pytest.approx(4.01, abs=0.003)
 
 
-def asked_of(name: str) -> tuple[Claim, ...]:
+def asked_of(name):
     row = experiment(name)
     return row.claims(row.defaults)
 

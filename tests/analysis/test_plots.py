@@ -8,7 +8,6 @@ import matplotlib
 import numpy as np
 import pytest
 import trimesh
-from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
 from polish_sim.analysis.inspect_plot import plot_distributions
@@ -21,7 +20,7 @@ from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds
-from polish_sim.log import APPROACH_PHASE, RunLog, Trace, with_column
+from polish_sim.log import APPROACH_PHASE, RunLog, with_column
 from polish_sim.planning import inspect_path, plan_part
 from polish_sim.row_file import save_plots
 from tests.analysis import synthetic
@@ -31,34 +30,34 @@ UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
 """Mean one; a twentieth of the area each of nothing, too little, and twice too much."""
 
 
-def arc_record(trace: Trace | None = None) -> RunRecord:
+def arc_record(trace=None):
     run = synthetic.arc_trace(feed_m_s=0.05) if trace is None else trace
     return RunRecord("arc", Scenario(experiment="arc"), measure_arc(run), synthetic.log_of(run), None)
 
 
-def force_record(trace: Trace | None = None, seed: int = 0) -> RunRecord:
+def force_record(trace=None, seed=0):
     run = synthetic.force_trace() if trace is None else trace
     scenario = Scenario(experiment="force", seed=seed)
     return RunRecord("f", scenario, measure_force(run, 20.0), synthetic.log_of(run), None)
 
 
-def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") -> RunRecord:
+def surface_record(trace=None, controller="hybrid-pi"):
     path = synthetic.bumpy_path(bumps=3, length=0.3)
     run, scenario = synthetic.surface_trace(path) if trace is None else trace, Scenario()
     scenario = replace(scenario, controller=replace(scenario.controller, name=controller))
     return RunRecord("s", scenario, measure_surface(run, path, 20.0), synthetic.log_of(run), path)
 
 
-def with_force(record: RunRecord, force_n: float) -> RunRecord:
+def with_force(record, force_n):
     process = replace(record.scenario.process, contact_force_n=force_n)
     return replace(record, scenario=replace(record.scenario, process=process))
 
 
-def head_of(figure: Figure) -> str:
+def head_of(figure):
     return "\n".join(text.get_text() for text in figure.texts)
 
 
-def assert_labelled(figure: Figure) -> None:
+def assert_labelled(figure):
     for axes in figure.axes:
         assert "[" in axes.get_ylabel()
         assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]

@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_tr
 
 
 @pytest.fixture
-def record() -> run_record.RunRecord:
+def record():
     scenario = replace(Scenario(), seed=7)
     path, removal = bumpy_path(bumps=2, length=0.1), removal_map(np.ones(5))
     log = log_of(surface_trace(path))
@@ -105,7 +104,7 @@ def test_a_folder_that_is_no_run_or_holds_a_truncated_file_is_refused_by_name(re
         run_record.read_record(tmp_path)
 
 
-def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> run_record.RunRecord:
+def run(name="run", metrics=None, **sections):
     scenario, log = merge(Scenario(), dict(sections), ""), log_of(trace_of(np.zeros(4, np.int8)))
     return run_record.RunRecord(name, scenario, {"path_done": 1.0} | (metrics or {}), log, None)
 
@@ -126,7 +125,7 @@ def test_settings_ends_and_differences_of_runs_side_by_side_are_said_and_their_n
     (note,) = run_record.notes_of([run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})])
     assert note.endswith("they differ in part.file, sensor.force_noise_n.")
 
-    def notes(polished: float) -> list[str]:
+    def notes(polished):
         areas = {"region_area_m2": 0.02, "polished_area_m2": polished, "left_out_area_m2": 0.005}
         return run_record.notes_of([replace(record, metrics={**record.metrics, **areas})])
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.calibration import (
     GRAVITY,
     PayloadReadings,
@@ -28,7 +27,7 @@ PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0
 HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH))
 
 
-def readings_in(R_base_sensor: Array, theta: Array = THETA, errors: Array | float = 0.0) -> PayloadReadings:
+def readings_in(R_base_sensor, theta=THETA, errors=0.0):
     """Newton at rest, one pose after the other, 3 s apart, written with cross products."""
     time = 3.0 * np.arange(len(R_base_sensor))
     up = R_base_sensor.transpose(0, 2, 1) @ [0.0, 0.0, 1.0]
@@ -67,7 +66,7 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent():
     np.testing.assert_allclose(score.mean(axis=0), 0.0, atol=0.09)
 
 
-def tilted(*angles: tuple[float, float]) -> Array:
+def tilted(*angles):
     return Rotation.from_euler("xy", angles).as_matrix()
 
 
@@ -92,7 +91,7 @@ def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor, said):
         PayloadReadings(np.zeros(12), mirrored, np.zeros((12, 6)))
 
 
-def knocked(rng: np.random.Generator, knocks: dict[int, Array]) -> PayloadReadings:
+def knocked(rng, knocks):
     errors = NOISE * rng.standard_normal((12, 6))
     for reading, knock in knocks.items():
         errors[reading] += knock

@@ -1,5 +1,4 @@
-"""The pad's contact with the part and the statics of springs and pad along a path, against closed forms;
-scenarios that cannot work at this step."""
+"""The pad's contact, and springs and pad along a path, against closed forms; what cannot work at this step."""
 
 import math
 import re
@@ -12,20 +11,27 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
-from polish_sim.cell import Stroke, build_course, build_pad, limits, no_part, press_pad
+from polish_sim.cell import build_course, build_pad, limits, no_part, press_pad
 from polish_sim.cell.course import nearest_earlier
 from polish_sim.cell.linear_arm import joints_about, motion_matrices
-from polish_sim.control import Course
 from polish_sim.errors import ConfigError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
-from tests.cell import cells, pressing
-from tests.cell.fields import part_at, plane, sampled, sphere
-from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, press
+from tests.cell import cells
+from tests.cell.cells import (
+    DOWN,
+    HEAD_STIFFNESS,
+    PAD,
+    PRESSED,
+    below_sphere,
+    foundation,
+    plane,
+    press,
+    sphere,
+)
 
-FLAT = part_at(plane())
+FLAT = cells.part_at(plane())
 DEPTH = 0.001
 FORCE = 20000.0 * DEPTH  # [N]
 SPIN = 6000.0 * 2.0 * math.pi / 60.0  # [rad/s]
@@ -60,14 +66,14 @@ def below_plane(points):
         (plane(), below_plane, 0.0, 0.002, [1.0, 0.0, 0.0], 0.005, 0.0),
         (plane(), below_plane, 0.0, 0.002, [0.0, 3.0, 0.0], 0.005, 0.0),
         (plane(), below_plane, 0.0, 0.002, [0.0, 10.0, 0.0], 0.005, 0.0),
-        (sphere(0.3), below_sphere(0.3), 0.004, pressing.working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (sphere(0.1), below_sphere(0.1), 0.0, pressing.working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (sphere(0.05), below_sphere(0.05), 0.008, pressing.working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.3), below_sphere(0.3), 0.004, cells.working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.1), below_sphere(0.1), 0.0, cells.working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (sphere(0.05), below_sphere(0.05), 0.008, cells.working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
     ],
 )
 def test_on_a_tilted_plane_and_spheres_it_is_the_integral(field, below, x, depth, turn, share, off_nm):
     center, R = np.array([x, 0.0, -depth]), Rotation.from_rotvec(turn, degrees=True).as_matrix() @ DOWN
-    truth, found = foundation(below, center, R), press(part_at(field), center, R)
+    truth, found = foundation(below, center, R), press(cells.part_at(field), center, R)
     force, moment = np.linalg.norm(truth.force), np.linalg.norm(truth.torque)
     np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=share * force)
     np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=share * moment + off_nm)
@@ -158,7 +164,7 @@ def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass, height):
     assert pressed[-1] == pytest.approx(mass * 9.81, rel=1e-3)
 
 
-def accepted(*changes: str) -> None:
+def accepted(*changes):
     scenario = cells.ideal("force", "safety.force_limit_n=30", *changes)
     force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
     limits.check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
@@ -204,12 +210,12 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
     assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)
 
 
-def course_on(field, *strokes: Stroke, T_base_work=UPRIGHT, arm="robot.arm=ur5e") -> Course:
+def course_on(field, *strokes, T_base_work=UPRIGHT, arm="robot.arm=ur5e"):
     scenario = override(default_scenario("surface"), ["plan.stepover_m=0.008", arm])
     return build_course(scenario, strokes, field, T_base_work, cells.joints_at(cells.TOUCH))
 
 
-def pressed_with(force: float, T_base_touch: Array = cells.TOUCH) -> Stroke:
+def pressed_with(force, T_base_touch=cells.TOUCH):
     """A stroke of 20 mm whose poses are pressed in by D = F / k, as the plan's are."""
     pressed = cells.along_tool(T_base_touch, z=force / 5000.0)
     table = cells.path_through(pressed, cells.along_tool(pressed, x=0.02))
@@ -221,7 +227,7 @@ def pressed_with(force: float, T_base_touch: Array = cells.TOUCH) -> Stroke:
 def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
     course = course_on(sphere(radius), cells.pressing_stroke())
 
-    def pad_force(depth: float) -> float:
+    def pad_force(depth):
         return float(foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
 
     pad_depth = brentq(lambda d: pad_force(d) - 20.0, 1e-4, 0.01, xtol=1e-9)
@@ -242,7 +248,7 @@ def test_springs_and_pad_in_series_say_the_depth_on_a_plane_and_half_over_its_bo
     np.testing.assert_allclose(course.tilt_stiffness, whole_disc, rtol=0.02)
     # Half the disc carries: twice the compression; the centroid of half a disc, 4 R / 3 pi.
     low, high = (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
-    edge = sampled(lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), low, high)
+    edge = cells.sampled(lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), low, high)
     course = course_on(edge, cells.pressing_stroke())
     assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
     R_tool = UPRIGHT[:3, :3].T @ cells.TOUCH[:3, :3]

@@ -6,27 +6,26 @@ import re
 import numpy as np
 import pytest
 
-from polish_sim.cell import Cell, CellRun, Silent, guards
+from polish_sim.cell import Silent, guards
 from polish_sim.cell.faults import FaultEvent, as_planned, parse_events
 from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from tests.cell import cells
-from tests.cell.fields import plane
 
 MOST_N = 60.0  # exact force no fault may lead to
 
 
-def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
+def faulty(events, *changes, hold=2.0, slide=0.0):
     """A cell with the default noise, pressing on a plane 5 mm below."""
     settings = [*cells.NOMINAL_PART, cells.EVERY_STEP, f"faults.events={events}", *changes]
     stroke = cells.pressing_stroke(hold=hold, slide=slide, lift=0.01)
     scenario = override(default_scenario("force"), settings)
-    return cells.cell_for(scenario, stroke, part=cells.part_under(plane()))
+    return cells.cell_for(scenario, stroke, part=cells.part_under())
 
 
-def assert_it_ends_well(run: CellRun) -> None:
+def assert_it_ends_well(run):
     """Whatever happened: bounded force, whole log, tool off the part, reason and brakes in time."""
     assert run.trace.normal_force_n.max() < MOST_N
     np.testing.assert_allclose(run.trace.time_s, 0.001 * np.arange(run.steps), atol=1e-9)
@@ -79,7 +78,7 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
 )
 def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
     stroke = cells.pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
-    run = cells.cell_for(faulty(f"{name}@0").scenario, stroke, part=cells.part_under(plane())).run()
+    run = cells.cell_for(faulty(f"{name}@0").scenario, stroke, part=cells.part_under()).run()
     assert run.stop_reason == guards.REASONS[code]
     assert run.trace.normal_force_n.max() < 10.0
     if name == "part-missing":  # sought to the search depth and no further
@@ -94,10 +93,10 @@ def test_a_pad_that_leans_finds_the_part_with_its_rim_and_no_part_that_stands_to
     lean, scenario = math.radians(12.0), faulty(event, "safety.offset_limit_m=0.002").scenario
     stroke = cells.pressing_stroke(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), height=0.02)
     stroke = stroke._replace(early=scenario.pad.radius_m * math.tan(lean))
-    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
+    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
     assert run.stop_reason == (None if code is None else guards.REASONS[code])
     if code is None:
-        blind = cells.cell_for(scenario, stroke._replace(early=0.0), part=cells.part_under(plane())).run()
+        blind = cells.cell_for(scenario, stroke._replace(early=0.0), part=cells.part_under()).run()
         assert blind.stop_reason == guards.REASONS[guards.HIGH]
 
 
@@ -173,7 +172,7 @@ def test_force_and_feed_set_anew_are_kept_and_what_happens_by_hand_happens_again
         s = np.interp([start + since - 0.1, start + since + 0.1], run.trace.time_s, run.trace.path_s_m)
         assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
 
-    def by_hand(_model: object, _data: object) -> None:
+    def by_hand(_model, _data):
         steps = int(cell.state.status.steps)
         for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
             if at - 13 <= steps < at:

@@ -7,16 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell import Cell, RealPart, build_scene, guards, no_part
+from polish_sim.cell import RealPart, build_scene, guards, no_part
 from polish_sim.cell.scene import Drawn
 from polish_sim.cell.stroke import FEEDING
 from polish_sim.geometry import load_part
-from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.models import part_path
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.rules.limits import JOINT_SPEED
 from tests.cell import cells
-from tests.cell.fields import plane, wall
 
 LOST = "faults.events=sensor-dropout@contact+0.5"
 
@@ -28,7 +26,7 @@ LOST = "faults.events=sensor-dropout@contact+0.5"
 def test_too_much_force_or_torque_stops_the_robot(limit, lean, unit, axes):
     """Position control goes down to where the springs carry 20 N, whatever force is wanted; a tool that leans
     by 2 deg feels k a^2 / 4 times the angle about its point."""
-    part = cells.part_under(plane(), cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
+    part = cells.part_under(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
     settings = f"safety.{limit}", "process.contact_force_n=10", "controller.name=position"
     run, (name, most) = cells.on_plane(*settings, part=part, wanted=10.0).run(), limit.split("=")
     assert f"safety.{name}" in str(run.stop_reason)
@@ -64,13 +62,13 @@ def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
     assert codes == ({guards.NO_STOP} if grown_s else {guards.NO_STOP, guards.JUMP})
 
 
-def in_the_air(*poses, feed, settings=(), **how) -> Cell:  # type: ignore[no-untyped-def]
+def in_the_air(*poses, feed, settings=(), **how):
     """A cell whose tool moves through poses, touching nothing with the pad."""
     scenario = cells.ideal("arc", cells.EVERY_STEP, *settings)
     return cells.cell_for(scenario, cells.free_stroke(*poses, feed=feed), **how)
 
 
-def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:
+def past_a_wall(field, y, z):
     """The tool moves along x towards a wall that begins at x = 80 mm."""
     part = RealPart(field, field, np.eye(3), np.array([0.0, y, z]))
     return in_the_air(cells.tool_pose(0.0, -0.5, 0.2), cells.tool_pose(0.1, -0.5, 0.2), feed=0.02, part=part)
@@ -91,10 +89,10 @@ def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robo
 def test_what_touches_a_shaft_or_housing_is_seen_whether_part_or_table():
     """At a low wall before the housing is over it: between pad and housing there is only the shaft of 9 mm
     radius."""
-    assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
-    low = past_a_wall(wall(0.08, height=0.032), -0.5, 0.224).run()
+    assert past_a_wall(cells.wall(0.08), -0.2, 0.0).run().stop_reason is None
+    low = past_a_wall(cells.wall(0.08, height=0.032), -0.5, 0.224).run()
     assert low.log["tcp_position_m"][cells.stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
-    cell = past_a_wall(wall(0.08), -0.5, 0.0)
+    cell = past_a_wall(cells.wall(0.08), -0.5, 0.0)
     run = cell.run()
     assert low.stop_reason == run.stop_reason == guards.REASONS[guards.CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
@@ -114,7 +112,7 @@ def test_what_touches_a_shaft_or_housing_is_seen_whether_part_or_table():
 
 
 def test_a_simulation_that_blows_up_is_stopped_as_unstable():
-    def poison(_model: object, data: mujoco.MjData) -> None:
+    def poison(_model, data):
         if data.time > 0.3:
             data.qvel[0] = math.inf
 

@@ -2,13 +2,11 @@
 
 import os
 import signal
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from polish_sim.cell import CellRun, Silent
+from polish_sim.cell import Silent
 from polish_sim.errors import InputError
 from polish_sim.log import RETRACT_PHASE
 from tests.cell.cells import Law, on_plane
@@ -36,12 +34,12 @@ class Mine:
 """
 
 
-def run_of(controller: str, *changes: str) -> CellRun:
+def run_of(controller, *changes):
     noisy = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=2"]
     return on_plane(*noisy, f"controller.name={controller}", *changes, slide=0.004, lift=0.005).run()
 
 
-def run_with(folder: Path, source: str, *changes: str) -> CellRun:
+def run_with(folder, source, *changes):
     path = folder / "mine.py"
     path.write_text(source, encoding="utf-8")
     return run_of(f"{path}:Mine", *changes)
@@ -76,9 +74,9 @@ def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path, answer, t
 
 
 def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told():
-    calls: list[tuple[float, float]] = []
+    calls = []
 
-    def step(measurement: Any, _target: Any) -> list[float]:
+    def step(measurement, _target):
         calls.append((measurement.time, measurement.cycle))
         return [0.0, 0.0, -0.005, 0, 0, 0]  # a list of numbers will do
 
@@ -94,7 +92,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
 
 
 def test_a_controller_that_cannot_be_reset_is_named_and_an_interrupt_inside_a_step_is_no_error():
-    def step(measurement, target):  # type: ignore[no-untyped-def]
+    def step(measurement, target):
         if measurement.time > 0.5:
             raise KeyboardInterrupt
         return np.zeros(6)
@@ -110,9 +108,9 @@ def test_a_controller_that_cannot_be_reset_is_named_and_an_interrupt_inside_a_st
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
 def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch, again):
     monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
-    said: list[str] = []
+    said = []
 
-    def stuck(measurement, target):  # type: ignore[no-untyped-def]
+    def stuck(measurement, target):
         if measurement.time > 0.1:
             os.kill(os.getpid(), signal.SIGINT)
             while True:
@@ -121,7 +119,7 @@ def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch, again):
         return np.zeros(6)
 
     class Listening(Silent):
-        def stage(self, text: str) -> None:
+        def stage(self, text):
             said.append(text)
 
     before = signal.getsignal(signal.SIGINT)

@@ -9,9 +9,8 @@ import pytest
 
 from polish_sim.cell import build_scene
 from polish_sim.cell.gears import elastic_torque, slip, update_twist
-from polish_sim.cell.playback import JointTargets, PlayedBack, play_joints
+from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import gear_twists, weights
-from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, ReachError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
@@ -143,14 +142,14 @@ def test_the_arc_errs_as_a_real_arm_does(seed, side, low, high):
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=5e-5)
 
 
-def swing(amplitude: float, dt: float = 1e-3) -> JointTargets:
+def swing(amplitude, dt=1e-3):
     """All joints there and back, in 2 s."""
     angle, rate = np.pi * np.arange(0.0, 2.0, dt) / 2.0, 0.5 * np.pi
     way, speed = np.sin(angle) ** 4, 4.0 * rate * np.sin(angle) ** 3 * np.cos(angle)
     return JointTargets(HOME + amplitude * way[:, None] * np.ones(6), amplitude * speed[:, None] * np.ones(6))
 
 
-def played(scenario: Scenario, targets: JointTargets) -> PlayedBack:
+def played(scenario, targets):
     return play_joints(build_scene(scenario), scenario.robot, scenario.seed, targets)
 
 

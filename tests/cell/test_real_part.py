@@ -5,14 +5,13 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
-from polish_sim.cell import RealPart, Touch, build_real_part
+from polish_sim.cell import Touch, build_real_part
 from polish_sim.cell.dwell import would_sink
-from polish_sim.cell.real_part import PartFields, bend_of, build_part_fields, displacement_of, spread_over
+from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of, spread_over
 from polish_sim.config import PadConfig, PartConfig
-from polish_sim.geometry import Surface, field_distance
+from polish_sim.geometry import field_distance
 from polish_sim.spatial import apply, transform
-from tests.cell.pressing import DOWN, PAD, press
+from tests.cell.cells import DOWN, PAD, press
 from tests.geometry.shapes import fit
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -24,18 +23,18 @@ T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.a
 
 
 @pytest.fixture(scope="module")
-def sheet() -> Surface:
+def sheet():
     """A sheet 100 x 100 x 3 mm, its top in the plane z = 0."""
     return fit(trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide(), sunk=THICKNESS / 2)
 
 
-def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
+def real(sheet, config, seed=0):
     touch = Touch(np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]]), np.array([UP, UP]), PAD.radius_m)
     fields, rng = build_part_fields(sheet, touch), np.random.default_rng(seed)
     return build_real_part(fields, config, T_BASE_WORK, top_of(sheet), UP, rng)
 
 
-def top_of(sheet: Surface) -> Surface:
+def top_of(sheet):
     heights = sheet.vertices[sheet.faces][:, :, 2]
     return sheet.restrict(np.flatnonzero(np.all(heights > -1e-9, axis=1)).astype(np.int32))
 
@@ -97,14 +96,14 @@ def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_it
 
 
 @pytest.fixture(scope="module")
-def block() -> PartFields:
+def block():
     """A block with an edge at x = 50 mm, as the pad meets it near there."""
     surface = fit(trimesh.creation.box((2.0 * HALF, 0.06, 0.02)), sunk=0.01)
     near_it = np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]])
     return build_part_fields(surface, Touch(near_it, np.array([UP, UP]), SMALL_PAD.radius_m))
 
 
-def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
+def sinks(block, x, force, aside):
     """Whether the pad sinks with its middle at ``x`` (n,) [m]."""
     places = np.column_stack([x, np.zeros((len(x), 2))])
     ups, forces = np.tile(UP, (len(x), 1)), np.full(len(x), force)

@@ -8,16 +8,15 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
-from polish_sim.cell import RealPart, Touch, build_real_part, removal
+from polish_sim.cell import Touch, build_real_part, removal
 from polish_sim.cell.dwell import PadPoses, exposure_rates
 from polish_sim.cell.real_part import build_part_fields
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Region, Surface, field_distance, part_from_arrays, select_region
 from polish_sim.geometry.fit import fit_triangles
-from polish_sim.log import RunLog, Trace
+from polish_sim.log import RunLog
 from tests.analysis.synthetic import log_of, trace_of
-from tests.cell.fields import part_at, plane
+from tests.cell.cells import part_at, plane
 
 R = 0.025
 STIFFNESS = 20000.0
@@ -29,7 +28,7 @@ R_NODES = 0.02
 FORCE = 20.0
 
 
-def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
+def level_nodes(spacing, half=0.055):
     """A skewed grid of nodes on the plane z = 0, so that no row of them runs along an axis."""
     count = math.ceil(1.5 * half / spacing)
     i, j = np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1), indexing="ij")
@@ -41,7 +40,7 @@ def level_nodes(spacing: float, half: float = 0.055) -> removal.PressedNodes:
     return removal.PressedNodes(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), areas)
 
 
-def steps(centers: Array, velocity: Array, dt: float, force=20.0, spin=SPIN) -> removal.PadMotion:
+def steps(centers, velocity, dt, force=20.0, spin=SPIN):
     """A pad pressed flat from above, moved at a constant velocity, for dt at each of its places."""
     n = len(centers)
     axes = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -101,7 +100,7 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     assert removed.exposure[r > rim + 0.001].max() == 0.0
 
 
-def pass_over_plane() -> Trace:
+def pass_over_plane():
     """A pass of 30 mm in 1.5 s."""
     time, one = np.arange(0.0, 1.5, 1e-3), np.ones(1500)
     tip = np.stack([0.02 * time - 0.015, 0.0 * one, -0.004 * one], axis=1)
@@ -111,18 +110,18 @@ def pass_over_plane() -> Trace:
     )  # fmt: skip
 
 
-def with_tool(log: RunLog, tool: Rotation) -> RunLog:
+def with_tool(log, tool):
     """A log in which the tool stands like that at every row."""
     quaternions = np.broadcast_to(tool.as_quat(scalar_first=True), (len(log), 4))
     return RunLog({**log.columns, "tcp_quaternion_wxyz": quaternions})
 
 
-def motion_of(every: int) -> removal.PadMotion:
+def motion_of(every):
     trace = pass_over_plane()
     return removal.pad_motion(with_tool(log_of(trace, every), DOWN), trace, part_at(plane()), R)
 
 
-def exposed(motion: removal.PadMotion) -> removal.Removed:
+def exposed(motion):
     return removal.expose_nodes(level_nodes(FINE), motion, R, STIFFNESS)
 
 
@@ -152,7 +151,7 @@ def test_a_part_carried_and_turned_with_the_tool_is_polished_as_one_at_rest_and_
     np.testing.assert_allclose(exposed(motion).exposure, still, rtol=1e-5, atol=1e-5 * still.max())
 
 
-def pressed_at(x: float, lean: float = 0.0) -> PadPoses:
+def pressed_at(x, lean=0.0):
     axis = np.array([[math.sin(lean), 0.0, math.cos(lean)]])
     return PadPoses(np.array([[x, 0.0, 0.0]]), axis, np.zeros((1, 3)), -SPIN * axis, np.array([FORCE]))
 
@@ -179,13 +178,13 @@ class Polished(NamedTuple):
     region: Region
     touch: Touch
 
-    def place(self, config: PartConfig, edge: float = removal.EDGE) -> tuple[RealPart, removal.Nodes]:
+    def place(self, config, edge=removal.EDGE):
         fields, rng = build_part_fields(self.surface, self.touch), np.random.default_rng(3)
         part = build_real_part(fields, config, np.eye(4), self.region.surface, UP, rng)
         return part, removal.place_nodes(self.surface, self.region, part, self.touch, edge)
 
 
-def polished(solid: trimesh.Trimesh, choice: str, track: Array, radius: float) -> Polished:
+def polished(solid, choice, track, radius):
     """Of a solid 20 mm high about the origin."""
     vertices, faces = np.array(solid.vertices) - [0.0, 0.0, 0.01], np.array(solid.faces, dtype=np.int32)
     surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)
@@ -194,7 +193,7 @@ def polished(solid: trimesh.Trimesh, choice: str, track: Array, radius: float) -
 
 
 @pytest.fixture(scope="module")
-def block() -> Polished:
+def block():
     """100 x 100 mm, of which 80 x 30 mm in the middle are to be polished."""
     track = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros((61, 2))])
     return polished(trimesh.creation.box((0.1, 0.1, 0.02)), "box:-40,-15,-5,40,15,5", track, R_NODES)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import CellRun, build_scene, no_part
+from polish_sim.cell import build_scene, no_part
 from polish_sim.cell.scene import Drawn
 from polish_sim.config import Scenario
 from polish_sim.control import CONTROLLERS
@@ -18,10 +18,9 @@ from polish_sim.models import workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
 from tests.cell import cells
-from tests.cell.fields import sphere
 
 
-def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
+def standing(name, z=0.15):
     part = no_part()._replace(position=np.array([0.0, -0.5, z]))
     return build_scene(Scenario(), Drawn(load_part(workpiece_path(name)), part))
 
@@ -82,11 +81,11 @@ def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path):
     assert after.ntex == 1
 
 
-def run_turned(angle: float, controller: str) -> CellRun:
+def run_turned(angle, controller):
     """Press on a ball that lies 2 mm aside and 1 mm low, and slide over it, with noise and spindle on."""
     turn = transform(Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix(), np.zeros(3))
     stroke = cells.pressing_stroke(turn @ cells.TOUCH, slide=0.01, lift=0.005)
-    part = cells.part_under(sphere(0.1), turn @ cells.along_tool(cells.TOUCH, x=0.002, y=0.001, z=0.001))
+    part = cells.part_under(turn @ cells.along_tool(cells.TOUCH, 0.002, 0.001, 0.001), cells.sphere(0.1))
     noise = "sensor.force_noise_n=0.5", "sensor.force_bias_n=3", "spindle.speed_rpm=6000"
     scenario = cells.ideal("force", cells.EVERY_STEP, f"controller.name={controller}", *noise)
     cell = cells.cell_for(scenario, stroke, part=part)

@@ -1,7 +1,6 @@
 """Tare, approach, touch-down, process, retract: in order, at their speeds, from what the host can know."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from polish_sim.cell.stroke import advance_sequence, build_sequence
 from polish_sim.control.signals import Measurement, Target
 from polish_sim.log import APPROACH_PHASE, RETRACT_PHASE, TOUCH_PHASE
 from tests.cell import cells
-from tests.cell.fields import plane
 
 HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
 
@@ -49,7 +47,7 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
 
 def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
     for offset in (0.004, -0.004):
-        part = cells.part_under(plane(), cells.along_tool(cells.TOUCH, z=-offset))
+        part = cells.part_under(cells.along_tool(cells.TOUCH, z=-offset))
         run = cells.on_plane(part=part, height=HEIGHT, hold=1.5).run()
         assert run.stop_reason is None
         first = int(np.argmax(run.trace.phase == TOUCH_PHASE))
@@ -60,7 +58,7 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
 def test_a_law_that_presses_with_less_than_counts_as_contact_has_landed_once_the_search_is_over():
     scenario = cells.ideal("force", "controller.name=hybrid-adaptive")
     stroke = cells.pressing_stroke(wanted=3.0)._replace(threshold=5.0)
-    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
+    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
     assert run.stop_reason is None
     assert run.trace.normal_force_n.max() < 4.0
     assert run.trace.normal_force_n[-1] == pytest.approx(3.0, abs=0.3)
@@ -68,7 +66,7 @@ def test_a_law_that_presses_with_less_than_counts_as_contact_has_landed_once_the
 
 def test_the_feed_time_ends_the_feed_early():
     stroke = cells.pressing_stroke(slide=0.03)._replace(feed_time=1.0)
-    run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under(plane())).run()
+    run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under()).run()
     assert np.ptp(run.trace.time_s[run.trace.fed]) == pytest.approx(1.0, abs=0.002)
     # up, and down again before the time is over
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
@@ -107,7 +105,7 @@ def test_two_strokes_follow_each_other_through_free_space_and_the_sensor_is_zero
     way = cells.way_through(above, cells.along_tool(second_touch, z=-0.005))
     first = cells.pressing_stroke(hold=0.5, lift=LIFT)
     second = cells.pressing_stroke(second_touch, hold=0.5, lift=LIFT)._replace(travel=way, start_s=0.1)
-    part, drift, last = cells.part_under(plane()), 0.2, []
+    part, drift, last = cells.part_under(), 0.2, []
     for retare in (False, True):
         strokes = first, second._replace(retare=retare)
         cell = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), *strokes, part=part)
@@ -126,7 +124,7 @@ def test_two_strokes_follow_each_other_through_free_space_and_the_sensor_is_zero
     assert last[1] - last[0] > drift * 2.5
 
 
-def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float:
+def contact_time(reading, floor=0.0):
     """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never.
 
     ``floor`` is what the sensor's noise comes to [N].
@@ -144,7 +142,7 @@ def contact_time(reading: Callable[[float], float], floor: float = 0.0) -> float
     return math.inf
 
 
-def swing(t: float) -> float:
+def swing(t):
     """An arm of 18 Hz that is shaken when it starts to come down."""
     return math.sin(2.0 * math.pi * 18.0 * t) if t > 0.0 else 0.0
 

@@ -1,11 +1,8 @@
 """The robot's velocity interface: acceleration, latency, timeout, joint limits, singularities."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array
 from polish_sim.cell import robot as interface
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.motion import jacobian
@@ -18,15 +15,15 @@ AT_WORK = joints_at(tool_pose(0.0, -0.5, 0.1))
 DEFAULT = interface.build_speedl(ROBOT, SafetyConfig(), DT, AT_WORK)
 
 
-def robot_with(q: Array = AT_WORK, **changes: Any) -> interface.Speedl:
+def robot_with(q=AT_WORK, **changes):
     """The default interface at joint positions [rad], some of its limits changed."""
     robot = interface.build_speedl(ROBOT, SafetyConfig(), DT, q)
     for name, value in changes.items():
-        robot[name] = value  # type: ignore[index]
+        robot[name] = value
     return robot
 
 
-def commanded(request, steps, robot=None, silent=10**9, again=10**9) -> Array:
+def commanded(request, steps, robot=None, silent=10**9, again=10**9):
     """Twist commanded at every step, shape (steps, 6); the host is silent from one step until another."""
     robot, found = robot or robot_with(), []
     line = interface.build_request_line(robot)
@@ -64,7 +61,7 @@ def test_no_request_exceeds_the_acceleration_limits_and_a_silent_host_is_believe
     assert found[-1, 0] == pytest.approx(speed)
 
 
-def resolved(q: Array, twist: Array) -> tuple[interface.Speedl, bool]:
+def resolved(q, twist):
     """Joint speeds for a twist at a configuration, the smallest singular value known."""
     state, J, inside = robot_with(q), jacobian(q, TIP), True
     line = interface.build_request_line(state)

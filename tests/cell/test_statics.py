@@ -1,25 +1,22 @@
-"""Statics of the whole cell, and how the force follows a part that moves. The exact wrist wrench at every
-instant of a run against Newton and Euler; tare, latency."""
+"""Statics of the whole cell, a moving part, the active flange; the exact wrist wrench by Newton and Euler."""
 
 import cmath
 import math
-from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
-from polish_sim.cell import Cell, CellRun
-from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.guards import NO_STOP, REASONS, STROKE
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
+from polish_sim.cell.wrist_sensor import GRAVITY
 from polish_sim.experiments import run_experiment
+from polish_sim.log import TOUCH_PHASE
 from polish_sim.models import robot_model_path
 from tests.cell import cells
-from tests.cell.fields import plane, sphere
-from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
+from tests.cell.cells import HEAD_STIFFNESS, PRESSED, foundation, working_depth
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 LEANING = cells.tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
@@ -49,7 +46,7 @@ def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_le
     np.testing.assert_allclose(run.log["normal_force_n"], expected, atol=0.005)
     # Pushed aside by the plane, the pad's force has a lever about the tool point and the head's centre.
     leaning = cells.tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
-    part = cells.part_under(plane(), leaning)
+    part = cells.part_under(leaning)
     run = cells.on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
     tool, outward = run.log["tcp_position_m"][-1], -leaning[:3, 2]
     R = Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True).as_matrix()
@@ -64,7 +61,7 @@ def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_le
         assert np.abs((run.log[name][-1] - on_part) / size).max() < 0.01, name
 
 
-def phasor(run: CellRun, frequency: float, turns: int) -> complex:
+def phasor(run, frequency, turns):
     """Force at this frequency [N], as the complex amplitude against sin(2 pi f t), over the last turns."""
     steps = round(turns / frequency * 1000)
     time, force = run.trace.time_s[-steps:], run.trace.normal_force_n[-steps:]
@@ -97,7 +94,7 @@ def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequ
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
 
 
-def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
+def scene(T_base_touch, shape):
     """The robot with a colliding pad, over a plane or a ball touched at a tool pose: the engine's own contact
     in place of ours, pressed by the head's spring alone, as stiff."""
     hard = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
@@ -147,12 +144,12 @@ class NewtonEuler:
     moves.
     """
 
-    def __init__(self, cell: Cell) -> None:
-        self.worst: list[Array] = []
+    def __init__(self, cell):
+        self.worst = []
         self._speeds = cell.data.qvel.copy()
         self.run = cell.run(cells.EachStep(self))
 
-    def __call__(self, model: Any, data: Any) -> None:
+    def __call__(self, model, data):
         origin, R = data.site("sensor").xpos, data.site("sensor").xmat.reshape(3, 3)
         qd, qdd = self._speeds, (data.qvel - self._speeds) / model.opt.timestep
         force, torque = np.zeros(3), np.zeros(3)
@@ -180,7 +177,7 @@ def test_the_sensor_reads_m_a_minus_g_at_every_instant_less_the_contact_when_it_
     assert np.max(free.worst) < 1e-9
     scenario = cells.ideal("force", cells.EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
     stroke = cells.pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
-    pressed = NewtonEuler(cells.cell_for(scenario, stroke, part=cells.part_under(sphere(0.1))))
+    pressed = NewtonEuler(cells.cell_for(scenario, stroke, part=cells.part_under(field=cells.sphere(0.1))))
     assert pressed.run.stop_reason is None
     assert pressed.run.trace.normal_force_n.max() > 10.0
     assert np.max(pressed.worst) < 1e-9
@@ -201,6 +198,67 @@ def test_the_tare_takes_the_bias_out_and_a_wrong_tool_mass_shows_by_how_far_the_
     start = cells.along_tool(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
     stroke = cells.pressing_stroke(hold=1.5)._replace(lead_in=cells.path_through(start, cells.TOUCH))
     scenario = cells.ideal("force", "sensor.payload_mass_error=0.2")
-    run = cells.cell_for(scenario, stroke, part=cells.part_under(plane())).run()
+    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
     expected = 20.0 - surplus * (1.0 - np.cos(lean))
     assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)
+
+
+STROKE_M = 0.034
+FLANGE = [
+    "controller.name=position", "head.stiffness_n_m=12000", "head.mass_kg=1.5", f"head.travel_m={STROKE_M}",
+    "head.flange.bandwidth_hz=20",
+]  # fmt: skip
+EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0"]
+
+
+def held(depth, *changes, tilt=0.0):
+    """A run that presses the tool, tilted about x, ``depth`` [m] in and holds it for a second; and the exact
+    contact force at the end [N]."""
+    touch = cells.tool_pose(0.0, -0.5, 0.2, (tilt, 0.0, 0.0))
+    pressed = cells.pressing_stroke(cells.along_tool(touch, z=depth - 0.004), hold=1.5)
+    stroke = cells.pressing_stroke(touch, hold=1.5)
+    stroke = stroke._replace(process=pressed.process, motion=pressed.motion, depth=depth)
+    scenario = cells.ideal("force", cells.EVERY_STEP, *FLANGE, *EXACT, *changes)
+    run = cells.cell_for(scenario, stroke, part=cells.part_under(touch)).run()
+    return run, float(run.trace.normal_force_n[-100:].mean())
+
+
+@pytest.mark.parametrize("share", [0.15, 0.85])
+def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share):
+    run, at_rest = held(share * STROKE_M + 0.001)
+    assert run.stop_reason is None
+    assert run.trace.pad_travel_m[-1] == pytest.approx(share * STROKE_M, abs=2e-4)
+    assert at_rest == pytest.approx(20.0, abs=0.02)
+
+
+def test_at_rest_a_wrong_weight_is_missing_by_its_share_along_the_tool_and_the_slides_friction():
+    """The tool points down, tilted by the angle: error x m g cos(angle) too much is lifted."""
+    for angle in (0.0, 0.8):
+        _, at_rest = held(0.018, "head.flange.weight_error=0.2", tilt=angle)
+        assert at_rest - 20.0 == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
+    _, at_rest = held(0.018, "head.flange.friction_n=3")
+    assert abs(at_rest - 20.0) == pytest.approx(3.0, abs=0.01)
+
+
+def test_the_force_rises_over_the_ramp_and_the_loop_lags_behind_it_and_fast_motion():
+    """F = 2 + 18 t / T behind a first-order lag; the arm's own motion adds k v / (2 pi f), 0.7 N. Pressed in
+    at v by the air it compresses: k v dt / (e^(2 pi f dt) - 1), in short steps k v / (2 pi f)."""
+    soft = ["head.stiffness_n_m=2000", "head.damping_n_s_m=0"]
+    run = held(0.018, "head.flange.ramp_s=0.4", "head.flange.start_force_n=2", *soft)[0].trace
+    off_stop = run.time_s[np.argmax((run.pad_travel_m > 0.0) & (run.normal_force_n > 1.0))]
+    for reached in (10.0, 18.0):
+        expected = (reached - 2.0) / 18.0 * 0.4 + 1.0 / (2.0 * math.pi * 20.0)
+        after = run.time_s[np.argmax(run.normal_force_n > reached)] - off_stop
+        assert after == pytest.approx(expected, abs=0.03)
+    gentle = held(0.018, "head.damping_n_s_m=0")[0].trace
+    sinking = (gentle.phase == TOUCH_PHASE) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
+    speed = np.gradient(gentle.pad_travel_m, 0.001)[sinking].mean()
+    lag = 12000.0 * speed * 0.001 / math.expm1(2.0 * math.pi * 20.0 * 0.001)
+    assert gentle.normal_force_n[sinking].mean() - 20.0 == pytest.approx(lag, rel=0.02)
+
+
+@pytest.mark.parametrize(("depth", "share"), [(0.0015, 0.02), (0.034, 0.97)])
+def test_the_robot_stops_near_either_end_of_the_stroke(depth, share):
+    run, _ = held(depth)
+    assert str(run.stop_reason).startswith(REASONS[STROKE][:30])
+    assert float(run.safety.protective_stop_measured.split("%")[0]) == pytest.approx(100 * share, abs=2.5)

@@ -7,9 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array
-from polish_sim.cell import CellRun, wrist_sensor
-from polish_sim.cell.contact import RUN_DOWN_S, Spindle, build_spindle, pull_of_imbalance, turn_spindle
+from polish_sim.cell import wrist_sensor
+from polish_sim.cell.contact import RUN_DOWN_S, build_spindle, pull_of_imbalance, turn_spindle
 from polish_sim.config import SensorConfig, SpindleConfig
 from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.experiments import default_scenario
@@ -25,7 +24,7 @@ LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
 WARM_UP = {"warm_up_force_n": 6.5, "warm_up_torque_nm": 0.06, "warm_up_s": 0.02}
 
 
-def readings(config: SensorConfig, exact, seconds: float, seed: int = 0, dt: float = DT) -> Array:
+def readings(config, exact, seconds, seed=0, dt=DT):
     """What the host reads at every step of an exact wrench ``exact(t)``, shape (n, 6)."""
     rng, found = np.random.default_rng(seed), []
     sensor = wrist_sensor.build_sensor(config, rng)
@@ -36,11 +35,11 @@ def readings(config: SensorConfig, exact, seconds: float, seed: int = 0, dt: flo
     return np.array(found)
 
 
-def steady(_t: float) -> Array:
+def steady(_t):
     return LOAD
 
 
-def moving(t: float) -> Array:
+def moving(t):
     return LOAD + 0.1 * math.sin(40.0 * t)
 
 
@@ -93,14 +92,14 @@ def test_a_drift_walks_at_random_and_readings_are_whole_quanta_within_the_range(
         np.testing.assert_allclose(last, sign * np.array([3.0, -4.0, 20.0, 0.1, -0.15, 0.03]))
 
 
-def pull_of(spindle: Spindle) -> Array:
+def pull_of(spindle):
     """On an upright head [N]."""
     force = np.zeros(3)
     pull_of_imbalance(spindle, np.eye(3).ravel(), force)
     return force
 
 
-def pulls(config: SpindleConfig, steps: int) -> Array:
+def pulls(config, steps):
     spindle, found = build_spindle(config), []
     for _ in range(steps):
         turn_spindle(spindle, DT)
@@ -174,7 +173,7 @@ def test_a_warm_up_leaves_bias_and_noise_as_they_were_and_cross_talk_is_in_share
     assert abs(others.mean()) < 0.002
 
 
-def pressed_hard(*settings: str) -> CellRun:
+def pressed_hard(*settings):
     """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, beyond a range of 22 N."""
     small = "sensor.model=ur5e-built-in", "sensor.force_range_n=22"
     return on_plane(*small, "safety.force_limit_n=80", "pad.friction=0.1", *settings, wanted=45.0).run()

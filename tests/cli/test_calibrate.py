@@ -11,11 +11,11 @@ import pytest
 from polish_sim.config import Scenario
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import Tool, assert_refused, done, metrics_of, ran, refused
+from tests.cli.conftest import assert_refused, done, metrics_of, ran, refused
 
 
 @pytest.fixture(scope="module")
-def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calibrated(tmp_path_factory):
     """The folder of one small calibration, made once."""
     folder = tmp_path_factory.mktemp("calibrated") / "one"
     ran("calibrate", "payload", "--poses", 6, "--seed", 4, "--out", folder, "--check")
@@ -23,7 +23,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(calibrated: Path, polish_sim: Tool, tmp_path: Path) -> Path:
+def folder(calibrated, polish_sim, tmp_path):
     """A copy of it in the current folder."""
     return Path(shutil.copytree(calibrated, tmp_path / "one"))
 

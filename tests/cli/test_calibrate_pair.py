@@ -1,10 +1,8 @@
 """Calibrations of two robots as a user calls them: tool, bases, arms, error budget, and what they refuse."""
 
 import tomllib
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.dual import budget
-from polish_sim.dual.budget import PairBudgetTrial
 from polish_sim.dual.calibration.arm import read_arm_calibration, read_tracked
 from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
@@ -27,7 +24,7 @@ FILES = {"calibration.toml", "residuals.csv", "metrics.json"}
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory):
     """Folders of calibrations, one of a tool and one of the bases."""
     folder = tmp_path_factory.mktemp("made")
     for name, pair in (("tcp", ()), ("base", ("--pair", PAIR))):
@@ -36,13 +33,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def files(made: Path) -> dict[str, Rows]:
+def files(made):
     """Good files of measurements, to be spoilt."""
     texts = {folder.name: (folder / "residuals.csv").read_text(encoding="utf-8") for folder in made.iterdir()}
     return {name: [line.split(",") for line in text.splitlines()] for name, text in texts.items()}
 
 
-def write(file: Path, rows: Rows) -> None:
+def write(file, rows):
     file.write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
 
 
@@ -76,7 +73,7 @@ def test_a_tool_frame_and_bases_leave_their_files_which_are_taken_for_nothing_el
     refused(polish_sim("run", "force", "--calibration", tool, "--out", "run"), "calibrate payload")
 
 
-def changed(rows: Rows, line: int, columns: str, scale: float, shift: float = 0.0) -> Rows:
+def changed(rows, line, columns, scale, shift=0.0):
     """Numbers of one line in other units, or moved."""
     rows = [list(row) for row in rows]
     for k in map(rows[0].index, columns.split()):
@@ -84,28 +81,28 @@ def changed(rows: Rows, line: int, columns: str, scale: float, shift: float = 0.
     return rows
 
 
-def renamed(rows: Rows, **names: str) -> Rows:
+def renamed(rows, **names):
     return [[names.get(name, name) for name in rows[0]], *rows[1:]]
 
 
-def without(rows: Rows, *cells: str) -> Rows:
+def without(rows, *cells):
     return [row for row in rows if not set(cells) & set(row[:2])]
 
 
-def shifted(rows: Rows) -> Rows:
+def shifted(rows):
     """Positions of the next line; the last two lines keep the order of the kinds."""
     moved = rows[3:] + rows[1:3]
     return [rows[0], *([*row[:5], *other[5:9], *row[9:]] for row, other in zip(moved, rows[1:], strict=True))]
 
 
-def exchanged(rows: Rows) -> Rows:
+def exchanged(rows):
     """The arcs of axis 2 each taken for the other robot's."""
     other = {"master": "follower", "follower": "master"}
     return [[other[row[0]], *row[1:]] if row[1] == "2" else row for row in rows]
 
 
 METRES = {"x_mm": "x_m", "y_mm": "y_m", "z_mm": "z_m"}
-BAD: list[tuple[str, Callable[[Rows], Rows], str]] = [
+BAD = [
     ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "columns are swapped"),
     ("tcp", lambda r: renamed(r, qx="qy", qy="qx"), "as qw, qy, qx, qz: columns are swapped"),
     ("tcp", lambda r: renamed(r, x_mm="x_m"), "mixes units"),
@@ -168,7 +165,7 @@ def test_a_measurement_off_by_two_millimetres_is_named(files, polish_sim):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def found(tmp_path_factory):
     """The folder of one calibration of two arms, made once."""
     folder = tmp_path_factory.mktemp("arms") / "found"
     words = ["calibrate", "arm", "--seed", "2", "--pair", "cell 7", "--check", "--out", str(folder)]
@@ -206,13 +203,13 @@ def test_a_run_takes_the_arms_as_they_were_found(found, polish_sim, tmp_path, mo
 
 
 @pytest.fixture
-def tracked(found: Path) -> list[str]:
+def tracked(found):
     """Lines of a file of poses: the header, then 20 of each arm."""
     lines = (found / "residuals.csv").read_text().splitlines()
     return [lines[0], *lines[1:21], *lines[61:81]]
 
 
-def scaled(lines: list[str], angle: float, length: float) -> list[str]:
+def scaled(lines, angle, length):
     """The same joint angles and positions in other units."""
     scales = np.repeat([angle, length], [6, 3])
     rows = ((row[0], *(scales * np.array(row[1:10], float))) for row in (line.split(",") for line in lines))
@@ -248,12 +245,12 @@ _predict = cache(budget.predict)
 
 
 @pytest.fixture
-def numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def numbers(monkeypatch):
     """Numbers of the draws that were made, at first order: a calibration each would take most of the time, as
     would ten designs of them for the prediction. Real draws are compared in tests/dual."""
-    made: list[int] = []
+    made = []
 
-    def drawn(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+    def drawn(trial, number):
         made.append(number)
         rng, found = np.random.default_rng(number), _predict(trial)
         unknowns = {name: rng.multivariate_normal(np.zeros(15), C) for name, C in found.shares.items()}
@@ -302,7 +299,7 @@ def test_interrupted_draws_are_kept_and_summed_up_if_enough(
 ):
     draw = budget.draw_errors
 
-    def interrupted(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+    def interrupted(trial, number):
         if number == after:
             raise KeyboardInterrupt
         return draw(trial, number)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Call, Tool, done, metrics_of, ran, refused
+from tests.cli.conftest import Call, done, metrics_of, ran, refused
 
 SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 
 
 @pytest.fixture(scope="module")
-def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def calibrations(tmp_path_factory):
     """Calibrations of bases, of another pair's, of a planted tool and of the cell's own, made once."""
     made = tmp_path_factory.mktemp("calibrations")
     asked = {
@@ -29,11 +29,11 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
+def run_dual(calibrations, polish_sim, tmp_path):
     """`run dual` with calibrations by name, in a folder with copies of them."""
     shutil.copytree(calibrations, tmp_path, dirs_exist_ok=True)
 
-    def run(names: str, *words: object) -> Call:
+    def run(names, *words):
         taken = [word for name in names.split() for word in ("--calibration", f"{name}/calibration.toml")]
         code, out, err = polish_sim("run", "dual", *taken, *words)
         assert (tmp_path / "run").exists() == ("--out" in words and code == 0)

@@ -21,13 +21,13 @@ from tests.cli.conftest import done, metrics_of, refused
 from tests.identification.known import ODD, RATE, SIGMA, design_once, known_robot, played, write_log
 
 
-def _log(file: Path, still: slice = slice(0)) -> Path:
+def _log(file, still=slice(0)):
     """A log of one period, as a user might bring it; some joints may stand still."""
     known = known_robot()
     return write_log(file, known.model, known.with_still(still)(np.arange(2500) / RATE), SIGMA)
 
 
-def _rows(file: str) -> list[dict[str, str]]:
+def _rows(file):
     return list(csv.DictReader(Path(file).read_text(encoding="utf-8").splitlines()))
 
 

@@ -13,7 +13,7 @@ SPACING = {"stepover_p5_m", "stepover_p95_m", "max_axis_rate_rad_m"}
 KEYS = {"coverage", "exposure_cv", "unreachable_area_m2", *SPACING}
 
 
-def write_raster(file: Path, height: float = 20.0) -> None:
+def write_raster(file, height=20.0):
     ends = [(x, y) for k, y in enumerate(range(-95, 96, 10)) for x in ((-100, 100)[:: (-1) ** k])]
     lines = [f"{x},{y},{height},0,0,1" for x, y in ends]
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -24,18 +23,12 @@ from tests.kept import plate_file
 NOTHING = "error: interrupted; nothing was recorded yet.\n"
 
 
-def interrupted(
-    words: list[str],
-    folder: Path,
-    ready: Callable[[Path, str], bool],
-    then_s: float,
-    signals: Sequence[signal.Signals] = (signal.SIGINT,),
-) -> str:
+def interrupted(words, folder, ready, then_s, signals=(signal.SIGINT,)):
     """What a command says when Ctrl-C or other ``signals`` come a while after it is ready, by its draft, or
     the folder of its rows, and what it has said; it ends with 130. It says every 0.1 s how far it is."""
     out, draft = folder / "out/cut", folder / "out/.cut.polish-sim-part"
 
-    def talk() -> None:
+    def talk():
         progress.QUIET_S = 0.1
         start()
 
@@ -77,28 +70,28 @@ def test_ctrl_c_while_the_program_is_loaded_is_one_line():
     assert (run.returncode, run.stdout, run.stderr) == (130, "", NOTHING)
 
 
-def dropped() -> None:
+def dropped():
     """Ctrl-C where C calls Python, as while kernels are compiled: Python drops it there."""
 
-    def interrupted() -> None:
+    def interrupted():
         raise KeyboardInterrupt
 
     ctypes.CFUNCTYPE(None)(interrupted)()
 
 
-def compile_kernels() -> None:
+def compile_kernels():
     dropped()
     raise RuntimeError("no compiled object yet")  # what the compiler's callback should have made
 
 
-def go_on_for_ever() -> None:
+def go_on_for_ever():
     dropped()
     deadline = time.monotonic() + 30.0
     while time.monotonic() < deadline:
         time.sleep(0.01)
 
 
-def load_c_module() -> None:
+def load_c_module():
     try:
         raise KeyboardInterrupt
     except KeyboardInterrupt as interrupt:  # modules built with pybind11 turn it into this
@@ -107,11 +100,11 @@ def load_c_module() -> None:
 
 class Argument:
     @property
-    def _as_parameter_(self) -> int:
+    def _as_parameter_(self):
         raise KeyboardInterrupt
 
 
-def call_c_function() -> None:
+def call_c_function():
     ctypes.CDLL(None).abs(Argument())  # ctypes makes an error of its own of it
 
 
@@ -134,7 +127,7 @@ def test_ctrl_c_however_often_and_a_closed_terminal_keep_what_a_run_recorded(tmp
     ours, its = pty.openpty()
     monkeypatch.setenv("TERM", "xterm")
 
-    def run_there() -> None:
+    def run_there():
         os.close(ours)
         start()
 

@@ -10,10 +10,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +20,6 @@ from polish_sim.cli.view import PORT, Address, allowed, asked_address, free_addr
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.log import RunLog
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario, override
 from tests.cli.conftest import PROGRAM, Started, in_browser
@@ -34,14 +30,14 @@ SHORT = ["process.hold_s=1"]
 LIVE = ("run", "force", "--live", "--set", "process.approach_speed_m_s=0.05", "--out", "out")
 
 
-def same(one: RunLog, other: RunLog, rows: int | None = None) -> bool:
+def same(one, other, rows=None):
     """Whether all rows are alike, or the first ones."""
     return one.names == other.names and all(
         one[name][:rows].tobytes() == other[name][:rows].tobytes() for name in one.names
     )
 
 
-def free_port() -> int:
+def free_port():
     with socket.socket() as any_port:
         any_port.bind(("127.0.0.1", 0))
         return int(any_port.getsockname()[1])
@@ -115,7 +111,7 @@ def test_this_computer_alone_is_served_unless_an_address_is_named_and_only_to_it
 class Tab:
     """A page in the browser, and what it asked for and complained of."""
 
-    def __init__(self, browser: Any, url: str) -> None:
+    def __init__(self, browser, url):
         self.requests, self.errors = list[str](), list[str]()
         self.tab = browser.new_context(viewport={"width": 700, "height": 600}).new_page()
         self.tab.set_default_timeout(60_000)
@@ -124,13 +120,13 @@ class Tab:
         self.tab.goto(url)
         self.tab.get_by_text("resume").wait_for()
 
-    def press(self, button: str) -> None:
+    def press(self, button):
         self.tab.get_by_role("button", name=button, exact=True).click()
 
-    def wait_for(self, text: str) -> None:
+    def wait_for(self, text):
         self.tab.get_by_text(text).first.wait_for()
 
-    def press_until(self, button: str, text: str) -> None:
+    def press_until(self, button, text):
         """Press what still moves in a folder that opens: in a slow browser it slides away under the mouse."""
         for _ in range(6):
             self.press(button)
@@ -141,24 +137,24 @@ class Tab:
                     raise
         raise AssertionError(f"{text!r} does not show after {button!r}")
 
-    def paused(self) -> float:
+    def paused(self):
         """Let the run wait; the simulated time then [s]."""
         self.press("pause")
         self.wait_for("(paused)")
         return self.clock()
 
-    def clock(self) -> float:
+    def clock(self):
         """Simulated time the page shows [s]."""
         return float(self.tab.get_by_text(" s of ").first.inner_text().partition(" s of ")[0].split("\n")[-1])
 
-    def picture(self) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    def picture(self):
         from io import BytesIO
 
         from PIL import Image
 
         return np.asarray(Image.open(BytesIO(self.tab.screenshot())).convert("RGB"))[:, :350].copy()
 
-    def close(self) -> None:
+    def close(self):
         """As somebody closes a tab; it asked nobody else for anything, and nothing went wrong in it."""
         hosts = [url.split("/")[2] for url in self.requests if url.startswith("http")]
         assert set(hosts) == {hosts[0]}
@@ -169,7 +165,7 @@ class Tab:
 class Running:
     """A command that serves a page."""
 
-    def __init__(self, folder: Path, *words: object) -> None:
+    def __init__(self, folder, *words):
         self.url = f"http://127.0.0.1:{(port := free_port())}"
         self._said = folder / "said"
         words = (*words, "--live-port", str(port))
@@ -178,10 +174,10 @@ class Running:
         self.until(lambda: f"open {self.url} in a browser" in self.said)
 
     @property
-    def said(self) -> str:
+    def said(self):
         return self._said.read_text()
 
-    def until(self, done: Callable[[], bool]) -> None:
+    def until(self, done):
         for _ in range(900):
             if done():
                 return
@@ -189,17 +185,17 @@ class Running:
             time.sleep(0.1)
         raise AssertionError(self.said)
 
-    def interrupted(self) -> int:
+    def interrupted(self):
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(60)
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+def start(tmp_path):
     """Start a command in an empty folder; it does not outlive the test."""
     started = []
 
-    def begin(*words: str) -> Running:
+    def begin(*words):
         started.append(Running(tmp_path, *words))
         return started[-1]
 

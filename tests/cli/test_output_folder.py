@@ -19,7 +19,7 @@ from polish_sim.errors import InputError, ProtectiveStop
 MESSAGE = "the part 'x.stl' is empty"
 
 
-def app_that(raises: BaseException | None, returns: int | None = None) -> typer.Typer:
+def app_that(raises, returns=None):
     app = typer.Typer(rich_markup_mode=None)
 
     @app.callback()
@@ -65,11 +65,11 @@ def test_an_unexpected_error_is_called_a_bug_and_traced_with_debug(capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-def files(folder: Path) -> set[str]:
+def files(folder):
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-def asked(out: Path | str | None, overwrite: bool = False) -> dict[str, object]:
+def asked(out, overwrite=False):
     return {"--out": out, "--overwrite": overwrite}
 
 
@@ -97,7 +97,7 @@ def test_a_folder_that_cannot_be_made_is_refused_and_without_out_a_dated_one_mad
     assert len(finals) == 3
 
 
-def fill(out: Path, error: BaseException | None) -> None:
+def fill(out, error):
     with claimed(asked(out, overwrite=True), "run-force") as folder:
         (folder.draft / "metrics.json").write_text("new")
         if error:
@@ -162,7 +162,7 @@ def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(tmp_path
 
 
 def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
-    said: list[str] = []
+    said = []
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(progress.sys.stderr, "isatty", lambda: False, raising=False)
@@ -177,10 +177,10 @@ def test_a_long_stage_says_how_far_it_is_now_and_then(monkeypatch):
 
 def test_compiling_is_told_once_and_only_when_it_happens():
     @njit
-    def double(x):  # type: ignore[no-untyped-def]
+    def double(x):
         return 2 * x
 
-    said: list[str] = []
+    said = []
     with compiling_shown(now_and_then(said.append)):
         assert double(3) == 6
         assert double(3.0) == 6.0

@@ -197,7 +197,7 @@ ALL = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
 
 
 @pytest.fixture
-def cube(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cube(tmp_path, monkeypatch):
     """Its square sides are turned by 90 deg at a time, half a metre away: few of the places."""
     monkeypatch.setattr("polish_sim.experiments.reach_map.TURNS", np.radians(np.arange(0.0, 360.0, 90.0)))
     monkeypatch.setattr("polish_sim.experiments.reach_map.DISTANCES", np.array([0.55]))

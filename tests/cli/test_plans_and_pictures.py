@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -99,7 +98,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     assert polish_sim(*run, "--part", "moved.stl", *UNPROVEN, "--dry-run")[0] == 0
 
 
-def frames_of(film: Path) -> np.ndarray:
+def frames_of(film):
     """Every fourth frame of a film, shape (n, height, width, 3)."""
     reader = imageio_ffmpeg.read_frames(str(film))
     width, height = next(reader)["size"]
@@ -125,7 +124,7 @@ def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_pa
 
 
 def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch):
-    def interrupted(*_: object) -> Iterator[tuple[int, int, np.ndarray]]:
+    def interrupted(*_):
         yield 1, 9, np.zeros((CELL.height, CELL.width + PAD.width, 3), np.uint8)
         raise KeyboardInterrupt
 
@@ -146,7 +145,7 @@ def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch
     ],
 )
 def test_what_cannot_be_shown_is_refused_before_the_run(polish_sim, monkeypatch, option, missing, said):
-    def no_renderer(*_: object) -> None:
+    def no_renderer(*_):
         raise RuntimeError("no display")
 
     monkeypatch.setitem(sys.modules, missing, None)

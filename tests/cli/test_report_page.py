@@ -3,7 +3,7 @@
 import itertools
 import shlex
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -14,7 +14,6 @@ import pytest
 
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import RunRecord, once_more
-from polish_sim.arrays import Array
 from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
@@ -48,11 +47,11 @@ class Made(NamedTuple):
 class Keep(Silent):
     """Keeps the model of the cell."""
 
-    def frame(self, model: Any, data: Any) -> None:
+    def frame(self, model, data):
         self.model = model
 
 
-def made(experiment: str, *changes: str) -> Made:
+def made(experiment, *changes):
     keep = Keep()
     result = run_experiment(override(default_scenario(experiment), list(changes)), None, keep)
     figures = {**result.figures, "versions": {"numpy": np.__version__}}
@@ -61,12 +60,12 @@ def made(experiment: str, *changes: str) -> Made:
 
 
 @pytest.fixture(scope="module")
-def surface() -> Made:
+def surface():
     return made("surface", *SHORT_PATH)
 
 
 @pytest.fixture(scope="module")
-def harder() -> Made:
+def harder():
     return made("surface", *SHORT_PATH, "process.contact_force_n=26", "seed=1")
 
 
@@ -78,16 +77,16 @@ class Tab(NamedTuple):
     errors: list[str]
     size: int
 
-    def __call__(self, script: str, argument: Any = None) -> Any:
+    def __call__(self, script, argument=None):
         return self.tab.evaluate(script, argument)
 
-    def seek(self, time: float) -> Array:
+    def seek(self, time):
         """Move the scrubber as a hand does; the picture then, shape (48, 64, 3)."""
         scrubber = "const s = document.getElementById('scrubber')"
         self(f"t => {{ {scrubber}; s.value = t; s.dispatchEvent(new Event('input')); }}", time)
         return self.picture()
 
-    def picture(self) -> Array:
+    def picture(self):
         """What the canvas shows, shape (48, 64, 3)."""
         pixels = self(
             """() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {
@@ -102,7 +101,7 @@ class Tab(NamedTuple):
 Open = Callable[..., Tab]
 
 
-def until_drawn(tab: Any) -> None:
+def until_drawn(tab):
     """Ask from outside: waiting inside would need the `eval` that the page's policy forbids."""
     end = time.monotonic() + 30
     while not tab.evaluate("Boolean(window.page && window.page.data.ready)"):
@@ -111,11 +110,11 @@ def until_drawn(tab: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Open]:
+def opened(browser, tmp_path_factory):
     """Open a page, or that of a run, from its file, on a screen as large as one likes."""
     contexts = []
 
-    def open_page(shown: Made | str, width: int = 900, notes: tuple[str, ...] = ()) -> Tab:
+    def open_page(shown, width=900, notes=()):
         folder = tmp_path_factory.mktemp("page")
         if isinstance(shown, str):
             (folder / PAGE).write_text(shown, encoding="utf-8")
@@ -135,14 +134,14 @@ def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[O
         context.close()
 
 
-def assert_clean(tab: Tab) -> None:
+def assert_clean(tab):
     """One request, the file itself; no error."""
     assert [url.partition(":")[0] for url in tab.requests] == ["file"]
     assert tab.errors == []
     assert tab.size < LARGEST
 
 
-def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
+def assert_follows_the_log(tab, run, arms):
     """Joints as in every row of the log; the head where the log says the tool is."""
     log = run.record.log
     time = column_of(log, "time_s")
@@ -173,7 +172,7 @@ def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_on
     assert_clean(played)
     log, removal = surface.record.log, surface.record.removal
 
-    def removed(time: float) -> Array:
+    def removed(time):
         return np.array(played("t => window.page.removal(t)", time))
 
     time, total = column_of(log, "time_s"), column_of(log, "exposure_nm")

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from polish_sim.scenario_file import leaves, merge, override
 KEYS = config_keys(Scenario())
 
 
-def built(words: dict[str, Any], **more: Any) -> Scenario:
+def built(words, **more):
     """The scenario of options as a user writes them."""
     read = {**KEYS, **OWN}
     given = {name: read[name].read(str(value)) for name, value in words.items()}
@@ -59,7 +58,7 @@ def test_set_beats_options_that_beat_the_file_and_a_zero_is_given_a_switch_that_
         built({}, **{"--config": file})
 
     @takes("--spindle-rpm", "--set", "--view")
-    def command(given: dict[str, Any]) -> dict[str, Any]:
+    def command(given):
         return given
 
     given = command(option_0=0.0, option_1=False, option_2=[])

@@ -1,14 +1,12 @@
 """`polish-sim score` as a user calls it, on a small part of the battery."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from polish_sim.row_file import read_json
 from polish_sim.scoring import score
 from polish_sim.scoring.border import Rest
-from polish_sim.scoring.score import Row, Task
 from tests.cli.conftest import assert_refused, done, metrics_of, refused
 
 HERE = ["--on", "here"]
@@ -44,7 +42,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
 def test_an_interrupted_score_is_summed_up_and_resumes(polish_sim, tmp_path, monkeypatch):
     words, measure = ["score", "--case", "noise-1", "--seeds", "2", *SHORT, *HERE], score._measure
 
-    def interrupted(task: Task) -> Row:
+    def interrupted(task):
         if task.seed == 1:
             raise KeyboardInterrupt
         return measure(task)
@@ -88,7 +86,7 @@ def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
     assert Path("s/score.json").read_bytes() != whole["score.json"]
 
 
-def planted(task: Task) -> Row:
+def planted(task):
     """A row whose figures follow from the scenario alone, quickly."""
     scenario = task.scenario
     feed, off = scenario.process.feed_m_s, scenario.part.displacement_m
@@ -96,7 +94,7 @@ def planted(task: Task) -> Row:
     return {"max_error_n": 1e3 * abs(feed - 0.02), "protective_stop": None, "duration": 2.0} | figures
 
 
-def pressed(_bench: object, scenario: Any) -> Rest:
+def pressed(_bench, scenario):
     late = scenario.sensor.latency_s + scenario.robot.command_latency_s
     return Rest(late < 0.03, late * scenario.head.spring_scale < 0.04, late, 0.0, 0.0)
 
@@ -107,8 +105,8 @@ def pressed(_bench: object, scenario: Any) -> Rest:
 def test_an_interrupted_search_resumes_to_the_table_of_a_whole_one(how, file, polish_sim, monkeypatch):
     words, left = ["score", *how, "--set", "sensor.force_noise_n=0.1", *HERE, "--out"], [40]
 
-    def counted(measure: Any) -> Any:
-        def measured(*asked: Any) -> Any:
+    def counted(measure):
+        def measured(*asked):
             left[0] -= 1
             if left[0] == -1:
                 raise KeyboardInterrupt

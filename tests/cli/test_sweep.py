@@ -29,7 +29,7 @@ class Mine:
 """
 
 
-def rows_of(folder: Path) -> dict[str, dict[str, object]]:
+def rows_of(folder):
     lines = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
     rows = {line["key"]: line["row"] for line in lines}
     assert len(rows) == len(lines), "a row is there twice"

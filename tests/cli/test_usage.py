@@ -82,6 +82,7 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("plan freeform --proof foo", "none, nominal, or the number"),
         ("run dual --region faces:gone.txt", "cannot read the file of ... 'gone.txt'"),
         (f"run dual {FLANGED}", "leave it out of 'dual'"),
+        (f"run arc {FLANGED}", "leave it out of 'arc'"),
         ("run dual --master-path way.csv --master-turn 3", "--master-turn would ... with --master-path"),
         ("plan plate --master-turn 5", "--master-turn would ... without --dual"),
         ("run surface --standoff 5", "--standoff ... 'run surface'"),

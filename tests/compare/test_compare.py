@@ -1,7 +1,6 @@
 """A simulated run's log compared with its own replay differs by nothing; what is planted is found."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def _back_to_the_first():
     use_arm("ur5e")
 
 
-def sines(seconds: float, rate: float = 250.0) -> RobotRecording:
+def sines(seconds, rate=250.0):
     """A slow motion of all joints that begins in motion."""
     t = np.arange(round(seconds * rate)) / rate
     w = 2.0 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])
@@ -40,7 +39,7 @@ def sines(seconds: float, rate: float = 250.0) -> RobotRecording:
 
 
 @pytest.fixture(scope="module")
-def logged() -> dict[str, np.ndarray]:
+def logged():
     """What a recorder would have of a simulated run with a payload."""
     log = sines(4.0)
     played = replay.replay(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
@@ -141,7 +140,7 @@ def test_a_step_is_measured_by_its_closed_form():
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory):
     """Slow sines of all joints, with torques, and a sensor that drifts."""
     made = synthetic_log(3.0)
     made["wrench"] = np.full((len(made["time_s"]), 6), 2.0)

@@ -3,16 +3,13 @@ what: force takes tool z, moment the turn about tool y; force-mode differs from 
 
 import cmath
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.control import CONTROLLERS, loops
-from polish_sim.control.signals import CompiledController, Measurement, Target
 from tests.control import signals
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
@@ -41,7 +38,7 @@ def test_the_low_pass_answers_a_step_exactly_and_starts_at_the_first_reading(dt,
     assert np.isfinite(loops.low_pass_step(0.0, 1.0, 1e9, 1.0))
 
 
-def felt(stiffness: float, tool=0.02, part=0.0, state=None) -> Array:
+def felt(stiffness, tool=0.02, part=0.0, state=None):
     """Shares of the gains while tool and part come together at these speeds [m/s], to 1.2 times the force."""
     state = loops.FeltMemory() if state is None else state
     shares, force, measured, dt = [], 0.0, 0.0, 0.001
@@ -85,13 +82,13 @@ def test_equations_6_and_7_add_the_pid_of_the_velocity_error():
     np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 
-def error_between(R_actual: np.ndarray, R_wanted: np.ndarray) -> np.ndarray:
+def error_between(R_actual, R_wanted):
     out = np.zeros(3)
     loops.rotation_error(np.ascontiguousarray(R_actual), np.ascontiguousarray(R_wanted), out)
     return out
 
 
-def random_axes(n: int, seed: int = 0) -> np.ndarray:
+def random_axes(n, seed=0):
     axes = np.random.default_rng(seed).normal(size=(n, 3))
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
@@ -125,14 +122,14 @@ def test_rotation_errors_turn_frames_and_axes_the_short_way_and_bring_any_two_fr
         assert Rotation.from_matrix(R).magnitude() < 1e-6
 
 
-def drawn(seed: int, contact: float = 1.0) -> tuple[Measurement, Target]:
+def drawn(seed, contact=1.0):
     """A random measurement and a target near it."""
     rng = np.random.default_rng(seed)
     m = signals.measurement_from(rng)
     return m, signals.target_near(m, rng, contact)
 
 
-def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
+def in_tool(m, twist):
     """Linear and angular part of a twist in tool axes."""
     return m.rotation.T @ twist[:3], m.rotation.T @ twist[3:6]
 
@@ -189,7 +186,7 @@ def test_in_free_space_the_hybrid_is_the_position_law_and_force_mode_differs_alo
         np.testing.assert_array_equal(ours[3:], hybrid[3:])
 
 
-def leaning(made: CompiledController, steps: int, moment: Callable[[float], float]) -> list[float]:
+def leaning(made, steps, moment):
     """Angles about tool y [rad] of a tool at rest in contact that turns as commanded under a moment [N m]."""
     m, t, angles = signals.measurement_at_rest(), signals.target_to_press(contact=1.0), [0.0]
     for _ in range(steps):
@@ -247,14 +244,14 @@ def test_an_angle_left_to_the_moment_loop_does_not_wind_the_orientation_loop_up(
     np.testing.assert_allclose(made.step(m, free), fresh, atol=1e-6)
 
 
-def pressing(force: float = 0.0, speed: float = 0.0) -> tuple[Measurement, Target]:
+def pressing(force=0.0, speed=0.0):
     """A tool at rest on its target, z along base z, wanted to press with 20 N."""
     m = signals.measurement_at_rest()
     m.wrench[2], m.twist[2] = force, speed
     return m, signals.target_to_press(contact=1.0)
 
 
-def speeds(damping: float, force: float, speed: float, count: int = 20) -> Array:
+def speeds(damping, force, speed, count=20):
     """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in
     place, no speed limit in the way."""
     baselines = replace(signals.CONFIG.baselines, mode_damping=damping)

@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -49,7 +48,7 @@ FAILS = "class Mine:\n    def __init__(self):\n        raise RuntimeError('no li
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(GOOD, encoding="utf-8")
     return path
@@ -73,7 +72,7 @@ def test_what_cannot_be_loaded_says_why(file, source, name, told):
         build_controller(ControllerConfig(name=name.format(file=file)))
 
 
-def tuned(file: Path, **own: float | str) -> object:
+def tuned(file, **own):
     return build_controller(ControllerConfig(name=f"{file}:Tuned", own=own))
 
 
@@ -103,7 +102,7 @@ def test_ranges_that_are_none_are_refused_by_name(file, ranges):
 
 def test_a_class_declares_its_parameters_which_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):
     made = tuned(file, gain=0.02, mode="glide", late=True)
-    assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
+    assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)
     known = law_parameters(f"{file}:Tuned")
     assert list(known) == ["gain", "sign", "mode", "late"]
     ranges = {name: (p.default, p.metadata["low"], p.metadata["high"]) for name, p in known.items()}
@@ -126,10 +125,10 @@ def test_a_class_declares_its_parameters_which_are_set_like_other_keys_and_kept_
 def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file):
     made = tuned(file, gain=0.02)
     scenario = override(default_scenario("arc"), ["process.feed_m_s=0.4", "process.max_feed_s=0.2"])
-    by_object = run_experiment(scenario, controller=made)  # type: ignore[arg-type]
+    by_object = run_experiment(scenario, controller=made)
     config = by_object.scenario.controller
     assert (config.name, config.own["gain"]) == (f"{file}:Tuned", 0.02)
     again = run_experiment(merge(scenario, tomllib.loads(to_toml(by_object.scenario)), ""))
     assert again.log["tcp_position_m"].tobytes() == by_object.log["tcp_position_m"].tobytes()
     with pytest.raises(InputError, match=r"'object' lacks the method reset\(\)"):
-        run_experiment(scenario, controller=object())  # type: ignore[arg-type]
+        run_experiment(scenario, controller=object())

@@ -26,7 +26,6 @@ from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, from_pose, inverse, transform
 from tests.cell import cells
 from tests.cell.elastic import REAL
-from tests.cell.fields import plane
 
 T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
 Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
@@ -126,7 +125,7 @@ def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_
 @cache
 def pressed(share: float, *changes: str, lift: float = 0.0, look=None) -> CellRun:
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
-    part = cells.part_under(plane())
+    part = cells.part_under()
     T = transform(part.rotation, part.position)
     master = rows(share)._replace(T_base_work=T, T_believed_true=np.eye(4))
     scenario = cells.ideal("force", cells.EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)

@@ -3,9 +3,7 @@
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,18 +34,18 @@ TWO_NEWTON = np.full((1, 3), [0.2, 0.0, 0.0], np.float32)
 PLACES = dict(zip(OBSERVATION, np.cumsum([0, *(width for width, _ in OBSERVATION.values())]), strict=False))
 
 
-def make(name: str = "PolishForce-v1", **kwargs: Any) -> Any:
+def make(name="PolishForce-v1", **kwargs):
     return gym.make(name, **{"settings": SHORT, "action": "force-and-feed", **kwargs})
 
 
 @pytest.fixture(scope="module")
-def env() -> Iterator[Any]:
+def env():
     made = make()
     yield made
     made.close()
 
 
-def play(env: Any, actions: Any, seed: int | None = 0) -> tuple[list[Any], dict[str, Any]]:
+def play(env, actions, seed=0):
     """Steps of an episode, the last action held, and the last info."""
     env.reset(seed=seed)
     steps, over = [], False
@@ -129,7 +127,7 @@ def test_a_time_limit_truncates_a_fault_lost_contact_and_a_push_stop_the_robot()
         land.reset()
         steps, terminated = 0, False
         while not terminated and steps < 600:
-            action = land(None) if steps < 150 else np.array([0, 0, away, 0, 0, 0], np.float32)  # type: ignore[arg-type]
+            action = land(None) if steps < 150 else np.array([0, 0, away, 0, 0, 0], np.float32)
             _, _, terminated, truncated, info = env.step(action)
             steps += 1
         assert (terminated, truncated, info["success"]) == (True, False, False)

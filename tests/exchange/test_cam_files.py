@@ -226,7 +226,7 @@ def test_what_cannot_be_read_is_named_with_its_place(tmp_path, kind, case):
 
 
 def test_unknown_words_can_be_left_out_but_never_a_motion(tmp_path):
-    notes: list[InputError] = []
+    notes = []
     found = read(tmp_path, HEAD + "X1 U12 G123\nX#1 Y2\nG4 X9\n", "nc", unknown=notes.append)
     assert 1e3 * found.path.positions_work == pytest.approx(np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0]]))
     # The time of a dwell is no coordinate.

@@ -23,12 +23,12 @@ __all__ = ["polish_sim"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write_plan(tmp_path / "plan", sphere())
     return tmp_path / "plan"
 
 
-def read_text(folder: Path, name: str, text: str | bytes):
+def read_text(folder, name, text):
     (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_path(folder / name)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.exchange.robot_log import RobotRecording, read_column_map, read_robot_recording
+from polish_sim.exchange.robot_log import read_column_map, read_robot_recording
 from tests.exchange.robot_logs import CSV_NAMES, synthetic_log, write_bag, write_csv, write_npz
 
 LOG = synthetic_log(4.0)
 
 
-def check(read: RobotRecording, *names: str, tolerance: float = 1e-9) -> None:
+def check(read, *names, tolerance=1e-9):
     np.testing.assert_allclose(read.time, LOG["time_s"] - LOG["time_s"][0], atol=1e-6)
     for name in names:
         np.testing.assert_allclose(read.values[name], LOG[name], atol=tolerance)

@@ -12,7 +12,7 @@ from polish_sim.config import PartConfig, PlanConfig, ProcessConfig
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.strokes import feed_frames
 from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import LEAD_IN
 from polish_sim.spatial import from_pose, inverse
 from tests.planning.shapes import shipped_plan, to_polyline
@@ -47,32 +47,32 @@ class Pressing(NamedTuple):
 class Recorder(FakeRobot):
     """Its joints are its pose; it feels the force wanted some time after it began to press."""
 
-    def __init__(self, contact_after_s: float) -> None:
+    def __init__(self, contact_after_s):
         super().__init__()
         self.contact_after_s = contact_after_s
-        self.motions: list[Motion] = []
-        self.pressings: list[Pressing] = []
+        self.motions = []
+        self.pressings = []
         self.pressing_since_s = np.inf
         self.spindle = False
 
-    def step(self) -> None:
+    def step(self):
         super().step()
         felt = self.time_s - self.pressing_since_s > self.contact_after_s
         self.tcp_force = np.array([0.0, 0.0, self.pressings[-1].wrench[2] if felt else 0.0, 0.0, 0.0, 0.0])
 
-    def forward_kin(self, q: Array, tcp: Array) -> Array:
+    def forward_kin(self, q, tcp):
         return q
 
-    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array:
+    def inverse_kin(self, pose, near, tcp):
         return pose
 
-    def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
+    def movel(self, pose, a, v, t, r):
         self.actual_tcp_pose = pose
         self.motions.append(Motion(from_pose(pose), v, r, False, self.spindle))
 
     movej = movel
 
-    def force_mode(self, task: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
+    def force_mode(self, task, selection, wrench, kind, limits):
         if self.pressing_since_s == np.inf:
             self.pressing_since_s = self.time_s
             self.told.append(("force_mode",))
@@ -80,19 +80,19 @@ class Recorder(FakeRobot):
         frames = from_pose(task), from_pose(self.actual_tcp_pose)
         self.pressings.append(Pressing(*frames, selection.tolist(), wrench.tolist(), kind, limits.tolist()))
 
-    def end_force_mode(self) -> None:
+    def end_force_mode(self):
         if self.pressing_since_s < np.inf:
             self.told.append(("end_force_mode",))
         self.pressing_since_s = np.inf
 
-    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
+    def input_output(self, name, index, value=None):
         if value is not None:
             self.spindle = bool(value)
             self.told.append((f"spindle {self.spindle}",))
         return self.spindle
 
 
-def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
+def run_program(text, contact_after_s=0.05):
     from polish_sim.ur.script import Machine  # they need lark
     from polish_sim.ur.script.translate import translate
 
@@ -111,21 +111,21 @@ def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
     return robot
 
 
-def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Recorder:
+def executed(result, setup=SETUP):
     return run_program(urscript_text(result, setup))
 
 
 @pytest.fixture(scope="module")
-def ball() -> Recorder:
+def ball():
     return executed(sphere())
 
 
 @pytest.fixture(scope="module")
-def plate() -> Recorder:
+def plate():
     return executed(holes())
 
 
-def in_work(T_base_tool: list[Array]) -> Array:
+def in_work(T_base_tool):
     return np.asarray(inverse(from_pose(PART_POSE)) @ np.stack(T_base_tool))
 
 

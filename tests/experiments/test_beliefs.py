@@ -14,12 +14,9 @@ from polish_sim.calibration.payload import move
 from polish_sim.cell import weight_of
 from polish_sim.cell.real_arm import AROUND, built_table, gear_errors, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
-from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError, ConfigError, InputError
 from polish_sim.experiments import (
     PAYLOAD_SCENARIO,
-    PayloadCalibration,
-    RunResult,
     default_scenario,
     run_experiment,
     run_payload_calibration,
@@ -39,7 +36,7 @@ HERE = tool_pose(0.0, -0.5, 0.3)
 
 
 @pytest.fixture(scope="module")
-def calibrated() -> PayloadCalibration:
+def calibrated():
     return run_payload_calibration(PAYLOAD_SCENARIO)
 
 
@@ -147,12 +144,12 @@ SEED = 541
 KNOWN = "robot.compensation=tracker"
 
 
-def arc(*changes: str) -> Scenario:
+def arc(*changes):
     return override(default_scenario("arc"), [f"seed={SEED}", "process.max_feed_s=6", *changes])
 
 
 @cache
-def circle(*changes: str) -> RunResult:
+def circle(*changes):
     return run_experiment(arc(*changes))
 
 

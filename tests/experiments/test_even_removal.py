@@ -3,7 +3,6 @@
 import tracemalloc
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +11,13 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.removal_plot import write_removal_mesh
-from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.assembly import check, place_key
 from polish_sim.experiments.even_removal import SMOOTH, _least_near, _Problem, even_out, plan_removal, planned
 from polish_sim.log import RemovalMap
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 
 EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.008, pattern="raster"))
@@ -27,16 +25,16 @@ EVEN = replace(EVEN, part=replace(EVEN.part, file="plate"))
 
 
 @pytest.fixture(scope="module")
-def plan() -> PlanResult:
+def plan():
     return plan_removal(EVEN)
 
 
 @cache
-def without_removal() -> PlanResult:
+def without_removal():
     return plan_part(EVEN.part, replace(EVEN.plan, removal=""))
 
 
-def ramp(file: Path, top: float = 2.0) -> Path:
+def ramp(file, top=2.0):
     """A map over the plate's box that rises from 1 to ``top`` along x."""
     mesh = without_removal().ready.ground.mesh
     x = mesh.vertices[:, 0]
@@ -79,7 +77,7 @@ def test_no_feed_nearby_is_better_and_force_by_turns_does_not_make_it_worse(plan
     slowness = 1.0 / np.interp(problem.knot_s, plan.path.s, plan.path.feed)
     weights = problem.weights * problem.importance
 
-    def distance(slowness: Array) -> float:
+    def distance(slowness):
         off = problem.exposure(slowness) / problem.goal - 1.0
         return float(0.5 * weights @ off**2 + problem.quick @ slowness)
 
@@ -102,7 +100,7 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path):
     assert fast > 1.2 * slow
     for change in ({"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}):  # cannot be followed
         with pytest.raises(PolishSimError):
-            plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))  # type: ignore[arg-type]
+            plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))
 
 
 def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.free_space import arc_path
 from polish_sim.log import TOUCH_PHASE
 from polish_sim.scenario_file import override
@@ -49,7 +49,7 @@ def test_half_the_physics_step_gives_the_same_response():
 ADAPTIVE = ("robot.arm=ideal", "controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02")
 
 
-def pressed(*settings: str) -> RunResult:
+def pressed(*settings):
     return run_experiment(override(default_scenario("force"), [*ADAPTIVE, "process.hold_s=1.2", *settings]))
 
 
@@ -69,7 +69,7 @@ FINE = ("simulation.timestep_s=0.0005", "simulation.control_every=2", "process.a
 MODE = ("controller.name=force-mode", "process.contact_force_n=10", "safety.force_limit_n=80")
 
 
-def late(stiffer: float, *changes: str) -> np.ndarray:
+def late(stiffer, *changes):
     """Exact force [N] of force mode in the last two seconds, on springs stiffer than drawn by a factor."""
     asked = [f"head.spring_scale={stiffer}", "process.hold_s=4", *MODE, *FINE, *changes]
     run = run_experiment(override(default_scenario("force"), asked))

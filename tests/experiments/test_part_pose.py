@@ -17,10 +17,10 @@ from polish_sim.config import Scenario
 from polish_sim.config.key import POSE
 from polish_sim.errors import ReachError
 from polish_sim.experiments.part_pose import ArmCheck, PartPlacing
-from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, Reach, find_reach, tool_rotations
+from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, find_reach, tool_rotations
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS
 from polish_sim.motion import inverse_all, jacobian, link_frames, track
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import apply, from_pose, inverse, transform
 
@@ -28,7 +28,7 @@ SIDES = {"right": "60,0,0", "towards the robot": "0,50,0", "away from it": "0,-5
 
 
 @cache
-def planned(region: str) -> tuple[Scenario, PlanResult]:
+def planned(region):
     file = Path(gettempdir()) / "polish_sim_test_block.stl"
     trimesh.creation.box((120.0, 100.0, 80.0)).export(file)
     asked = {"part": {"file": str(file), "up": "z"}, "plan": {"region": region, "stepover_m": 0.02}}
@@ -36,7 +36,7 @@ def planned(region: str) -> tuple[Scenario, PlanResult]:
     return scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
-def reached(scenario: Scenario, plan: PlanResult) -> Reach:
+def reached(scenario, plan):
     return PartPlacing(scenario, plan.mesh, plan.surface, plan.path).reach()
 
 
@@ -97,7 +97,7 @@ def test_a_path_not_pressed_in_is_followed_as_it_is_by_an_arm_that_is_not_in_the
     assert not np.allclose(reached(pose, plan).q_start, blind.q_start, atol=0.1)
 
 
-def posed(scenario: Scenario, text: str) -> Scenario:
+def posed(scenario, text):
     numbers = (float(word) * unit.si for word, unit in zip(text.split(","), POSE, strict=True))
     return replace(scenario, part=replace(scenario.part, pose=tuple(numbers)))
 

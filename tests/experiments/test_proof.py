@@ -1,6 +1,5 @@
 """A plan is played in the cell before it is used: what fails is slowed or left out; then drawn parts pass."""
 
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
@@ -10,17 +9,15 @@ import pytest
 
 from polish_sim.cell import Silent
 from polish_sim.cell.guards import FALLEN, LOW, NO_STOP
-from polish_sim.config import Scenario
 from polish_sim.errors import PlanError, ReachError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, proof, run_experiment
 from polish_sim.experiments.proof import Proven, Work, _Prover, prove, prove_with_a_pad_that_fits
 from polish_sim.experiments.proof_play import Failure, Play
 from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_not_proven
-from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
-from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, Mend, PreparedRegion
+from polish_sim.planning import measure_given_path, plan_part
+from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, Mend, PreparedRegion
 from polish_sim.planning.quality.access import HOLLOW
-from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_OUT
 from polish_sim.scenario_file import override
@@ -29,23 +26,23 @@ from tests.kept import plate_file
 from tests.planning.shapes import path_through
 
 
-def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
+def straight(begin, end):
     """A line on the plate, whose top is 200 x 200 mm at z = 20 mm."""
     return path_through(np.linspace([*begin, 0.02], [*end, 0.02], 120))
 
 
-def planned(scenario: Scenario, path: ToolPath) -> PlanResult:
+def planned(scenario, path):
     return measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
-def pressing(*changes: str) -> Scenario:
+def pressing(*changes):
     """The plate under 40 N at 30 mm/s."""
     usual = [f"part.file={plate_file()}", "process.feed_m_s=0.03", "process.contact_force_n=40.0"]
     return override(default_scenario("surface"), [*usual, "safety.force_limit_n=80", *changes])
 
 
 @cache
-def across_the_plate() -> tuple[Scenario, PlanResult]:
+def across_the_plate():
     """A line through its middle."""
     scenario = pressing()
     return scenario, planned(scenario, straight((-0.08, 0.0), (0.08, 0.0)))
@@ -54,28 +51,28 @@ def across_the_plate() -> tuple[Scenario, PlanResult]:
 SOFT = ("pad.stiffness_n_m=6000", "process.contact_force_n=36")  # the corner does not even carry half of it
 
 
-def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
+def into_the_corner(*changes):
     """Over the plate into its corner, where a quarter of the pad is left to carry the force."""
     scenario = pressing(*changes)
     return scenario, planned(scenario, straight((0.04, 0.04), (0.0995, 0.0995)))
 
 
-def prover_of(scenario: Scenario, plan: PlanResult) -> _Prover:
+def prover_of(scenario, plan):
     return _Prover(scenario, plan, Silent(), Work(plan))
 
 
 @cache
-def soft_corner() -> tuple[Scenario, PlanResult]:
+def soft_corner():
     """With a pad so soft that the corner does not carry half the force."""
     return into_the_corner(*SOFT)
 
 
 @cache
-def proven_at_the_corner() -> Proven:
+def proven_at_the_corner():
     return prove(*soft_corner())
 
 
-def runs_on_drawn_parts(proven: Proven) -> None:
+def runs_on_drawn_parts(proven):
     for seed in (501, 502):
         run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
         assert run.stop_reason is None
@@ -152,7 +149,7 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     prover = prover_of(scenario, plan)
     measure = PreparedRegion.measure
 
-    def in_the_middle(self: PreparedRegion, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
+    def in_the_middle(self, path, cuts=()):
         quality = measure(self, path, cuts)
         there = path.positions_work[path.process & (np.abs(path.positions_work[:, 0]) < 0.002)]
         return replace(quality, pad_in_part=quality.pad_in_part._replace(positions=there))
@@ -215,7 +212,7 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     runs_on_drawn_parts(proven)
 
 
-def with_pads_that_fit(monkeypatch, much: float, answer) -> tuple[int, Proven]:
+def with_pads_that_fit(monkeypatch, much, answer):
     """How many pads are tried at the soft corner if proofs end with an answer, and the best of them."""
     scenario, plan = soft_corner()
     tried = []
@@ -256,7 +253,7 @@ def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(mon
     assert found[0] == pads
 
 
-def five_minutes_in(strokes: int) -> PlanResult:
+def five_minutes_in(strokes):
     """A plan of one or two strokes that presses for 300 s."""
     path = straight((-0.08, 0.0), (0.08, 0.0))
     segment = path.segment.copy()

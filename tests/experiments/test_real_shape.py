@@ -21,7 +21,7 @@ from polish_sim.geometry import field_distance
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.models import workpiece_path
 from polish_sim.models.parts import part
-from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
+from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.scenario_file import merge, override
 from polish_sim.spatial import apply
 from tests.cell.cells import drawn_vertices
@@ -32,16 +32,16 @@ AS_DRAWN = ("part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0
 ACROSS = np.linspace(-0.06, 0.06, 13)
 
 
-def on_plate(*changes: str) -> Scenario:
+def on_plate(*changes):
     return override(default_scenario("force"), ["part.file=plate", *AS_DRAWN, *changes])
 
 
-def line_on_plate() -> ToolPath:
+def line_on_plate():
     """A path along x over the plate's top."""
     return path_through(np.column_stack([ACROSS, 0.0 * ACROSS, np.full(len(ACROSS), 0.020)]))
 
 
-def distances(scenario: Scenario, *lines: np.ndarray) -> list[np.ndarray]:
+def distances(scenario, *lines):
     """Signed distances [m] of points (n, 3) of the work frame from what the pad meets along a line."""
     met = build_part(scenario, replace(place_force(scenario), path=line_on_plate()))
     return [np.array([field_distance(met.field, *point) for point in line]) for line in lines]
@@ -108,7 +108,7 @@ NEAR_M = 0.5e-3  #: The grid's half spacing, within which the pad counts as touc
 
 
 @cache
-def scenario(with_fixture: bool) -> Scenario:
+def scenario(with_fixture):
     part = asked(Path(mkdtemp()), wall(10.0) if with_fixture else None)
     settings = {
         "part": {"file": part.file, "fixture_file": part.fixture_file, "up": "z", "displacement_m": 0.001},
@@ -124,7 +124,7 @@ def scenario(with_fixture: bool) -> Scenario:
 
 
 @cache
-def plan(with_fixture: bool) -> PlanResult:
+def plan(with_fixture):
     of = scenario(with_fixture)
     return plan_part(of.part, of.plan, of.process, of.pad)
 

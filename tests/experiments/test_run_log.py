@@ -1,19 +1,22 @@
-"""Logs: the contract's columns, and the same bytes again."""
+"""Logs: the contract's columns, and the same bytes again, also from where a cell was saved."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Silent, tool_on_flange
-from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.log import COLUMNS, RunLog
+from polish_sim.experiments import default_scenario, prepare_surface, run_experiment
+from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import planned
+from polish_sim.experiments.proof_play import restore_cell, save_cell, use_strokes
+from polish_sim.log import COLUMNS
 from polish_sim.motion import forward, jacobian
 from polish_sim.scenario_file import override
 from tests.cell.cells import along_tool, cell_for, part_under, pressing_stroke, tool_pose, way_through
-from tests.cell.fields import plane
+from tests.kept import plate_file
 
 
-def column(result: RunResult, name: str) -> np.ndarray:
+def column(result, name):
     return np.asarray(result.log[name], dtype=float)
 
 
@@ -83,7 +86,7 @@ def test_the_traces_errors_are_those_of_the_log_whose_wrenches_differ_by_weight_
     np.testing.assert_allclose((raw - weight - true[:, :3]).mean(axis=0), 0.0, atol=0.1)
 
 
-def same(one: RunLog, other: RunLog) -> bool:
+def same(one, other):
     return all(one[name].tobytes() == other[name].tobytes() for name in one.names)
 
 
@@ -110,7 +113,7 @@ def test_who_looks_on_changes_nothing_and_rows_thinned_out_keep_least_and_larges
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
     strokes = [pressing_stroke(*at, hold=0.3, lift=0.005) for at in ((), (second,))]
     strokes[1] = strokes[1]._replace(travel=way)
-    cells = [cell_for(default_scenario("force"), *strokes, part=part_under(plane())) for _ in range(2)]
+    cells = [cell_for(default_scenario("force"), *strokes, part=part_under()) for _ in range(2)]
     runs = [cell.run(who) for cell, who in zip(cells, (Silent(), Onlooker()), strict=True)]
     assert runs[0].stop_reason is None
     assert same(runs[0].log, runs[1].log)
@@ -126,3 +129,72 @@ def test_who_looks_on_changes_nothing_and_rows_thinned_out_keep_least_and_larges
     for row, found in enumerate(extremes):
         between = force[max(0, 20 * (row - 1) + 1) : 20 * row + 1]
         assert found == (between.min(), between.max())
+
+
+SHORT = (
+    f"part.file={plate_file()}", "plan.stepover_m=0.05", "process.feed_m_s=0.06", "seed=500",
+    "process.approach_speed_m_s=0.02", "simulation.log_rate_hz=0",
+)  # fmt: skip
+
+
+def cell(*changes):
+    scenario = override(default_scenario("surface"), [*SHORT, *changes])
+    place = prepare_surface(*planned(scenario))
+    return build_cell(scenario, place, build_part(scenario, place))
+
+
+def played(one, before, piece):
+    """The run of a cell played before, and now in pieces to its end."""
+    rest = []
+    while not one.done:
+        rest.append(one.play(piece))
+    return one.result([*before, *rest])
+
+
+def assert_same(run, other):
+    assert (run.stop_reason, run.safety) == (other.stop_reason, other.safety)
+    assert run.trace.normal_force_n.tobytes() == other.trace.normal_force_n.tobytes()
+    assert same(run.log, other.log)
+
+
+@pytest.mark.parametrize(("controller", "arm"), [("hybrid-pi", "ideal"), ("hybrid-adaptive", "ur5e")])
+def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
+    settings = (
+        f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
+        "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'",
+    )  # fmt: skip
+    whole, one = cell(*settings).run(), cell(*settings)
+    assert whole.trace.phase.max() >= 2
+    before = [one.play(1000), one.play(777)]
+    saved = save_cell(one)
+    assert_same(played(one, before, 301), whole)
+    restore_cell(one, saved)
+    assert_same(played(one, before, 500), whole)
+
+
+def test_strokes_and_course_can_be_exchanged_on_the_way():
+    """Exchanged for equal ones nothing changes; for slower ones the rest of the run takes longer."""
+    one, runs = cell("controller.name=hybrid-adaptive", "process.max_feed_s=2"), []
+    before = [one.play(3000)]
+    saved = save_cell(one)
+    slow = [s._replace(motion=s.motion._replace(rates=0.5 * s.motion.rates)) for s in one.strokes]
+    for strokes in (None, one.strokes, slow):
+        restore_cell(one, saved)
+        if strokes is not None:
+            use_strokes(one, strokes, one.course)
+        runs.append(played(one, before, 500))
+    assert_same(runs[1], runs[0])
+    fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in runs[1:])
+    assert 0.5 < fed_slowly / fed < 0.75
+
+
+def test_ctrl_c_while_a_law_is_compiled_is_not_lost_in_compiled_code():
+    class Law:
+        @property
+        def address(self):
+            raise KeyboardInterrupt
+
+    one = cell()
+    one.controller.law = Law()
+    with pytest.raises(KeyboardInterrupt):
+        one.use_controller(one.controller)

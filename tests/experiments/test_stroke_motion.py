@@ -2,13 +2,11 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.cell import Stroke
 from polish_sim.config import PartConfig, PlanConfig, Scenario, SmoothingConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import check_experiment
@@ -16,8 +14,7 @@ from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
 from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise
-from polish_sim.motion.trajectory import TimedPath
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import rotation_to_axis, transform
 
@@ -40,7 +37,7 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     assert times[1] - least < (times[0] - least) / 3.0
 
 
-def bend(radius: float) -> StrokePath:
+def bend(radius):
     """A straight line, half a circle and a straight line, sampled every half millimetre."""
     line, arc = np.arange(0.0, 0.05, 5e-4), np.linspace(0.0, math.pi, int(math.pi * radius / 5e-4))
     x = np.concatenate([line - 0.05, radius * np.sin(arc), -line - 5e-4])
@@ -49,8 +46,8 @@ def bend(radius: float) -> StrokePath:
     return StrokePath(tips, np.tile(np.eye(3), (len(x), 1, 1)), arc_length(tips), np.full(len(x), FEED))
 
 
-def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
-    asked = SmoothingConfig(rule=rule, **smoothing)  # type: ignore[arg-type]
+def follow(rule, radius, **smoothing):
+    asked = SmoothingConfig(rule=rule, **smoothing)
     return stroke_motion(asked, bend(radius), None)
 
 
@@ -89,7 +86,7 @@ PLACE = np.array([0.0, -0.5, 0.08])
 REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
 
 
-def planned_islands(file: Path) -> PlanResult:
+def planned_islands(file):
     """Two square islands 120 mm apart on a base, covered by a spiral each."""
     moved = trimesh.transformations.translation_matrix
     base = trimesh.creation.box((200.0, 100.0, 10.0), moved([0, 0, -5]))
@@ -99,7 +96,7 @@ def planned_islands(file: Path) -> PlanResult:
     return plan_part(PartConfig(str(file), up="z"), plan)
 
 
-def strokes(plan: PlanResult, force: np.ndarray | None = None, feed_s: float = 0.0) -> list[Stroke]:
+def strokes(plan, force=None, feed_s=0.0):
     path, asked = replace(plan.path, force=force), replace(Scenario().process, max_feed_s=feed_s)
     return placed_strokes(Scenario(process=asked), path, placed_tool(path, REACH), 0.0, LIFT)
 

@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 from polish_sim.analysis.run_record import RunRecord, read_record, write_record
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, place_in_mm
-from polish_sim.experiments import RunResult, default_scenario, prepare_surface, run_experiment
+from polish_sim.experiments import default_scenario, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.even_removal import planned
 from polish_sim.planning import PlanResult, plan_part
@@ -82,7 +81,7 @@ RISE_M = 0.06  #: Force and feed change over this length of the path [m]
 FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
 
 
-def rising_on(cap: Cap) -> RunResult:
+def rising_on(cap):
     """Force from 12 to 24 N and feed from 6 to 18 mm/s over the first 60 mm, then both constant."""
     scenario, plan = cap
     s = plan.path.s
@@ -146,21 +145,21 @@ SHORT = (
 )  # fmt: skip
 
 
-def scenario(*changes: str) -> Scenario:
+def scenario(*changes):
     return override(default_scenario("surface"), [*SHORT, *changes])
 
 
 @cache
-def plan_of_short() -> PlanResult:
+def plan_of_short():
     asked = scenario()
     return plan_part(asked.part, asked.plan, asked.process, asked.pad)
 
 
-def run_short(asked: Scenario) -> RunResult:
+def run_short(asked):
     return run_experiment(asked, plan_of_short())
 
 
-def kept(folder: Path, asked: Scenario) -> Path:
+def kept(folder, asked):
     folder.mkdir()
     run = run_short(asked)
     write_record(folder, RunRecord(folder.name, run.scenario, run.figures, run.log, run.path))
@@ -168,7 +167,7 @@ def kept(folder: Path, asked: Scenario) -> Path:
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def first(tmp_path_factory):
     return kept(tmp_path_factory.mktemp("passes") / "first", scenario())
 
 

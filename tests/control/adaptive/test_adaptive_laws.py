@@ -2,9 +2,7 @@
 form: it lands fast on any spring at any delay, follows a rise."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from polish_sim.config import AdaptiveConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.adaptive import force_loop, landing
 from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
-from polish_sim.control.signals import CompiledController
 from polish_sim.errors import ConfigError
 from tests.control.adaptive.plant import Plant, land, settling
 from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_press
@@ -60,7 +57,7 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles, speed):
     assert force_loop.under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
 
 
-def landing_memory() -> PressMemory:
+def landing_memory():
     memory = PressMemory()
     memory.air.variance = 0.25**2
     landing.restart_fit(memory, 0.0, 0.0)
@@ -175,7 +172,7 @@ def test_the_loop_is_as_fast_as_delay_inertia_and_noise_allow_and_knows_the_forc
     assert rates[0] == rates[1] > 0.0
 
 
-def corrections(memory: PressMemory, added: Callable[[float], float], seconds: float = 2.0) -> list[float]:
+def corrections(memory, added, seconds=2.0):
     """What the force loop adds to k z while b is ``added`` of the time."""
     found = []
     for k in range(round(seconds / DT)):
@@ -210,7 +207,7 @@ def test_the_notch_does_not_lag_behind_an_even_rise_nor_swing_when_another_stiff
     assert force_loop.observe_force(other, PACE, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
 
 
-def adaptive(without: str = "", **changes: Any) -> CompiledController:
+def adaptive(without="", **changes):
     laws = {"laws": " ".join(name for name in LAWS if name != without), **changes}
     made = replace(CONFIG, adaptive=replace(CONFIG.adaptive, damping_n_s_m=0.0, **laws))
     return CONTROLLERS["hybrid-adaptive"](made)

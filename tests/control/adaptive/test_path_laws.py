@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig, ControllerConfig
-from polish_sim.control import Course
 from polish_sim.control.adaptive import drawing, surface
 from polish_sim.control.adaptive.gains import PathMemory, PressMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import own_force, round_a_bend
-from polish_sim.control.adaptive.law import AdaptiveController, hybrid_adaptive
-from polish_sim.control.signals import Target
+from polish_sim.control.adaptive.law import hybrid_adaptive
 from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
 from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_press
 
@@ -26,25 +23,25 @@ NORMAL = surface.NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
 FEED = drawing.FeedGains(1.0, 0.1, True)
 
 
-def fed_at(s: float, speed: float = 0.06) -> Target:
+def fed_at(s, speed=0.06):
     """A target in contact at a place of a straight path along x."""
     t = target_to_press(contact=1.0)
     t.s, t.speed, t.twist[0] = s, speed, speed
     return t
 
 
-def seen_with(**columns: Array) -> drawing.Ahead:
+def seen_with(**columns):
     """What lies ahead: flat but for these columns of the course."""
     n = len(next(iter(columns.values())))
     course = course_of(np.zeros(n))._replace(**columns)
     return drawing.Ahead(SPACING, drawing.rows_ahead(course, np.ones(n)))
 
 
-def nothing_ahead() -> drawing.Ahead:
+def nothing_ahead():
     return drawing.Ahead(1.0, np.zeros(0, drawing.AheadRow.dtype))
 
 
-def granted(ahead: drawing.Ahead, error: float, memory: PathMemory) -> float:
+def granted(ahead, error, memory):
     """Feed granted after one more cycle with a force error [N]."""
     t = fed_at(0.1)
     memory.feed_error = drawing.averaged_error(memory.feed_error, error, t, 0.001)
@@ -166,7 +163,7 @@ def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_ne
     assert np.abs(np.diff(fading)).max() < 0.02 * rate
 
 
-def level(true_tilt: Array, noise: float = 0.0, friction: float = 0.0, seconds: float = 4.0) -> Array:
+def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
     """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad].
 
     The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a
@@ -207,14 +204,14 @@ def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
 
 
-def controller(laws: str, course: Course) -> AdaptiveController:
+def controller(laws, course):
     adaptive = AdaptiveConfig(laws="touch-down stiffness inertia " + laws)
     law = hybrid_adaptive(replace(CONFIG, adaptive=adaptive))
     law.prepare(course)
     return law
 
 
-def wave(s: float) -> float:
+def wave(s):
     """Up to 1 mm deep, slope up to 0.05, as at the crest of a freeform part [m]."""
     return 0.0005 * (1.0 - math.cos(100.0 * s))
 
