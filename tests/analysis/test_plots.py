@@ -145,8 +145,7 @@ def test_runs_and_seeds_beside_each_other_have_one_scale_the_band_of_their_own_f
     with pytest.raises(InputError, match="arc, force"):
         draw_comparison([arc_record(), force_record()])
     # Seeds are counted that meet what is asked.
-    slow = force_record(synthetic.force_trace(tau=0.3), seed=1)
-    figure = draw_seeds([force_record(), slow])["seeds.png"]
+    figure = draw_seeds([force_record(), force_record(synthetic.force_trace(tau=0.3), seed=1)])["seeds.png"]
     assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
     records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
     records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})

@@ -1,4 +1,4 @@
-"""The pad's contact, and springs and pad along a path, against closed forms; what cannot work at this step."""
+"""The pad's contact, and springs and pad along a path, against closed forms; refused settings."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""`polish-sim calibrate payload` as a user calls it."""
+"""`polish-sim calibrate payload` as a user calls it; which calibration goes where in `run dual`."""
 
 import csv
 import shutil
@@ -11,7 +11,8 @@ import pytest
 from polish_sim.config import Scenario
 from polish_sim.page.page import read_page
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import assert_refused, done, metrics_of, ran, refused
+from polish_sim.spatial import from_pose
+from tests.cli.conftest import Call, assert_refused, done, metrics_of, ran, refused
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +30,8 @@ def folder(calibrated, polish_sim, tmp_path):
 
 
 def test_a_calibration_leaves_files_that_agree_and_give_the_same_tool_again(folder, polish_sim):
-    names = {path.name for path in folder.iterdir()}
-    assert names == {
-        "calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png",
-    }  # fmt: skip
+    files = "calibration.toml config.toml drift.png metrics.json residuals.csv residuals.png"
+    assert sorted(path.name for path in folder.iterdir()) == files.split()
     metrics = metrics_of(folder)
     calibration = tomllib.loads((folder / "calibration.toml").read_text(encoding="utf-8"))
     assert {"center_m", "bias_n", "bias_nm", "center_m_std", "bias_n_std"} <= metrics.keys()
@@ -121,3 +120,79 @@ def test_a_run_takes_the_calibration(folder, polish_sim):
     assert metrics["payload_mass_error_kg"] == pytest.approx(found["mass_kg"] - 2.0, abs=1e-9)
     scenario = load_scenario(Path("run/config.toml"), Scenario())
     assert Path(scenario.payload.file) == (folder / "calibration.toml").resolve()
+
+
+@pytest.fixture(scope="module")
+def calibrations(tmp_path_factory):
+    """Calibrations of bases, of another pair's, of a planted tool and of the cell's own, made once."""
+    made = tmp_path_factory.mktemp("calibrations")
+    asked = {"base": "base --seed 1", "other": "base --pair cell-7", "tool": "tcp"}
+    for name, words in (asked | {"own": "tcp --cell-tool --seed 3 --check"}).items():
+        ran("calibrate", *words.split(), "--out", made / name)
+    return made
+
+
+@pytest.fixture
+def run_dual(calibrations, polish_sim, tmp_path):
+    """`run dual` with calibrations by name, in a folder with copies of them."""
+    shutil.copytree(calibrations, tmp_path, dirs_exist_ok=True)
+
+    def run(names, *words):
+        taken = [word for name in names.split() for word in ("--calibration", f"{name}/calibration.toml")]
+        code, out, err = polish_sim("run", "dual", *taken, *words)
+        assert (tmp_path / "run").exists() == ("--out" in words and code == 0)
+        return Call(code, out, err.replace("\n", " "))
+
+    return run
+
+
+def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(run_dual, tmp_path):
+    done(run_dual("base own", "--set", "process.max_feed_s=0.3", "--standoff", "5", "--out", "run"))
+    settings = tomllib.loads((tmp_path / "run" / "config.toml").read_text(encoding="utf-8"))["dual"]
+    assert Path(settings["bases_file"]).parent.name == "base"
+    assert Path(settings["tool_file"]).parent.name == "own"
+    planted = metrics_of(tmp_path / "base")["true_transform"]
+    np.testing.assert_allclose(from_pose(settings["follower_pose"]), planted, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "words", "said"),
+    [
+        ("other", [], ["another pair", "'cell-7'"]),
+        ("tool", [], ["the cell's tool", "calibrate tcp --cell-tool"]),
+        ("base base", [], ["one of each"]),
+        ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], ["leave one of them out"]),
+    ],
+)
+def test_calibrations_that_do_not_fit_are_refused(names, words, said, run_dual):
+    refused(run_dual(names, *words, "--out", "run"), *said)
+
+
+def test_a_spoilt_calibration_is_one_message(run_dual, tmp_path):
+    file = tmp_path / "base" / "calibration.toml"
+    whole = file.read_text(encoding="utf-8")
+    for spoil in ("transform", "pair"):
+        file.write_text(whole.partition(f"\n{spoil} =")[0] + f"\n{spoil} = [[1.0, nan]]\n", encoding="utf-8")
+        call = run_dual("base", "--out", "run")
+        assert call.out == ""
+        refused(call, "calibration.toml'")
+
+
+def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim):
+    assert "path length" in done(polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")).out
+    figures = metrics_of("plan")
+    assert figures["chain_residual_m"] < 1e-9
+    assert figures["placement_value"] > 0.1
+    assert len(figures["q_master_rad"]) == len(figures["q_follower_rad"]) == 6
+    run = ("run", "dual", "--path", "plan", "--set", "process.max_feed_s=0.5")
+    _, out, err = done(polish_sim(*run, "--out", "run"))
+    missed = metrics_of("run")["relative_error_rms_m"] > 6e-5
+    assert ("dual.closing_touches=36" in out + err) == missed  # what would help
+    files = (Path(name) / "path.csv" for name in ("plan", "run"))
+    planned, ran = (np.loadtxt(file, delimiter=",", skiprows=1, usecols=(0, 1, 2)) for file in files)
+    np.testing.assert_allclose(ran, planned, atol=1e-9)
+    done(polish_sim(*run, "--fault", "master-stop@contact+1", "--dry-run"))
+    refused(polish_sim(*run, "--region", "all"), "--region would change nothing on a finished plan")
+    far = ("--dual", "--set", "dual.follower_pose=[-2.5,0,0,0,0,3]", "--out", "far")
+    refused(polish_sim("plan", "wheel_hub_rim", *far), "the follower does not reach")
+    assert not Path("far").exists()

@@ -195,8 +195,7 @@ def test_a_run_takes_the_arms_as_they_were_found(found, polish_sim, tmp_path, mo
     own, short = ("--set", "dual.pair=cell 7"), ("--set", "process.max_feed_s=0.3", "--standoff", "5")
     done(polish_sim(*run, *own, *short, "--out", "run"))
     monkeypatch.chdir(tmp_path / "run")
-    out = done(polish_sim("run", "dual", "--config", "config.toml", "--dry-run")).out
-    assert "all within reach" in out
+    assert "all within reach" in done(polish_sim("run", "dual", "--config", "config.toml", "--dry-run")).out
     wrong = tmp_path / "wrong.toml"
     wrong.write_text((found / "calibration.toml").read_text().replace("-0.42", "-0.62"))
     refused(polish_sim("run", "dual", "--calibration", wrong, *own, "--dry-run"), "another robot's")

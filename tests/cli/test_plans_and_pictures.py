@@ -59,8 +59,7 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     run = ("run", "surface", "--path", "plan")
     force, pose = "process.contact_force_n=12", "part.pose=[0, -0.6, 0.2, 0, 0, 0]"
     done(polish_sim(*run, *QUICK, *UNPROVEN, "--set", force, "--set", pose, "--feed", "8", "--out", "run"))
-    files = {file.name for file in Path("run").iterdir()}
-    assert files >= {"path.csv", "path.json", "path.png", "force.png"}
+    assert {file.name for file in Path("run").iterdir()} >= {"path.csv", "path.json", "path.png", "force.png"}
     figures = metrics_of("run")  # of a run that stops short
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
@@ -158,8 +157,7 @@ def test_what_cannot_be_shown_is_refused_before_the_run(polish_sim, monkeypatch,
 def test_without_a_display_view_is_told_so_and_the_run_goes_on(polish_sim, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    err = done(polish_sim("run", "arc", *QUICK, "--view", "--out", "run")).err
-    assert "no viewer" in err
+    assert "no viewer" in done(polish_sim("run", "arc", *QUICK, "--view", "--out", "run")).err
     assert (tmp_path / "run/log.npz").exists()
 
 
@@ -192,8 +190,7 @@ def test_a_proven_plan_is_not_played_again(polish_sim, monkeypatch):
     other = polish_sim(*run, *harder, "--out", "other")
     assert "prove in the cell" in other.err
     assert "process.contact_force_n" in other.err
-    found = metrics_of("whole")
-    assert found["path_done"] == 1.0
+    assert metrics_of("whole")["path_done"] == 1.0
     assert "feed_m_s = 0.04" in Path("whole/config.toml").read_text()
 
     for words in (("--from", "99999"), ("--proof", "often"), ("--proof", "0")):

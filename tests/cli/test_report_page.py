@@ -318,8 +318,7 @@ def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(surface, tmp_p
 
 def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim):
     words = ["plan", "sphere_100", "--stepover", "40", "--feed", "40", "--out", "plan"]
-    out = done(polish_sim(*words, *UNPROVEN)).out
-    assert "plan/report.html" in out
+    assert "plan/report.html" in done(polish_sim(*words, *UNPROVEN)).out
     page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))
     motion, pressing = page.motion, page.motion.force > 0.0
     assert motion.time[-1] == pytest.approx(figures["cycle_time_s"], abs=1e-3)

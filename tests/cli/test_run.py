@@ -103,8 +103,7 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim):
 
 def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     words = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
-    out = done(polish_sim(*FORCE, *words)).out
-    assert "worst seed" in out
+    assert "worst seed" in done(polish_sim(*FORCE, *words)).out
     figures = metrics_of("two")
     times = [metrics_of(f"two/seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
     assert times[0] != times[1]
@@ -218,8 +217,7 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
     out = done(polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")).out
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
-    path = read_path("taught/taught.csv")
-    assert path.length_m == metrics_of("taught")["taught_length_m"]
+    assert read_path("taught/taught.csv").length_m == metrics_of("taught")["taught_length_m"]
     words = "--part sphere_50 --path taught/taught.csv --set process.max_feed_s=4 --out polished"
     assert polish_sim("run", "surface", *words.split(), *UNPROVEN)[0] == 0
     assert metrics_of("polished")["force_within_4n"] >= 0.995

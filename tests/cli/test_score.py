@@ -30,8 +30,7 @@ def test_two_controllers_stand_side_by_side(polish_sim):
     assert [row["case"] for row in score["rows"]] == ["approach-20", "approach-20"]
     assert {"controllers", "cases", "seeds", "worst_case"} <= metrics_of("s").keys()
     assert "freeform-60" in polish_sim("score", "--list").out
-    page = Path("s/score.md").read_text()
-    assert "| approach-20 | 20 N on a flat plate, approach 20 mm/s |" in page
+    assert "| approach-20 | 20 N on a flat plate, approach 20 mm/s |" in Path("s/score.md").read_text()
     assert Path("s/score.png").stat().st_size > 10_000
 
     lines = Path("s/rows.jsonl").read_text()

@@ -81,8 +81,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim):
     Path("path.nc").write_text("G0 X0 Y0 Z50\nX50\nG1 X100 F600 U7\nX150 F1200\n")
     words = ("smooth", "path.nc", "--no-joints", "--rate", 1000, "--out", "out")
     assert "line 3, column 14: unknown word 'U7'" in polish_sim(*words)[2]
-    err = done(polish_sim(*words, "--lenient")).err
-    assert "left out: 'path.nc', line 3, column 14" in err
+    assert "left out: 'path.nc', line 3, column 14" in done(polish_sim(*words, "--lenient")).err
     archive = np.load("out/trajectory.npz")
     speed = np.linalg.norm(np.diff(archive["tip_m"], axis=0), axis=1)[:-1] / 0.001
     x = archive["tip_m"][1:-1, 0]
@@ -127,8 +126,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim, case):
 
 
 def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim):
-    line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
-    Path("path.csv").write_text(line)
+    Path("path.csv").write_text(HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4)))
     assert "within reach" in polish_sim("run", "smooth", "--path", "path.csv", "--dry-run").out
     out = done(polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")).out
     assert metrics_of("out")["path_done"] == 1.0

@@ -127,8 +127,7 @@ def test_a_joint_that_moves_one_way_shows_no_friction_and_a_step_has_labels_and_
 def test_a_step_is_measured_by_its_closed_form():
     """20 N (1 - exp(-t / 0.2 s) cos): the last time it leaves 10 N is where the envelope is 10 N."""
     t = np.arange(-1.0, 4.0, 0.001)
-    force = np.where(t < 0.0, 0.0, 20.0 * (1.0 - np.exp(-t / 0.2)))
-    step = measured.from_contact(t, force, 20.0)
+    step = measured.from_contact(t, np.where(t < 0.0, 0.0, 20.0 * (1.0 - np.exp(-t / 0.2))), 20.0)
     found = measured.measure_step(step)
     contact = 0.2 * np.log(20.0 / 18.0)
     assert found["settling_s"] == pytest.approx(0.2 * np.log(2.0) - contact, abs=0.003)

@@ -266,8 +266,7 @@ def test_force_mode_answers_every_second_millisecond_from_the_tools_speed_within
     mass = signals.CONFIG.baselines.mode_mass_kg / signals.CONFIG.baselines.mode_gain_scaling
     np.testing.assert_allclose(np.diff(answer[1::2]), 5.0 / mass * 0.002)
     np.testing.assert_allclose(speeds(0.0, force=20.0, speed=0.01), 0.01)
-    slower = speeds(0.3, force=20.0, speed=0.01)
-    np.testing.assert_allclose(slower[1::2], 0.01 * 0.7 ** np.arange(1, 11))
+    np.testing.assert_allclose(speeds(0.3, force=20.0, speed=0.01)[1::2], 0.01 * 0.7 ** np.arange(1, 11))
     for speed in (-0.02, 0.02):
         law, (m, t) = signals.controller("force-mode"), pressing(20.0, speed)
         assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)

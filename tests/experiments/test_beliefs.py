@@ -67,8 +67,7 @@ def test_a_steady_drift_is_found_where_it_is_asked_for_and_a_saturated_sensor_na
 @pytest.mark.parametrize("count", [6, 12])
 def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_way(count):
     assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
-    scenario = default_scenario("force")
-    model = prepare_force(scenario)[1].model  # the part's cell has the table
+    model = prepare_force(default_scenario("force"))[1].model  # the part's cell has the table
     data = mujoco.MjData(model)
     q = plan_payload_poses(count).q
     for start, end in zip(q, np.roll(q, -1, axis=0), strict=True):
@@ -87,8 +86,7 @@ def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated):
     noise = readings.wrenches - exact
     assert noise[:, :3].std() == pytest.approx(0.5 / np.sqrt(500.0), rel=0.4)
     assert noise[:, 3:].std() == pytest.approx(0.02 / np.sqrt(500.0), rel=0.4)
-    still = calibrated.readings.R_base_sensor[:12]
-    np.testing.assert_allclose(readings.R_base_sensor, still, atol=2e-3)
+    np.testing.assert_allclose(readings.R_base_sensor, calibrated.readings.R_base_sensor[:12], atol=2e-3)
 
 
 def test_the_belief_of_a_run_is_as_good_as_the_calibration_and_its_noise_does_not_hang_on_it():

@@ -57,8 +57,7 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
         data.qpos[:6] = q
         mujoco.mj_forward(model, data)
         assert data.ncon == 0
-    tips = apply(reach.T_base_work, plan.mesh.vertices)
-    assert tips[:, 2].min() > -1e-9
+    assert apply(reach.T_base_work, plan.mesh.vertices)[:, 2].min() > -1e-9
 
 
 BAD = {
@@ -92,8 +91,7 @@ def test_a_path_not_pressed_in_is_followed_as_it_is_by_an_arm_that_is_not_in_the
     T = from_pose(pose.part.pose)
     blind = find_reach(placing.positions, placing.axes, iter([T]), tool_on_flange(), above_table=True)
     check = ArmCheck(robot_with_tool(pose), plan.mesh, plan.surface, placing.axes, False)
-    touch = check.first_touch(T, blind.q_start[None])
-    assert touch.names == "wrist or forearm and the part"
+    assert check.first_touch(T, blind.q_start[None]).names == "wrist or forearm and the part"
     assert not np.allclose(reached(pose, plan).q_start, blind.q_start, atol=0.1)
 
 
@@ -106,12 +104,10 @@ def test_the_maps_value_is_the_least_determinant_along_the_path():
     scenario, plan = planned("point:0,50,0")
     placing = PartPlacing(scenario, plan.mesh, plan.surface, plan.path)
     found = placing.map()
-    rng = np.random.default_rng(3)
-    cells = rng.permutation(np.argwhere(found.values > 0.0))[:20]
+    cells = np.random.default_rng(3).permutation(np.argwhere(found.values > 0.0))[:20]
     for height, distance, turn, spin in cells:
         T = found.pose(height, distance, turn)
-        corners = apply(T, plan.mesh.vertices)
-        assert corners[:, 2].min() == pytest.approx(HEIGHTS[height], abs=1e-9)
+        assert apply(T, plan.mesh.vertices)[:, 2].min() == pytest.approx(HEIGHTS[height], abs=1e-9)
         places = apply(T, placing.positions)
         middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
         assert middle[1] == pytest.approx(-DISTANCES[distance], abs=0.02)

@@ -409,8 +409,7 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():
     figures = measure_given_path(proven.plan.path, *asked).figures
     for name in ("time_in_contact_s", "exposure_mean_s", "coverage"):
         assert proven.plan.figures[name] == pytest.approx(figures[name], rel=1e-6)
-    run = run_experiment(replace(proven.scenario, seed=504), proven.plan)
-    assert run.stop_reason is None
+    assert run_experiment(replace(proven.scenario, seed=504), proven.plan).stop_reason is None
 
 
 def test_a_path_with_nothing_to_stand_on_is_refused():

@@ -133,8 +133,7 @@ def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_it_above_the_tab
     result = plan(True)
     low = [mesh.vertices[:, 2].min() for mesh in (result.mesh, result.standing[0])]
     assert low == pytest.approx([-0.02, -0.03])
-    placing = PartPlacing(scenario(True), *result.standing, result.path)
-    T = placing.reach().T_base_work
+    T = PartPlacing(scenario(True), *result.standing, result.path).reach().T_base_work
     assert apply(T, result.standing[0].vertices)[:, 2].min() > -1e-3
     run = run_experiment(scenario(True), plan(True))
     assert run.stop_reason is None

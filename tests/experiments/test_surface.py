@@ -183,8 +183,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
     reading = [record.log["wrench_measured_tool"][:100, 2] for record in (before, second)]
     assert np.allclose(air[0], air[1], atol=0.1)
     assert abs(np.corrcoef(*reading)[0, 1]) < 0.5
-    third = run_short(scenario(f"process.learn={tmp_path / 'second'}"))
-    assert third.figures["learned_from"] == 2
+    assert run_short(scenario(f"process.learn={tmp_path / 'second'}")).figures["learned_from"] == 2
 
 
 @pytest.mark.parametrize(
