@@ -14,7 +14,7 @@ from polish_sim.identification.estimate import torque_error
 from polish_sim.motion.kinematics import use_arm
 from polish_sim.scenario_file import override
 from tests.cli.conftest import _undrawn, assert_refused, done, polish_sim
-from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv
+from tests.exchange.test_robot_log import synthetic_log, write_bag, write_csv
 
 __all__ = ["_undrawn", "polish_sim"]
 UR10E = replay.warm(override(replay.SCENARIO, ["robot.arm=ur10e"]).robot)

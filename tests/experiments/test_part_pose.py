@@ -1,5 +1,6 @@
-"""The part stands where the arm does the whole path; a pose asked for is checked, refusals say what fits."""
+"""The part stands where the arm does the whole path, or a refusal says what fits; strokes, one a stretch."""
 
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -13,16 +14,21 @@ import trimesh
 
 from polish_sim.cell import build_scene, no_part, tool_on_flange
 from polish_sim.cell.scene import Drawn, robot_with_tool, works_below
-from polish_sim.config import Scenario
+from polish_sim.config import PartConfig, PlanConfig, Scenario, SmoothingConfig
 from polish_sim.config.key import POSE
-from polish_sim.errors import ReachError
+from polish_sim.errors import PolishSimError, ReachError
+from polish_sim.experiments import check_experiment
 from polish_sim.experiments.part_pose import ArmCheck, PartPlacing
-from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, find_reach, tool_rotations
+from polish_sim.experiments.part_setup import placed_strokes, placed_tool
+from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, Reach, find_reach, tool_rotations
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS
+from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
+from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise
 from polish_sim.motion import inverse_all, jacobian, link_frames, track
 from polish_sim.planning import plan_part
+from polish_sim.planning.toolpath import arc_length
 from polish_sim.scenario_file import merge
-from polish_sim.spatial import apply, from_pose, inverse, transform
+from polish_sim.spatial import apply, from_pose, inverse, rotation_to_axis, transform
 
 SIDES = {"right": "60,0,0", "towards the robot": "0,50,0", "away from it": "0,-50,0", "below": "0,0,-40"}
 
@@ -121,3 +127,106 @@ def test_the_maps_value_is_the_least_determinant_along_the_path():
         # The map looks at the outermost points and some of the path: it may miss a lower value between.
         assert best <= found.values[height, distance, turn, spin] * (1.0 + 1e-9)
         assert best > 0.8 * found.values[height, distance, turn, spin]
+
+
+FEED = 0.06
+
+
+def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
+    """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their noise less."""
+    rng, s = np.random.default_rng(1), np.linspace(0.0, 0.1, 201)
+    knots = np.linspace(0.0, 0.1, 42)
+    tilt = np.stack([np.interp(s, knots, math.radians(1.0) * rng.normal(size=42)) for _ in range(2)], axis=1)
+    axes = -np.column_stack([tilt, np.ones(201)]) / np.sqrt(1.0 + np.sum(tilt**2, axis=1))[:, None]
+    x = np.array([1.0, 0.0, 0.0])
+    stroke = StrokePath(np.outer(s, x), rotation_to_axis(axes, x), s, np.full(201, 0.02))
+    noises = NOISELESS, ScanNoise(5e-5, math.radians(1.0))
+    asked = [within_noise(SmoothingConfig(), noise) for noise in noises]
+    times = [stroke_motion(each, stroke, None).duration for each in asked]
+    assert within_noise(SmoothingConfig(), NOISELESS) == SmoothingConfig()
+    least = 0.1 / 0.02  # at the feed
+    assert times[1] - least < (times[0] - least) / 3.0
+
+
+def bend(radius):
+    """A straight line, half a circle and a straight line, sampled every half millimetre."""
+    line, arc = np.arange(0.0, 0.05, 5e-4), np.linspace(0.0, math.pi, int(math.pi * radius / 5e-4))
+    x = np.concatenate([line - 0.05, radius * np.sin(arc), -line - 5e-4])
+    y = np.concatenate([0.0 * line, radius * (1.0 - np.cos(arc)), 0.0 * line + 2.0 * radius])
+    tips = np.stack([x, y, 0.0 * x], axis=1)
+    return StrokePath(tips, np.tile(np.eye(3), (len(x), 1, 1)), arc_length(tips), np.full(len(x), FEED))
+
+
+def follow(rule, radius, **smoothing):
+    asked = SmoothingConfig(rule=rule, **smoothing)
+    return stroke_motion(asked, bend(radius), None)
+
+
+def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows():
+    gentle = follow("spline", 0.025)
+    inner = (gentle.places > 0.01) & (gentle.places < gentle.places[-1] - 0.01)
+    np.testing.assert_allclose(gentle.speeds[inner], FEED, rtol=1e-3)
+    sharp, fed = follow("spline", 0.003), follow("none", 0.003)
+    best = math.sqrt(0.6 * 0.003)
+    slowest = sharp.speeds[(sharp.places > 0.045) & (sharp.places < 0.065)].min()
+    assert 0.85 * best <= slowest <= 1.05 * best  # the tolerance lets the bend be a little wider than 3 mm
+    accelerations = (np.gradient(one.velocities, one.spacing, axis=0) for one in (sharp, fed))
+    most = [np.linalg.norm(each, axis=1).max() for each in accelerations]
+    assert most[0] <= 0.6 * 1.01
+    assert most[1] == pytest.approx(FEED**2 / 0.003, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"rule": "splines"}, "smoothing.*" + ".*".join(sorted(STROKE_RULES))),
+        ({"rule": "certified"}, "smoothing.rule.*spline"),
+        ({"limits_file": "none.toml"}, "limits"),
+    ],
+)
+def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
+    asked = Scenario(part=PartConfig("none.stl"), smoothing=replace(Scenario().smoothing, **wrong))
+    with pytest.raises(PolishSimError, match=said):
+        check_experiment(asked)
+
+
+# Several stretches in contact become several strokes: travel in the air, a way down, the stretch, a lift.
+
+LIFT = PlanConfig().clearance_m
+PLACE = np.array([0.0, -0.5, 0.08])
+REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
+
+
+def planned_islands(file):
+    """Two square islands 120 mm apart on a base, covered by a spiral each."""
+    moved = trimesh.transformations.translation_matrix
+    base = trimesh.creation.box((200.0, 100.0, 10.0), moved([0, 0, -5]))
+    pads = [trimesh.creation.box((60.0, 60.0, 20.0), moved([x, 0, 5])) for x in (-60.0, 60.0)]
+    trimesh.boolean.union([base, *pads], engine="manifold").export(file)
+    plan = PlanConfig(region="box:-100,-50,14,100,50,16", stepover_m=0.02, bridge_m=0.0)
+    return plan_part(PartConfig(str(file), up="z"), plan)
+
+
+def strokes(plan, force=None, feed_s=0.0):
+    path, asked = replace(plan.path, force=force), replace(Scenario().process, max_feed_s=feed_s)
+    return placed_strokes(Scenario(process=asked), path, placed_tool(path, REACH), 0.0, LIFT)
+
+
+def test_each_island_is_a_stroke_lifted_to_the_same_height_and_travel_joins_it_to_the_next(tmp_path):
+    islands = planned_islands(tmp_path / "islands.stl")
+    first, second = strokes(islands)
+    assert first.travel.duration == 0.0
+    assert second.travel.places[-1] > 0.1
+    for stroke in (first, second):
+        assert stroke.lead_in.length == pytest.approx(LIFT, abs=1e-3)
+    # The feed's time adds up from stroke to stroke; what lies beyond its limit is not planned.
+    assert [len(strokes(islands, feed_s=first.motion.playing_time + more)) for more in (-1.0, 1.0)] == [1, 2]
+    lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
+    assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
+    assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)
+    assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
+    # Also where the path presses harder at its end.
+    force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
+    for stroke in strokes(islands, force):
+        end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth
+        assert end == pytest.approx(PLACE[2] + 0.015 + LIFT, abs=1e-6)

@@ -12,8 +12,7 @@ from polish_sim.control import CONTROLLERS
 from polish_sim.control.adaptive import force_loop, landing
 from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
 from polish_sim.errors import ConfigError
-from tests.control.adaptive.plant import Plant, land, settling
-from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_press
+from tests.control.signals import CONFIG, DT, Plant, land, measurement_at_rest, settling, target_to_press
 
 GAINS = adaptive_gains(AdaptiveConfig())
 PACE = force_loop.LoopSpeed(40.0, 40.0, 40.0)

@@ -12,8 +12,8 @@ from polish_sim.control.adaptive import drawing, surface
 from polish_sim.control.adaptive.gains import PathMemory, PressMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import own_force, round_a_bend
 from polish_sim.control.adaptive.law import hybrid_adaptive
-from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
-from tests.control.signals import CONFIG, DT, measurement_at_rest, target_to_press
+from tests.control import signals
+from tests.control.signals import CONFIG, DT, SPACING, SPRING, course_of, measurement_at_rest, target_to_press
 
 CAN = AdaptiveConfig()
 ON = drawing.FeedForwardGains(0.01, True)
@@ -219,14 +219,14 @@ def wave(s):
 def test_a_drawn_wave_is_followed_better_with_feed_forward_another_one_on_the_next_turn():
     course, worst = course_of(np.array([wave(SPACING * r) for r in range(700)])), []
     for laws in ("", "feed-forward"):
-        places, errors = follow(controller(laws, course), wave, 0.3)
+        places, errors = signals.follow(controller(laws, course), wave, 0.3)
         worst.append(float(np.abs(errors[places > 0.05]).max()))
     assert worst[0] > 0.3
     assert worst[1] < 0.2 * worst[0]
     # Two equal turns of 0.4 m one after the other; nothing of the wave is in the course.
     rows = np.arange(1700)
     course = course_of(np.zeros(1700), neighbour=np.where(rows >= 800, rows - 800, -1))
-    places, errors = follow(controller("learning", course), lambda s: 0.6 * wave(s % 0.4), 0.78)
+    places, errors = signals.follow(controller("learning", course), lambda s: 0.6 * wave(s % 0.4), 0.78)
     first = np.abs(errors[(places > 0.1) & (places < 0.35)]).max()
     second = np.abs(errors[(places > 0.5) & (places < 0.75)]).max()
     assert first > 0.15
@@ -236,7 +236,7 @@ def test_a_drawn_wave_is_followed_better_with_feed_forward_another_one_on_the_ne
 def test_reset_forgets_the_run_and_keeps_the_course():
     law = controller("feed-forward feed learning normal", course_of(np.zeros(700)))
     fresh, drawn = law.context.copy(), law.course.copy()
-    follow(law, wave, 0.1)
+    signals.follow(law, wave, 0.1)
     assert law.context != fresh
     assert (law.course != drawn).any()
     law.reset(0.001)
