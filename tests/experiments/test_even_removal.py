@@ -19,9 +19,10 @@ from polish_sim.experiments.even_removal import SMOOTH, _least_near, _Problem, e
 from polish_sim.log import RemovalMap
 from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
+from tests.kept import plate_file
 
 EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.008, pattern="raster"))
-EVEN = replace(EVEN, part=replace(EVEN.part, file="plate"))
+EVEN = replace(EVEN, part=replace(EVEN.part, file=str(plate_file(140.0))))
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +125,7 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     path = plan.path
     at = path.process & (np.abs(path.positions_work[:, 0]) < 0.03)
     force = np.where(at, 0.5, 1.0) * path.force_at(path.s, EVEN.process.contact_force_n)
-    slow = path.process & (path.positions_work[:, 1] > 0.06)
+    slow = path.process & (path.positions_work[:, 1] > 0.04)
     most = np.where(slow, 0.008, np.inf)
     mended = replace(plan, path=replace(path, force=force, feed=np.minimum(path.feed, most)))
     again = even_out(EVEN, mended, most=most)
