@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.cli.inspect import check_part
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, refuse_taken, room_for, unused
@@ -36,7 +36,7 @@ JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
 
 @takes(
     Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed."),
-    *OUTPUT_OPTIONS,
+    *("--check", *OUTPUT_OPTIONS),
 )
 def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
@@ -106,7 +106,9 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
         f"{figures['operator_s']:.0f} s, {page.about}"
     )
     console.say_folder(folder)
-    return STOPPED if any(row.figures["protective_stop"] for row in rows) else DONE
+    if any(row.figures["protective_stop"] for row in rows):
+        return STOPPED
+    return SHORT if given["--check"] and any(row.figures["bad_figures"] for row in rows) else DONE
 
 
 def _init(part: str | None, given: Given) -> int:

@@ -169,6 +169,18 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     assert prove(scenario, replace(prover.plan, path=prover.place_now().path)).plan.figures["proven"]
 
 
+def test_the_rest_of_a_path_keeps_the_dwell_of_its_even_removal():
+    """What came before takes off as well: the rest made even on its own left out 4 cm^2."""
+    line = straight((-0.08, 0.0), (0.08, 0.0))
+    for begin_m, kept in ((0.0, False), (0.05, True)):
+        scenario = pressing("plan.removal=even", f"plan.begin_m={begin_m}")
+        plan = planned(scenario, replace(line, feed=np.linspace(0.02, 0.04, len(line.s)))).behind(begin_m)
+        prover = prover_of(scenario, plan)
+        prover._ease(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.5)
+        prover._even_out()
+        assert np.array_equal(prover.path.feed, plan.path.feed) == kept
+
+
 def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkeypatch):
     """A run looks for one anew: of a dome it took another one than was played, and ran into itself."""
     prover = prover_of(*across_the_plate())

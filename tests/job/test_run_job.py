@@ -238,7 +238,7 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
     (piece.parents[2] / "run").rename(tmp_path / "run")
     piece.parent.mkdir(parents=True)
     piece.touch()
-    assert done("--resume") == 0
+    assert done("--resume", "--check") == 1
     assert "0 of 1 passes done, and 1 s of the next" in capfd.readouterr().err
     with locked(out / ".lock", "job"):
         assert done("--resume") == done("--overwrite") == 2
