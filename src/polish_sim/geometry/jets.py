@@ -4,6 +4,9 @@ surface data).
 Facet normals averaged at a vertex are exact on a sphere but only of first order on uneven meshes and along
 borders. Here every vertex fits a cubic height function to its neighbours' positions *and* normals, after
 Goldfeather and Interrante (2004), with its own slope free as well, and all vertices repeat this a few times.
+
+Where a cone runs into a rounding the curvature jumps, and no cubic fits both: the long facets of the cone
+would bend. Such a vertex shows by what its fit leaves over; it fits anew, its nearest neighbours first.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ _TENSOR = (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0)
 _TRUSTED_NEEDED = 2
 _LINKS_NEEDED = 3
 _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own tilt [rad] no fit is believed
+_JUMPS = 0.5  # share of the facets' tilt that a fit leaves over only where the curvature jumps
 
 
 class VertexJets(NamedTuple):
@@ -46,6 +50,14 @@ class VertexJets(NamedTuple):
     normals: Array  #: Unit normals, shape (k, 3)
     #: Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)
     shape: Array
+
+
+class HeightFits(NamedTuple):
+    """Height functions around k vertices."""
+
+    fitted: Array  #: Coefficients, shape (k, 9)
+    seen: Indices  #: Trusted neighbours of each vertex, shape (k,)
+    left_over: Array  #: What they miss of the slopes at trusted neighbours, rms [-], shape (k,)
 
 
 class _Links(NamedTuple):
@@ -69,22 +81,38 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     trusted = corners.flat | ~(_at_rim(corners.ids, smooth, len(size)) | lonely)
     tilt = _widest_tilt_around(vertices, faces, corners, links)
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
-    normals = corners.normals
-    bent = ~corners.flat
-    to_bent = _chosen(links, bent[links.here]) if not bent.all() else links
-    for _ in range(SWEEPS if bent.any() else 0):
-        frames = tangent_frames(normals)
-        fitted, seen = _fit_heights(to_bent, normals, frames, trusted)
-        able = (seen >= _TRUSTED_NEEDED) & bent & ~lonely
-        tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
-        able &= norms(tilted - corners.normals) <= room
-        normals = np.where(able[:, None], tilted, normals)
-        trusted = trusted | able
+    bent = ~corners.flat & ~lonely
+    jumps = np.zeros(len(size), dtype=bool)
+
+    def swept(normals: Array, known: Bools, which: Bools) -> tuple[Array, Bools]:
+        """Normals of ``which`` vertices after the sweeps, and the vertices whose normal is known then."""
+        chosen = _chosen(links, which[links.here])
+        for _ in range(SWEEPS if which.any() else 0):
+            frames = tangent_frames(normals)
+            fits = _fit_heights(chosen, normals, frames, known, jumps)
+            able = fits.seen >= _TRUSTED_NEEDED
+            tilted = unit(normals - np.einsum("kf,kfj->kj", fits.fitted[:, :2], frames))
+            able &= norms(tilted - corners.normals) <= room
+            normals = np.where(able[:, None], tilted, normals)
+            known = known | able
+        return normals, known
+
+    normals, known = swept(corners.normals, trusted, bent)
     frames = tangent_frames(normals)
-    fitted, _ = _fit_heights(links, normals, frames, ~lonely)
+    fits = _fit_heights(links, normals, frames, ~lonely, jumps)
+    jumps = bent & (fits.left_over > _JUMPS * tilt)
+    if jumps.any():
+        # A rim beside them keeps the mean of its facets: what it had continued was as far off.
+        beside = jumps.copy()
+        beside[links.here[jumps[links.there]]] = True
+        normals = np.where(beside[:, None], corners.normals, normals)
+        normals, _ = swept(normals, known, beside & bent & trusted)
+        frames = tangent_frames(normals)
+        fits = _fit_heights(links, normals, frames, ~lonely, jumps)
+    fitted = fits.fitted
     # none where there is no neighbour
     shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])
-    return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & bent)
+    return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & ~corners.flat)
 
 
 def _lend_to_lonely(
@@ -172,23 +200,22 @@ def tangent_frames(normals: Array) -> Array:
     return np.stack(plane_axes(normals), axis=1)
 
 
-def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -> tuple[Array, Indices]:
-    """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges.
-
-    Returns coefficients (k, 9), and how many trusted neighbours each vertex has (k,).
-    """
-    return _fit_each(links.first, links.there, links.steps, normals, frames, trusted, np.array(_TENSOR))
+def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools, jumps: Bools) -> HeightFits:
+    """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges;
+    where the curvature ``jumps``, neighbours count by a further power of their distance."""
+    around = links.first, links.there, links.steps
+    return HeightFits(*_fit_each(*around, normals, frames, trusted, jumps, np.array(_TENSOR)))
 
 
 @njit
-def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
+def _fit_each(first, there, steps, normals, frames, trusted, jumps, tensor):  # type: ignore[no-untyped-def]
     """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
     fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
+    left_over = np.zeros(len(normals))
     height = np.zeros(10)
-    along = np.zeros(10)
-    across = np.zeros(10)
+    slopes = np.zeros((2 * np.max(first[1:] - first[:-1]), 10))
+    slopes[::2, 0] = slopes[1::2, 1] = 1.0
     sums = np.zeros((9, 10))
-    along[0] = across[1] = 1.0
     for at in range(len(normals)):
         sums[:] = 0.0
         for link in range(first[at], first[at + 1]):
@@ -201,14 +228,16 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
                 continue
             height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
             height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
-            _add_row(sums, height, _HEIGHT_WEIGHT / (far2 * far2))
+            far = far2 * far2 if jumps[at] else far2
+            _add_row(sums, height, _HEIGHT_WEIGHT / (far * far2))
             if trusted[other]:
+                along, across = slopes[2 * seen[at]], slopes[2 * seen[at] + 1]
                 seen[at] += 1
                 along[2], along[3], along[5], along[6], along[7] = x, y, 3.0 * x * x, 2.0 * x * y, y * y
                 across[3], across[4], across[6], across[7], across[8] = x, y, x * x, 2.0 * x * y, 3.0 * y * y
                 along[9], across[9] = -a / c, -b / c
-                _add_row(sums, along, 1.0 / far2)
-                _add_row(sums, across, 1.0 / far2)
+                _add_row(sums, along, 1.0 / far)
+                _add_row(sums, across, 1.0 / far)
         # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the
         # weights are those of the squares of all entries of a symmetric tensor, which turning leaves as they
         # are.
@@ -219,7 +248,12 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
             for i in range(begin, end):
                 sums[i, i] += share * mean * tensor[i]
         _solve(sums, fitted[at])
-    return fitted, seen
+        for row in slopes[: 2 * seen[at]]:
+            off = -row[9]
+            for i in range(9):
+                off += row[i] * fitted[at, i]
+            left_over[at] += off * off / seen[at]
+    return fitted, seen, np.sqrt(left_over)
 
 
 @part
