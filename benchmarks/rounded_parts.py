@@ -1,17 +1,19 @@
-"""Turned parts as a CAD system exports them, against the profile they were turned by: how far the fitted
-surface is from it, and how far the flat facets are.
+"""Turned parts and boxes with roundings as a CAD system exports them, against their true faces: how far the
+fitted surface is from them, and how far the flat facets are.
 
-    python -m benchmarks.turned_parts [--first 500] [--count 100]
+    python -m benchmarks.rounded_parts [--first 500] [--count 100]
 
 A seed draws a profile of three to five corners, rounded with radii of up to 8 mm, and what the export allows:
 an angle of 5 to 20 degrees and a distance of 0.02 to 0.2 mm. Between its roundings a cone is one facet long.
+Of a box with rounded edges and corners it draws the size, the radius and four to nine facets across an edge,
+which are as long as the edge.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -62,30 +64,26 @@ class Piece(NamedTuple):
         return np.where((share > -1e-9) & (share < 1.0 + 1e-9), off, np.inf)
 
 
-class TurnedPart(NamedTuple):
-    """A part and what it was turned by."""
+class RoundedPart(NamedTuple):
+    """A part as it is exported, and how far points are from its true faces."""
 
-    profile: list[Piece]
     vertices: Array  #: [mm], shape (n, 3)
     faces: Ints  #: Shape (m, 3)
+    distance: Callable[[Array], Array]  #: Of points (n, 3) from the rounded faces [mm]
     across: int  #: Facets across the narrowest rounding
 
     def off(self) -> tuple[float, float]:
-        """The largest distance of the fitted surface and of the facets from the turned face [mm]."""
+        """The largest distance of the fitted surface and of the facets from the rounded faces [mm]; end faces
+        do not count."""
         normals, _ = facet_normals(self.vertices, self.faces)
-        turned = np.abs(normals[:, 2]) < 1.0 - 1e-9
-        patches = fit_triangles(1e-3 * self.vertices, self.faces).control[turned]
+        counted = np.abs(normals[:, 2]) < 1.0 - 1e-9
+        patches = fit_triangles(1e-3 * self.vertices, self.faces).control[counted]
         fitted = 1e3 * np.einsum("kc,mcx->mkx", [basis(*place) for place in _SIXTHS], patches)
-        flat = np.einsum("kc,mcx->mkx", _SIXTHS, self.vertices[self.faces[turned]])
-        return self._largest(fitted), self._largest(flat)
-
-    def _largest(self, points: Array) -> float:
-        x, y, z = points.reshape(-1, 3).T
-        at = np.column_stack([np.hypot(x, y), z])
-        return float(np.min([piece.distance(at) for piece in self.profile], axis=0).max())
+        flat = np.einsum("kc,mcx->mkx", _SIXTHS, self.vertices[self.faces[counted]])
+        return self.distance(fitted.reshape(-1, 3)).max(), self.distance(flat.reshape(-1, 3)).max()
 
 
-def draw_turned_part(seed: int) -> TurnedPart:
+def draw_turned_part(seed: int) -> RoundedPart:
     """The part of a seed."""
     rng = np.random.default_rng(seed)
     count = rng.integers(3, 6)
@@ -99,7 +97,38 @@ def draw_turned_part(seed: int) -> TurnedPart:
     left = [piece.points(angle, off) for piece in profile]
     points = np.concatenate([corners[:1], *left])
     around = math.ceil(2.0 * math.pi / min(angle, 2.0 * math.acos(1.0 - off / points[:, 0].max())))
-    return TurnedPart(profile, *_turned(points, around, rng), min(map(len, left[1::2])))
+    turn = 2.0 * math.pi * np.arange(around) / around
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+
+    def distance(points: Array) -> Array:
+        at = np.column_stack([np.linalg.norm(points[:, :2], axis=1), points[:, 2]])
+        return np.min([piece.distance(at) for piece in profile], axis=0)
+
+    mesh = _joined([r * circle for r in points[:, 0]], points[:, 1], rng)
+    return RoundedPart(*mesh, distance, min(map(len, left[1::2])))
+
+
+def draw_rounded_box(seed: int) -> RoundedPart:
+    """The box of a seed: a ball cut into octants that are moved apart."""
+    rng = np.random.default_rng(seed)
+    half = rng.uniform(10.0, 40.0, 3)
+    radius, across = rng.uniform(2.0, 0.8 * half.min()), int(rng.integers(4, 10))
+    octant = 0.5 * math.pi * np.arange(across + 1) / across
+    turn = np.concatenate([octant + 0.5 * math.pi * quadrant for quadrant in range(4)])
+    signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], across + 1, axis=0)
+    circle, flats = np.column_stack([np.cos(turn), np.sin(turn)]), signs * (half[:2] - radius)
+    rises = np.concatenate([-octant[::-1], octant])
+    heights = radius * np.sin(rises) + np.repeat([radius - half[2], half[2] - radius], across + 1)
+    outlines = [radius * math.cos(rise) * circle + flats for rise in rises]
+    vertices, faces = _joined(outlines, heights, rng)
+    vertices, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+    faces = same.ravel()[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)].astype(np.int32)
+
+    def distance(points: Array) -> Array:
+        return np.abs(np.linalg.norm(np.maximum(np.abs(points) - half + radius, 0.0), axis=1) - radius)
+
+    return RoundedPart(vertices, faces, distance, across)
 
 
 def _rounded(corners: Array, rng: np.random.Generator) -> list[Piece]:
@@ -119,27 +148,25 @@ def _rounded(corners: Array, rng: np.random.Generator) -> list[Piece]:
     return [*profile, Piece(here, corners[-1])]
 
 
-def _turned(points: Array, around: int, rng: np.random.Generator) -> tuple[Array, Ints]:
-    """Rings of vertices with a fan at either end; each quadrilateral between is cut one way or the other."""
-    turn = 2.0 * math.pi * np.arange(around) / around
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    rings = [np.column_stack([r * circle, np.full(around, z)]) for r, z in points]
-    tips = np.array([[0.0, 0.0, points[0, 1]], [0.0, 0.0, points[-1, 1]]])
-    a = np.arange(around * (len(points) - 1))
+def _joined(outlines: list[Array], heights: Array, rng: np.random.Generator) -> tuple[Array, Ints]:
+    """Outlines of as many points one above the other, with a fan at either end; each quadrilateral between is
+    cut one way or the other."""
+    around = len(outlines[0])
+    rings = [np.column_stack([flat, np.full(around, z)]) for flat, z in zip(outlines, heights, strict=True)]
+    a = np.arange(around * (len(rings) - 1))
     b = a // around * around + (a + 1) % around
     c, d = a + around, b + around
     one_way = rng.random(len(a)) < 0.5
-    last = np.where(one_way, c, d)
     first = np.arange(around)
-    ahead, bottom, top = (first + 1) % around, around * len(points), around * len(points) + 1
-    above = around * (len(points) - 1)
+    ahead, bottom, above = (first + 1) % around, around * len(rings), around * (len(rings) - 1)
     faces = [
-        np.column_stack([a, b, last]),
+        np.column_stack([a, b, np.where(one_way, c, d)]),
         np.column_stack([np.where(one_way, b, a), d, c]),
         np.column_stack([np.full(around, bottom), ahead, first]),
-        np.column_stack([np.full(around, top), above + first, above + ahead]),
+        np.column_stack([np.full(around, bottom + 1), above + first, above + ahead]),
     ]
-    return np.concatenate([*rings, tips]), np.concatenate(faces).astype(np.int32)
+    tips = [ring.mean(axis=0)[None] for ring in (rings[0], rings[-1])]
+    return np.concatenate([*rings, *tips]), np.concatenate(faces).astype(np.int32)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -151,20 +178,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--count", type=int, default=100)
     given = parser.parse_args(arguments)
     seeds = range(given.first, given.first + given.count)
-    parts = [draw_turned_part(seed) for seed in seeds]
-    off = np.array([part.off() for part in parts])
-    for seed, part, (fitted, flat) in zip(seeds, parts, off, strict=True):
-        print(f"{seed}, {part.across} across: fitted surface off by {fitted:.3f} mm, facets by {flat:.3f} mm")
-    one = np.array([part.across == 1 for part in parts])
-    for which, name in ((one, "one facet"), (~one, "two facets or more")):
-        if which.any():
-            fitted, flat = off[which].T
-            print(
-                f"{which.sum()} parts, {name} across the narrowest rounding: fitted surface off by "
-                f"{fitted.mean():.3f} mm in the mean, {fitted.max():.2f} mm at most; facets by "
-                f"{flat.mean():.3f} and {flat.max():.2f} mm; ratio {np.median(fitted / flat):.2f} in the "
-                f"median, {np.max(fitted / flat):.1f} at most"
-            )
+    for name, draw in (("turned part", draw_turned_part), ("rounded box", draw_rounded_box)):
+        parts = [draw(seed) for seed in seeds]
+        off = np.array([part.off() for part in parts])
+        for seed, part, (fitted, flat) in zip(seeds, parts, off, strict=True):
+            print(f"{name} {seed}, {part.across} across: surface {fitted:.3f} mm off, facets {flat:.3f} mm")
+        one = np.array([part.across == 1 for part in parts])
+        for which, across in ((one, "one facet"), (~one, "two facets or more")):
+            if which.any():
+                fitted, flat = off[which].T
+                print(
+                    f"{name}, {which.sum()} with {across} across the narrowest rounding: surface "
+                    f"{fitted.mean():.3f} mm off in the mean, {fitted.max():.2f} mm at most; facets "
+                    f"{flat.mean():.3f} and {flat.max():.2f} mm; ratio {np.median(fitted / flat):.2f} in the "
+                    f"median, {np.max(fitted / flat):.1f} at most"
+                )
 
 
 if __name__ == "__main__":
