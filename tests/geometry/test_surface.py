@@ -273,9 +273,9 @@ def test_a_note_says_where_needles_beside_a_blunt_edge_bulge(tmp_path):
     assert bulge_notes(bar, flat, np.radians(10.0)) == []
 
 
-@pytest.mark.parametrize(("draw", "times"), [(draw_turned_part, 0.5), (draw_rounded_box, 1.5)])
-def test_long_facets_stay_straight_where_they_run_into_roundings(draw, times):
+@pytest.mark.parametrize("draw", [draw_turned_part, draw_rounded_box])
+def test_long_facets_stay_straight_where_they_run_into_roundings(draw):
     """Fitted by one cubic at each vertex, such surfaces were off by six times as much as their facets."""
     parts = [draw(seed) for seed in range(500, 512)]
     fitted, flat = np.mean([part.off() for part in parts if part.across > 1], axis=0)
-    assert fitted < times * flat
+    assert fitted < flat
