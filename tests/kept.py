@@ -107,7 +107,7 @@ def share_commands() -> None:
 
 
 def plate_file(side_mm: float = 200.0) -> Path:
-    """The shipped plate, or a smaller one, in twelve facets: its distances are sampled in a fraction of the time."""
+    """The shipped plate, or a smaller one, in twelve facets: to sample its distances takes little time."""
     file = FOLDER / f"plate_{side_mm:g}.stl"
     if not file.exists():
         FOLDER.mkdir(parents=True, exist_ok=True)

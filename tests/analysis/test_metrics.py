@@ -39,7 +39,6 @@ def test_a_first_order_force_response_has_the_textbook_figures_and_settles_after
     assert math.isnan(figures["force_rms_error_n"])
     assert math.isnan(figures["force_error_at_peaks_n"])
     assert figures["curvature_peaks"] == 0
-    # Settling counts from the last excursion and is undefined when it ends outside.
     time = np.arange(0.0, 3.0, 1e-3)
     error = np.where((time > 1.0) & (time < 1.5), 5.0, 0.0)
     assert abs(metrics.settling_time(time, error, 3.0) - 1.5) <= 1e-3

@@ -144,7 +144,6 @@ def test_runs_and_seeds_beside_each_other_have_one_scale_the_band_of_their_own_f
     assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
     with pytest.raises(InputError, match="arc, force"):
         draw_comparison([arc_record(), force_record()])
-    # Seeds are counted that meet what is asked.
     figure = draw_seeds([force_record(), force_record(synthetic.force_trace(tau=0.3), seed=1)])["seeds.png"]
     assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
     records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
@@ -199,7 +198,6 @@ def test_a_removal_map_is_counted_drawn_without_what_was_never_touched_and_kept_
     # Half of the area lies within 0.4 of its mean: 12.5% of it per tenth on average.
     assert shares.get_ylim()[1] < 25.0
     assert "untouched 50.00% left out" in shares.get_xlabel()
-    # With the exposure, in millimetres.
     removal = synthetic.removal_map(3e5 * UNEVEN, 1e-13)
     write_removal_mesh(tmp_path / "removal.ply", removal)
     mesh = trimesh.load(tmp_path / "removal.ply", process=False)
@@ -256,7 +254,6 @@ def test_a_path_from_above_in_space_and_in_the_distributions_lies_where_it_was_p
     assert 0.9 < share.max() <= 1.0
     assert (across.min(axis=1) >= view[:, 0]).all()
     assert (across.max(axis=1) <= view[:, 1]).all()
-    # Turns of the tool axis are in the unit of the table, legends below the panels.
     found = inspect_path(result.path, PartConfig("sphere_100"), result.plan)
     figure = plot_distributions(found)
     rate = figure.axes[2]

@@ -33,7 +33,6 @@ def test_a_run_reads_back_as_written_in_strict_json_with_null_for_an_undefined_f
         np.testing.assert_array_equal(back.log[name], record.log[name])
     numpys = {"b": np.float64(2.0), "c": np.int64(3), "e": np.array([1.0])}
     run_record.write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
-
     read = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
     assert read == {"a": None, "b": 2.0, "c": 3, "d": [None, 1.0], "e": [1.0]}
 
@@ -132,7 +131,6 @@ def test_settings_ends_and_differences_of_runs_side_by_side_are_said_and_their_n
     (said,) = notes(0.0151)
     assert all(word in said for word in ("metrics.json", "polished_area_m2", "0.0151", record.name))
     assert notes(0.015) == []
-    # Part, force and feed of every run stand in its own column.
     bowl = {"part": {"file": "my/bowl.stl"}, "process": {"contact_force_n": 12.0, "feed_m_s": 0.04}}
     teach, rim = {"experiment": "teach"}, {"experiment": "teach", "drag": {"follow": "rim"}}
     for runs, wanted in (

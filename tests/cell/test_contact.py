@@ -203,9 +203,8 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
     for key, value in (("pad.damping_s_m", 20), (SMOOTH, 1e-5), ("sensor.rate_hz", 40)):
         with pytest.raises(ConfigError, match=key):
             run_experiment(cells.ideal("force", f"{key}={value}"))
-    # 2 x 20 N / 4000 N/m.
     usual = cells.ideal("force")
-    assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008
+    assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008  # 2 x 20 N / 4000 N/m
     soft = replace(usual.head, spring_scale=0.2)
     assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)
 

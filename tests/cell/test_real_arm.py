@@ -67,9 +67,8 @@ def test_hysteresis_loses_on_every_closed_way_is_as_wide_as_it_should_be_and_kne
     for _ in range(10):
         turns = rng.uniform(-1e-3, 1e-3, 6)
         way = np.interp(np.linspace(0, 7, 7001), np.arange(8), [0.0, *turns, 0.0])
-        # Thrice around: the last time it begins as it ends.
         torque, work, start = 0.0, 0.0, 0.0
-        for _lap in range(3):
+        for _lap in range(3):  # the last time it begins as it ends
             work, start = 0.0, torque
             for moved in np.diff(way):
                 after = slip(torque, moved, most, rise)
@@ -154,7 +153,6 @@ def played(scenario, targets):
 
 
 def test_a_smooth_swing_is_followed_and_with_rigid_gears_as_the_ideal_arm_does():
-    """The error grows with the acceleration."""
     ideal_arm = override(ARC, ["robot.arm=ideal"])
     errors = [np.abs(played(ideal_arm, swing(a)).q - swing(a).q).max() for a in (0.0, 0.05, 0.2)]
     assert errors[0] < 5e-5
@@ -164,7 +162,6 @@ def test_a_smooth_swing_is_followed_and_with_rigid_gears_as_the_ideal_arm_does()
     folded[2] = 3.1  # the elbow closed
     with pytest.raises(ReachError, match="would touch"):
         played(ideal_arm, JointTargets(np.tile(folded, (50, 1)), np.zeros((50, 6))))
-    # And its motors give what the ideal arm's servos and its weight's compensation give together.
     scenario = override(ideal_arm, ["simulation.timestep_s=2.5e-4"])
     targets = swing(0.2, 2.5e-4)
     ideal, again = (played(scenario, targets) for _ in range(2))

@@ -52,7 +52,6 @@ def steps(centers, velocity, dt, force=20.0, spin=SPIN):
 
 @pytest.mark.parametrize("spin", [SPIN, 1.5])
 def test_a_straight_pass_leaves_the_profile_of_the_chords(spin):
-    """Once along x, from well outside to well outside of the middle."""
     feed, nodes = 0.02, level_nodes(FINE)
     x = np.arange(-0.026, 0.026, 0.0005) + 0.00025
     centers = np.stack([x, np.zeros_like(x), np.full_like(x, -0.001)], axis=1)
@@ -111,7 +110,6 @@ def pass_over_plane():
 
 
 def with_tool(log, tool):
-    """A log in which the tool stands like that at every row."""
     quaternions = np.broadcast_to(tool.as_quat(scalar_first=True), (len(log), 4))
     return RunLog({**log.columns, "tcp_quaternion_wxyz": quaternions})
 
@@ -136,7 +134,6 @@ def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_se
 
 
 def test_a_part_carried_and_turned_with_the_tool_is_polished_as_one_at_rest_and_none_by_a_pad_in_the_air():
-    """By half a radian and 200 mm in the 1.5 s of the pass; in the air nothing is removed."""
     trace = pass_over_plane()
     lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
     assert exposed(removal.pad_motion(log_of(trace), lifted, part_at(plane()), R)).exposure.max() == 0.0

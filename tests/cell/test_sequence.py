@@ -40,8 +40,7 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     np.testing.assert_allclose(lifted[-1] - cells.TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
     assert force[-1] == 0.0
-    # The retract at 20 mm/s is the fastest.
-    targets = np.asarray(run.log["target_position_m"], dtype=float)
+    targets = np.asarray(run.log["target_position_m"], dtype=float)  # the retract at 20 mm/s is the fastest
     assert np.linalg.norm(np.diff(targets, axis=0), axis=1).max() < 0.021 * 0.001
 
 
@@ -68,8 +67,7 @@ def test_the_feed_time_ends_the_feed_early():
     stroke = cells.pressing_stroke(slide=0.03)._replace(feed_time=1.0)
     run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under()).run()
     assert np.ptp(run.trace.time_s[run.trace.fed]) == pytest.approx(1.0, abs=0.002)
-    # up, and down again before the time is over
-    ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
+    ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)  # up, and down again in time
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
     targets = run.log["target_position_m"][run.trace.fed]
     np.testing.assert_allclose(targets[-1], targets[-2], atol=1e-7)

@@ -64,7 +64,6 @@ def test_without_errors_the_reading_is_the_exact_wrench_late_by_whole_samples(la
     ids=["bias", "warm-up"],
 )
 def test_bias_and_drift_of_a_cold_sensor_are_seeded_and_within_their_size(config, force, torque, share):
-    """The bias is constant, the drift grows with its time constant."""
     grown, sizes = share(DT * np.arange(1, 51)), []
     for seed in range(40):
         found = readings(config, steady, 0.05, seed) - LOAD
@@ -110,7 +109,6 @@ def pulls(config, steps):
 
 
 def test_g63_at_6000_per_minute_pulls_1_2_newton_once_round_in_10_ms_and_less_when_it_runs_down():
-    """Without its drive it runs down evenly, and the pull falls with the square of its speed."""
     g63 = 0.3 * 0.0063 * 2.0 * math.pi * 100.0  # m e omega^2 of 0.3 kg at G6.3 and 6000 1/min [N]
     found = pulls(SpindleConfig(), 200)
     assert pytest.approx(1.19, abs=0.005) == g63

@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import app, commands
 
-Tool = Callable[..., Any]  # called with the words of a command line
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 UNPROVEN = ("--proof", "none")  #: Where the proof is not what is tested
 BROWSER = next(
@@ -56,14 +55,7 @@ class Started:
     ``out`` and ``err`` are the descriptors of files for what it says.
     """
 
-    def __init__(
-        self,
-        *words: object,
-        folder: Path,
-        out: int | None = None,
-        err: int | None = None,
-        begin: Callable[[], None] = app,
-    ) -> None:
+    def __init__(self, *words: object, folder: Path, out: int = 1, err: int = 2, begin: Any = app) -> None:
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
@@ -71,7 +63,7 @@ class Started:
                 atexit._clear()
                 os.chdir(folder)
                 for stream, given in ((1, out), (2, err)):
-                    os.dup2(stream if given is None else given, stream)
+                    os.dup2(given, stream)
                 sys.stdout, sys.stderr = (os.fdopen(stream, "w", 1, closefd=False) for stream in (1, 2))
                 sys.argv = ["polish-sim", *map(str, words)]
                 begin()
@@ -101,7 +93,7 @@ class Started:
             if time.monotonic() > latest:
                 self.kill()
                 raise AssertionError("it does not end")
-        return self.poll()  # type: ignore[return-value]
+        return self.returncode  # type: ignore[return-value]
 
     def send_signal(self, number: signal.Signals) -> None:
         if self.poll() is None:
@@ -130,11 +122,9 @@ def undrawn() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as left_out:
         left_out.setattr(Figure, "savefig", save)
         for name in (
-            "path_plot.plot_plan",
-            "inspect_plot.plot_maps",
-            "inspect_plot.plot_distributions",
+            "path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions",
             "removal_plot.plot_removal",
-        ):
+        ):  # fmt: skip
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
         for name in ("corners", "deviation", "joints", "tool_rates"):
             left_out.setattr(f"polish_sim.smoothing.plots.plot_{name}", lambda *_, **__: Figure())

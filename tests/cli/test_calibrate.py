@@ -25,7 +25,6 @@ def calibrated(tmp_path_factory):
 
 @pytest.fixture
 def folder(calibrated, polish_sim, tmp_path):
-    """A copy of it in the current folder."""
     return Path(shutil.copytree(calibrated, tmp_path / "one"))
 
 

@@ -42,7 +42,6 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim):
     assert metrics_of("found")["error_over_crb"] is None
     friction = {row["name"]: row for row in _rows("found/parameters.csv") if row["identifiable"] == "alone"}
     assert float(friction["fc1"]["value"]) == pytest.approx(5.0, abs=5 * float(friction["fc1"]["std"]))
-    # What the model needs is inside the folder.
     Path("found").rename("moved")
     model = mujoco.MjModel.from_xml_path("moved/identified.xml")
     assert model.nmesh > 0
@@ -86,7 +85,6 @@ def test_the_report_needs_no_log_and_one_that_cannot_be_taken_is_refused_with_wh
         assert call.err.count(cure) == 1
     call = polish_sim("compare", "torn.npz", "--out", "none")
     assert (call.code, call.err.count("--period")) == (2, 0)
-    # Noise is noted, a joint that stood still refused.
     file = _log(Path("log.csv"))
     head, *lines = file.read_text().splitlines()
     table = np.loadtxt(lines, delimiter=",")
@@ -139,7 +137,6 @@ def test_another_robot_is_identified_from_its_log_and_a_make_of_arm_with_its_gea
     model = mujoco.MjModel.from_xml_path("found/identified.xml")
     assert model.body_mass.sum() == pytest.approx(robot.model.chain.parameters[:, 0].sum(), rel=0.5)
     assert model.njnt == 6
-    # Without currents and torques there is nothing to fit.
     np.savez(Path("bare.npz"), time_s=columns["time_s"], q_rad=states.q)
     refused(polish_sim("identify", "--data", "bare.npz", "--arm", "ur10e", "--out", "none"), "torque_nm")
     assert not Path("none").exists()

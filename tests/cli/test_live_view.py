@@ -11,11 +11,15 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import suppress
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
+from rich.progress import Progress
 
 from polish_sim.analysis.run_record import read_record
+from polish_sim.cli.progress import ProgressObserver
 from polish_sim.cli.view import PORT, Address, allowed, asked_address, free_address
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
@@ -45,10 +49,7 @@ def free_port():
 
 @served
 def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind():
-    from rich.progress import Progress
-
     from polish_sim.cli.live_view import LiveView
-    from polish_sim.cli.progress import ProgressObserver
 
     scenario, port = override(default_scenario("force"), SHORT), free_port()
     threads = set(threading.enumerate())
@@ -112,7 +113,7 @@ class Tab:
     """A page in the browser, and what it asked for and complained of."""
 
     def __init__(self, browser, url):
-        self.requests, self.errors = list[str](), list[str]()
+        self.requests, self.errors = [], []
         self.tab = browser.new_context(viewport={"width": 700, "height": 600}).new_page()
         self.tab.set_default_timeout(60_000)
         self.tab.on("request", lambda request: self.requests.append(request.url))
@@ -148,10 +149,6 @@ class Tab:
         return float(self.tab.get_by_text(" s of ").first.inner_text().partition(" s of ")[0].split("\n")[-1])
 
     def picture(self):
-        from io import BytesIO
-
-        from PIL import Image
-
         return np.asarray(Image.open(BytesIO(self.tab.screenshot())).convert("RGB"))[:, :350].copy()
 
     def close(self):

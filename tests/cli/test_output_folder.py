@@ -314,7 +314,6 @@ def test_ctrl_c_however_often_and_a_closed_terminal_keep_what_a_run_recorded(tmp
     assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
     assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
-    # A closed terminal does as well.
     ours, its = pty.openpty()
     monkeypatch.setenv("TERM", "xterm")
 

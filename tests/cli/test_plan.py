@@ -17,6 +17,7 @@ FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim):
     _, out, err = done(polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan"))
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
+    assert "through the air, leads included" in out
     assert out.rstrip().endswith("folder: plan")
     assert "note: read in mm: 112 x 112 x 35 mm" in err
     metrics = metrics_of("plan")
@@ -85,7 +86,6 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = metrics_of("plan")
     assert metrics["coverage"] > 0.99
-    # The run takes the plan's pad, planned by itself or from the file; inspect sees what the plan saw.
     for words in (("--part", "small.stl"), ("--path", "plan")):
         quick = ("--set", "process.max_feed_s=0.5", *UNPROVEN, "--out", "run")
         assert polish_sim("run", "surface", *words, *quick)[0] == 0
@@ -233,7 +233,6 @@ def test_a_setup_is_planned_again_from_its_own_words_and_narrow_walls_left_out_b
     assert len(np.unique(np.round(axes[fed]), axis=0)) == 2
     for words, said in (("all:0,7", "side for --up"), ("all:7/z", "patches 1 to 6")):
         refused(polish_sim("plan", cube, "--region", words, "--out", "two"), said)
-    # Walls narrower than half the pad are left out by name.
     trimesh.creation.box((100.0, 80.0, 10.0)).export("plate.stl")
     err = done(polish_sim("plan", "plate.stl", *ALL)).err
     assert "no setup reaches 36 cm^2 in 4 patches" in err
@@ -259,7 +258,6 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim):
     assert metrics.keys() >= {"coverage", "exposure_cv", "unreachable_area_m2", "max_axis_rate_rad_m"}
     assert metrics["stepover_p5_m"] <= metrics["stepover_p95_m"]
     assert metrics["coverage_stepover"] == 1.0
-    # The mesh opens elsewhere and carries the time under the pad.
     mesh = trimesh.load("seen/coverage.ply", process=False)
     exposure = mesh.metadata["_ply_raw"]["vertex"]["data"]["exposure_s"].ravel()
     assert mesh.area == pytest.approx(200.0 * 200.0, rel=1e-6)
@@ -279,7 +277,6 @@ def test_options_reach_the_figures_and_a_plan_beside_a_path_that_was_cut_is_name
     assert metrics["time_in_contact_s"] == pytest.approx(4190.0 / 20.0)
     # The corners of its lines are slowed for; the tool is lifted at the end.
     assert 4190.0 / 20.0 < metrics["motion_time_s"] < metrics["cycle_time_s"] < 1.1 * 4190.0 / 20.0
-    # One equal to the default counts where it is given.
     Path("mine.toml").write_text("[plan]\nstepover_m = 0.008\n")
     done(polish_sim("inspect", "raster.csv", "--part", "plate", "--config", "mine.toml", "--out", "8"))
     assert metrics_of("8")["stepover_expected_m"] == 0.008

@@ -160,7 +160,6 @@ def assert_follows_the_log(tab, run, arms):
 
 @in_browser
 def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_one_clicks(opened, surface):
-    # Names and notes are text wherever they stand.
     scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
     figures = {**surface.record.metrics, "protective_stop": HOSTILE}
     record = replace(surface.record, scenario=scenario, metrics=figures)
@@ -301,7 +300,6 @@ def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(surface, tmp_p
     time = clock(RunLog(MappingProxyType(twice)))
     assert (np.diff(time) > 0.0).all()
     assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
-    # Its notes are those of the terminal.
     record = surface.record
     bare = replace(record, metrics={**record.metrics, "unpolished_share": 0.1, "faults_missed": ["a@9"]})
     notes = run_page(bare, surface.model).notes

@@ -58,7 +58,6 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     out = done(polish_sim(*ARC, *sluggish, "--out", "run")).out
     assert " NO" not in out
     assert "robot.linear_acceleration_m_s2 = 0.05 (1.2)" in out
-    # Asked to check, it says which figure the exit code is for.
     code, out, _ = polish_sim(*ARC, *sluggish, "--check", "--out", "checked")
     assert (code, " NO" in out) == (1, True)
     # Neither the pad of a plan nor what a named sensor stands for is one.
@@ -92,7 +91,6 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim):
     np.testing.assert_allclose(T_base_work[:3, :3] @ on_part + 1e3 * T_base_work[:3, 3], in_base, atol=0.02)
     assert float(found[4]) == pytest.approx(20.0, abs=2.0)
     assert said in err
-    # The picture has a line at its time after first contact, its name stands in the head.
     picture = draw_plots(read_record(Path("stopped")))["force.png"]
     lines = [line.get_xdata() for line in picture.axes[0].lines if line.get_color() == RED]
     (at,) = [x[0] for x in lines if len(x) == 2]
@@ -204,16 +202,7 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
     refused(polish_sim("report", "out", "--out", "edited"), "'moves'", "'out/metrics.json'")
 
 
-def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim):
-    words = ("--mode", "classical", "--direction", "x", "--duration", 0.6, "--set", "guide.friction_scale=2")
-    call = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
-    refused(call, "protective stop: classical x fast: ", code=3)
-    assert metrics_of("out")["protective_stop"]
-    assert len(np.load("out/log.npz")["time_s"]) > 100
-
-
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim):
-    """From the hand to the polished part: taught.csv of one run is the path of the next."""
     out = done(polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")).out
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}

@@ -34,6 +34,11 @@ def test_options_land_in_their_keys_in_si():
         ("--spindle-rpm", 3000.0, "spindle.speed_rpm", 3000.0),
         ("--feature-angle", 20.0, "plan.feature_angle_rad", math.radians(20.0)),
         ("--hole-margin", 2.0, "plan.hole_margin_m", 0.002),
+        ("--edge-margin", 3.0, "plan.edge_margin_m", 0.003),
+        ("--axis-smoothing", 15.0, "plan.axis_smoothing_m", 0.015),
+        ("--order", "outward", "plan.order", "outward"),
+        ("--direction", "climb", "plan.direction", "climb"),
+        ("--lead-in", "arc", "plan.lead_in", "arc"),
         ("--start", "10,-20,30", "plan.start", (0.01, -0.02, 0.03)),
         ("--raster-direction", "0,1,0", "plan.raster_direction", (0.0, 1.0, 0.0)),
         ("--seed", 4, "seed", 4),
@@ -108,13 +113,11 @@ def test_of_the_options_of_a_path_those_pass_that_change_something_and_others_ar
 
     refuse(experiment("surface"), "--stepover", "--overlap", "--order", "--lead-in", "--start")
     assert "--direction" not in named_options({"--set": ["guide.direction=x"]})
-    # Two robots cover a region where an even removal is asked for.
     without = "--stepover would change nothing without --even-removal or --removal"
     with pytest.raises(InputError, match=without):
         refuse(experiment("dual"), "--stepover")
     for asked in ("--even-removal", "--removal"):
         refuse(experiment("dual"), asked, "--stepover")
-    # The deviation of axes counts with their smoothing.
     with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
         refuse_idle_on_path(PlanConfig(), {"--axis-deviation": 3.0})
     refuse_idle_on_path(PlanConfig(axis_smoothing_m=0.01), {"--axis-deviation": 3.0})
@@ -156,7 +159,6 @@ def test_a_user_s_files_are_named_from_the_root(tmp_path, monkeypatch):
     controller = built({"--controller": "mine.py:Down"}).controller
     assert controller.name == f"{tmp_path.resolve() / 'mine.py'}:Down"
     assert controller.label == "mine.py:Down"
-    # Another folder, as a run's own config would be used from.
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert built({}, **{"--set": [f"controller.name={controller.name}"]}).controller == controller

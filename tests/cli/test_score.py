@@ -32,7 +32,6 @@ def test_two_controllers_stand_side_by_side(polish_sim):
     assert "freeform-60" in polish_sim("score", "--list").out
     assert "| approach-20 | 20 N on a flat plate, approach 20 mm/s |" in Path("s/score.md").read_text()
     assert Path("s/score.png").stat().st_size > 10_000
-
     lines = Path("s/rows.jsonl").read_text()
     assert done(polish_sim("score", *ONE, "--against", "position", "--out", "s")).out == out
     assert Path("s/rows.jsonl").read_text() == lines
@@ -67,7 +66,6 @@ def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
     assert score["controllers"] == ["mine.py:Down"]
     assert score["rows"][0]["duration"] > 3.0
     whole = {file.name: file.read_bytes() for file in Path("s").iterdir()}
-
     for asked, said in (
         ([*words, "--case", "step-10", "--seeds", "2"], "seeds are 1, not 2"),
         ([*words, "--case", "approach-20", "--seeds", "1"], "cases are step-10, not approach-20"),

@@ -12,6 +12,7 @@ from polish_sim.experiments.registry import known_faults
 from tests.cli.conftest import assert_refused
 
 COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
+SELDOM = "--set payload.average_s=0.01 --set simulation.log_rate_hz=2"
 FLANGED = "--set head.flange.bandwidth_hz=20 --set controller.name=position"
 
 
@@ -20,7 +21,6 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         code, out, err = polish_sim(command, "--help")
         assert (code, err) == (0, "")
         assert f"polish-sim {command}" in out
-    # Its part is the plan's, or to be given; its step-over that of the path.
     words = " ".join(polish_sim("inspect", "--help").out.split())
     assert "default freeform" not in words
     assert "neighbouring turns (mm). --overlap" in words
@@ -176,19 +176,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
         ("run teach --set guide.model_file=gone.xml", "cannot read the robot model 'gone.xml'"),
         ("run dual --master-path gone.csv", "cannot read the poses 'gone.csv'"),
         ("calibrate payload --set sensor.force_range_n=5", "is at the end of its range in pose 1"),
-        (
-            "calibrate payload --set payload.average_s=0.01 --set simulation.log_rate_hz=2",
-            "0.01 s of readings in pose 1",
-        ),
-    ],
-)
-def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, said):
-    assert_refused(polish_sim(*words.split()), said)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+        (f"calibrate payload {SELDOM}", "0.01 s of readings in pose 1"),
         ("run force --config deep.toml", "'deep.toml' is not valid TOML: maximum recursion"),
         ("run force --set sensor.force_noise_n=" + 3000 * "[", "'sensor.force_noise_n' must be a number"),
         ("run force --config mine.toml", "force_noise_n' = -1.0 ... 0 to 20"),
@@ -210,7 +198,7 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim, words, sa
         ("sweep arc --vary nothing", "'--vary nothing' is not KEY=VALUES"),  # a folder that is no study
     ],
 )
-def test_a_file_of_something_else_is_named_and_left_alone(polish_sim, words, said):
+def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_files_are_left_alone(polish_sim, words, said):
     Path("deep.toml").write_text("a = " + 5000 * "[" + 5000 * "]")
     Path("mine.toml").write_text("\ufeff[sensor]\nforce_noise_n = -1.0\n", encoding="utf-8")
     Path("empty.csv").touch()

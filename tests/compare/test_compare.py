@@ -87,7 +87,7 @@ def test_rigid_torques_hold_a_payload_at_its_lever_and_a_log_of_two_samples_is_t
 
 
 def test_planted_ripple_friction_by_speed_and_load_delay_and_error_are_found():
-    t = np.arange(0.0, 40.0, 0.01)
+    t = np.arange(0.0, 25.0, 0.01)
     q, qd = 2.0 * np.sin(0.3 * t), 0.6 * np.cos(0.3 * t)
     noise = np.random.default_rng(500).normal(0.0, 0.3, len(t))
     for cycles in (101.0, 202.0):

@@ -51,7 +51,6 @@ def felt(stiffness, tool=0.02, part=0.0, state=None):
 
 @pytest.mark.parametrize("times", [0.2, 1.4, 2.0, 8.0])
 def test_on_stiffer_springs_the_gains_fall_to_one_and_a_half_times_the_drawn_crossover(times):
-    """On springs as drawn or softer they are as set."""
     shares = felt(times * STIFFNESS, tool=0.005 if times > 1.5 else 0.02)
     assert shares[0] == 1.0
     if times > 1.5:
@@ -114,7 +113,6 @@ def test_rotation_errors_turn_frames_and_axes_the_short_way_and_bring_any_two_fr
         assert np.linalg.norm(half) == pytest.approx(math.pi)
         assert abs(half @ first) < 1e-12
         np.testing.assert_allclose(Rotation.from_rotvec(half).apply(first), -first, atol=1e-12)
-    # From random frames, and from frames exactly half a turn away.
     half_turns = [Rotation.from_rotvec(math.pi * axis).as_matrix() for axis in [*np.eye(3), *random_axes(5)]]
     for R in (*Rotation.random(20, random_state=2).as_matrix(), *half_turns):
         for _ in range(600):

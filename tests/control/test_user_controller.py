@@ -50,6 +50,8 @@ class Tuned(Push):
         self.gain, self.sign, self.mode, self.late = gain, sign, mode, late
 """
 
+RANGES = '{"gain": (0.001, 0.1)}'
+NO_RANGES = "[1]", "{'gain': ('a', 'b')}", "{'gain': 3}", "{'gain': (0.1, 0.001)}"
 FAILS = "class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n"
 
 
@@ -70,6 +72,7 @@ def file(tmp_path):
         ("import no_such_module_here\n", "{file}:Mine", "no_such_module_here"),
         ("class Mine(\n", "{file}:Mine", "SyntaxError"),
         (FAILS, "{file}:Mine", "no licence (mine.py, line 3)"),
+        *((GOOD.replace(RANGES, ranges), "{file}:Tuned", "(least, most)") for ranges in NO_RANGES),
     ],
 )
 def test_what_cannot_be_loaded_says_why(file, source, name, told):
@@ -97,13 +100,6 @@ def test_wrong_parameters_are_refused_by_name(file, own, told):
         tuned(file, **own)
     with pytest.raises(InputError, match=r"controller\.own\.\w+ "):
         build_controller(ControllerConfig(own=own))
-
-
-@pytest.mark.parametrize("ranges", ["[1]", "{'gain': ('a', 'b')}", "{'gain': 3}", "{'gain': (0.1, 0.001)}"])
-def test_ranges_that_are_none_are_refused_by_name(file, ranges):
-    file.write_text(GOOD.replace('{"gain": (0.001, 0.1)}', ranges), encoding="utf-8")
-    with pytest.raises(InputError, match=r"range.*mine\.py:Tuned.*\(least, most\)"):
-        law_parameters(f"{file}:Tuned")
 
 
 def test_a_class_declares_its_parameters_which_are_set_like_other_keys_and_kept_in_the_config(file, tmp_path):

@@ -167,7 +167,6 @@ def test_modal_words_comments_and_units_are_understood_and_axes_as_vectors_or_as
     for words, axis in turns.items():
         found = read_gcode(tmp_path, f"{HEAD}{words}\n").axes_work[1]
         assert found == pytest.approx(np.array(axis), abs=1e-15)
-    # Turning in place is a move for those who ask for way points.
     found = read(tmp_path, HEAD + "X1\nB10\nB20\n", "nc")
     assert np.diff(found.path.s).tolist() == [0.001, 0.0, 0.0]
     assert found.place(3) == "line 6, point 4"

@@ -156,7 +156,6 @@ def test_the_tube_wraps_the_path_and_ply_and_glb_hold_it_and_the_part_in_metres_
     # Viridis, from violet to yellow; the leads take up the last 2% of the length.
     for color, wanted in ((in_contact[0], (68, 1, 84)), (in_contact[-1], (253, 231, 37))):
         assert np.abs(color.astype(int) - wanted).max() < 20
-    # In glb two named meshes with y up.
     part, tube = sphere().mesh, viewers.path_tube(sphere())
     mesh = trimesh.load(io.BytesIO(viewers.ply_bytes(sphere(), SETUP)), file_type="ply", process=False)
     assert mesh.vertices == pytest.approx(np.concatenate([part.vertices, tube.vertices]), abs=1e-6)

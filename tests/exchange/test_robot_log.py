@@ -189,7 +189,6 @@ def test_wrong_numbers_are_named_by_line_and_what_is_missing_cut_or_no_log_is_re
 
 
 def test_a_window_leaves_out_the_rest_and_a_gap_in_it_and_takes_its_own_memory(tmp_path):
-    """What is read grows with the window, not with the file."""
     file, peaks = write_csv(tmp_path / "log.csv", GAP), []
     read = read_robot_recording(file, window=(1.5, 3.0))
     assert (read.start, read.time[-1], read.whole) == (pytest.approx(1.5), pytest.approx(1.5), False)

@@ -138,7 +138,6 @@ def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_ord
         assert events.count("force_mode") == events.count("end_force_mode") == lifts
         assert [event for event in events if event != "stopj"][-2:] == ["end_force_mode", "spindle False"]
         assert all(motion.spindle for motion in machine.motions if motion.pressing)
-        # Blends never overlap.
         place = np.stack([motion.T_base_tool[:3, 3] for motion in machine.motions])
         blend = np.array([motion.blend for motion in machine.motions])
         assert (blend[:-1] + blend[1:] < np.linalg.norm(np.diff(place, axis=0), axis=1) + 1e-12).all()
@@ -158,7 +157,6 @@ def test_moves_in_contact_run_through_the_unpressed_path_in_force_mode_and_nothi
     middle = x_axes.mean(axis=0)
     assert (x_axes @ middle / np.linalg.norm(middle)).min() > np.cos(np.radians(40.0))
     assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
-    # In position control the tool stays clear of the surface, in landing by the standoff.
     for machine, result in ((ball, sphere()), (plate, holes())):
         free = in_work([motion.T_base_tool for motion in machine.motions if not motion.pressing])[:, :3, 3]
         height = np.linalg.norm(result.surface.closest(free).positions - free, axis=1)
@@ -176,7 +174,6 @@ def test_moves_in_contact_run_through_the_unpressed_path_in_force_mode_and_nothi
     angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(task[:, :3, 2], inward), axis=1)))
     assert angle.max() < 0.1
     assert (np.sum(task[:, :3, 2] * inward, axis=1) > 0.0).all()
-    # Only tool z yields, and it presses with the force asked for.
     for pressing in ball.pressings:
         assert (pressing.selection, pressing.kind) == ([0, 0, 1, 0, 0, 0], 2)
         assert pressing.wrench == [0, 0, 20.0, 0, 0, 0]

@@ -102,7 +102,6 @@ def test_the_belief_of_a_run_is_as_good_as_the_calibration_and_its_noise_does_no
     cell = cell_for(scenario, free_stroke(HERE))
     believe_tool(cell, np.random.default_rng(0))  # a planted error comes on top
     assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
-    # A generator of its own: the sensor's bias and noise stay what they are.
     asked = [override(default_scenario("force"), [f"payload.poses={count}"]) for count in (4, 20)]
     one, two = (prepare_force(scenario)[1] for scenario in asked)
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
@@ -182,7 +181,6 @@ def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_r
     for name in first.log.columns:
         np.testing.assert_array_equal(first.log[name], again.log[name])
     assert unknown.files == {}
-    # Of another arm it is refused, unless somebody takes its seed out.
     other = replace(arc(f"robot.compensation={file}"), seed=SEED + 1)
     with pytest.raises(InputError, match=f"seed {SEED + 1}"):
         check_settings(other)

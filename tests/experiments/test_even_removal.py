@@ -65,8 +65,7 @@ def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     spent = [np.sum(np.diff(p.path.s) / p.path.feed[1:], where=p.path.process[1:]) for p in (plan, slow)]
     assert spent[0] < 0.99 * spent[1]
     assert plan.figures["planned_removal_cv"] < slow.figures["planned_removal_cv"] + 0.01
-    # The tool keeps its planned axis.
-    assert check(EVEN).controller.moment_tilt_limit_rad == 0.0
+    assert check(EVEN).controller.moment_tilt_limit_rad == 0.0  # the tool keeps its planned axis
     assert check(check(EVEN)) == check(EVEN)
     assert check(Scenario()) == Scenario()
 
@@ -179,7 +178,6 @@ def test_the_least_near_a_knot_is_that_of_all_pairs_in_memory_that_grows_with_th
 
 
 def test_a_strip_without_an_inside_says_no_figure_of_it_and_a_pad_that_does_not_slide_is_refused(tmp_path):
-    """No place of it is a pad's radius from the border."""
     trimesh.creation.box((90, 44, 10)).export(tmp_path / "strip.stl")
     strip = replace(EVEN.part, file=str(tmp_path / "strip.stl"), unit="mm", up="z")
     plan = plan_removal(replace(EVEN, part=strip, pad=replace(EVEN.pad, choice="given")))

@@ -88,10 +88,8 @@ def test_a_path_not_pressed_in_is_followed_as_it_is_by_an_arm_that_is_not_in_the
     assert np.array_equal(placings[0].positions, plan.path.positions_work)
     deeper = np.linalg.norm(placings[1].positions - placings[0].positions, axis=1)
     assert deeper[plan.path.process] == pytest.approx(20.0 / 5000.0)  # D = F / k
-    # Reached in front of the robot the part stays there.
     in_front = transform(np.eye(3), np.array([0.0, -0.5, 0.12]))
     np.testing.assert_allclose(placings[0].reach().T_base_work, in_front, atol=2e-3)
-    # An arm whose forearm would be in the part takes another configuration.
     pose = posed(scenario, "300,-300,200,17,11,29")
     placing = PartPlacing(pose, plan.mesh, plan.surface, plan.path)
     T = from_pose(pose.part.pose)
@@ -225,7 +223,6 @@ def test_each_island_is_a_stroke_lifted_to_the_same_height_and_travel_joins_it_t
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
     assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)
     assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
-    # Also where the path presses harder at its end.
     force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
     for stroke in strokes(islands, force):
         end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth

@@ -37,7 +37,6 @@ def on_plate(*changes):
 
 
 def line_on_plate():
-    """A path along x over the plate's top."""
     return path_through(np.column_stack([ACROSS, 0.0 * ACROSS, np.full(len(ACROSS), 0.020)]))
 
 

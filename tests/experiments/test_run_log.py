@@ -108,7 +108,6 @@ class Onlooker(Silent):
 def test_who_looks_on_changes_nothing_and_rows_thinned_out_keep_least_and_largest_force_between_them():
     short_force = run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
     assert same(short_force.log, run_experiment(short_force.scenario, observer=Onlooker()).log)
-    # Also when strokes follow each other.
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
     strokes = [pressing_stroke(*at, hold=0.3, lift=0.005) for at in ((), (second,))]

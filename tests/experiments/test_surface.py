@@ -38,14 +38,12 @@ def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_i
     off = (freeform.log["tcp_position_m"][feeding] - freeform.log["target_position_m"][feeding])[250:]
     band = butter(4, [8.0, 60.0], "band", fs=250.0, output="sos")
     assert np.sqrt((sosfiltfilt(band, off, axis=0) ** 2).sum(axis=1).mean()) < 12e-6
-    # Every touch was on the part where the log says it stood.
     T_base_work = np.array(freeform.figures["T_base_work"])
     pressing = freeform.log["normal_force_n"] > 5.0
     tool = apply(np.linalg.inv(T_base_work), freeform.log["tcp_position_m"][pressing])
     prepared = prepare_surface(*planned(freeform.scenario))
     np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
     assert np.linalg.norm(tool - prepared.surface.closest(tool).positions, axis=1).max() < 0.006
-    # What is taken off is logged as it grows and mapped over the region.
     removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
     assert (np.diff(running) >= 0.0).all()
     assert running[-1] == pytest.approx(
@@ -76,7 +74,6 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
     assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
 
 
-# Force and feed that change along the path: held where the path says so.
 RISE_M = 0.06  #: Force and feed change over this length of the path [m]
 FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
 
@@ -100,7 +97,6 @@ def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_lo
     assert np.ptp(wanted) > 9.0
     assert np.abs(rising.trace.normal_force_n[rows] - wanted).max() < 2.0
     assert abs(np.mean(rising.trace.normal_force_n[rows] - wanted)) < 0.3
-    # Its error is measured against the local set point.
     assert rising.figures["force_rms_error_n"] < 1.0
     assert rising.figures["force_max_deviation_n"] < 4.0
     place, time = rising.trace.path_s_m[rows], rising.trace.time_s[rows]
@@ -108,7 +104,6 @@ def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_lo
     fed_at_all = time < time[-1] - 0.15  # the target comes to rest before its time is over
     place, speed = place[fed_at_all], speed[fed_at_all]
     assert speed == pytest.approx(np.interp(place, rising.path.s, rising.path.feed), rel=0.02)
-    # By the local force over the stiffness.
     rows = rising.log.fed
     along = np.asarray(rising.log["path_s_m"][rows], dtype=float)
     T_base_work = np.array(rising.figures["T_base_work"])

@@ -104,7 +104,6 @@ def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noi
 
 
 def test_an_arm_that_swings_by_more_than_it_presses_does_not_lose_contact_and_one_that_leaves_does():
-    """2 N and a swing of 3 N at 25 Hz; then nothing."""
     memory = PressMemory()
     for _ in range(500):
         landing.watch_air(memory, 0.0, DOWN, False, DT)

@@ -84,7 +84,6 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles():
     gains = adaptive_gains(AdaptiveConfig(tool_center_m=height))
     towards = v**2 / radius + height * (v / radius) ** 2
     assert round_a_bend(gains, m) == pytest.approx(towards)
-    # The sensor reads the force that takes.
     memory = PressMemory()
     forces = [own_force(gains, memory, m, 0.0, 0.0, DT) for _ in range(2)]
     np.testing.assert_allclose(forces, gains.tool_mass_kg * towards)
@@ -181,7 +180,6 @@ def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
 
 
 def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border_s_moment():
-    """The noise turns the tool by less than two milliradians."""
     for tilt in ([0.05, -0.08], [0.0, math.radians(8.0)]):
         np.testing.assert_allclose(level(np.array(tilt), friction=6.0)[-1], tilt, atol=1e-3)
     assert np.linalg.norm(level(np.array([0.4, 0.4]))[-1]) == pytest.approx(0.17)
