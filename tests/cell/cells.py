@@ -43,7 +43,6 @@ HEAD_STIFFNESS = 20000.0 / 3.0  # [N/m]
 PRESSED = 0.004  # D of 20 N on a flat part [m]
 STILL = (0.0, 0.0, 0.0)
 Foundation = Callable[[Array], tuple[Array, Array]]
-Distance = Callable[[Array], Array]
 
 
 def ideal(experiment: str, *changes: str) -> Scenario:
@@ -57,16 +56,12 @@ def tool_pose(x: float, y: float, z: float, tilt: Sequence[float] = (0.0, 0.0, 0
 
 
 TOUCH = tool_pose(0.0, -0.5, 0.1)
-
-
-@cache
-def _home() -> Array:
-    return np.array(mujoco.MjModel.from_xml_path(str(robot_model_path())).key("home").qpos[:6])
+HOME = np.array(mujoco.MjModel.from_xml_path(str(robot_model_path())).key("home").qpos[:6])
 
 
 def joints_at(T_base_tool: Array) -> Array:
     """Joint positions of a tool pose, elbow up as at home [rad]."""
-    return inverse_near(T_base_tool @ inverse(tool_on_flange()), _home())
+    return inverse_near(T_base_tool @ inverse(tool_on_flange()), HOME)
 
 
 def along_tool(T_base_tool: Array, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
@@ -181,7 +176,7 @@ def meshes_of(model: mujoco.MjModel, body: str) -> Array:
     return np.flatnonzero(on_body & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH))
 
 
-def sampled(distance: Distance, low: Sequence[float], high: Sequence[float]) -> DistanceField:
+def sampled(distance: Callable[[Array], Array], low: Sequence[float], high: Sequence[float]) -> DistanceField:
     """Field of a distance function, points (..., 3) to distances (...), in a box [m]."""
     side = CELLS * FIELD_SPACING
     origin = np.array(low, dtype=float)

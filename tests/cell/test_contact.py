@@ -19,17 +19,7 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
 from tests.cell import cells
-from tests.cell.cells import (
-    DOWN,
-    HEAD_STIFFNESS,
-    PAD,
-    PRESSED,
-    below_sphere,
-    foundation,
-    plane,
-    press,
-    sphere,
-)
+from tests.cell.cells import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, plane, press, sphere
 
 FLAT = cells.part_at(plane())
 DEPTH = 0.001
@@ -68,12 +58,20 @@ def below_plane(points):
         (plane(), below_plane, 0.0, 0.002, [0.0, 10.0, 0.0], 0.005, 0.0),
         (sphere(0.3), below_sphere(0.3), 0.004, cells.working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
         (sphere(0.1), below_sphere(0.1), 0.0, cells.working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (sphere(0.05), below_sphere(0.05), 0.008, cells.working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
+        (
+            sphere(0.05),
+            below_sphere(0.05),
+            0.008,
+            cells.working_depth(0.05),
+            [0.0, 0.0, 0.0],
+            0.02,
+            1e-4,
+        ),
     ],
 )
 def test_on_a_tilted_plane_and_spheres_it_is_the_integral(field, below, x, depth, turn, share, off_nm):
     center, R = np.array([x, 0.0, -depth]), Rotation.from_rotvec(turn, degrees=True).as_matrix() @ DOWN
-    truth, found = foundation(below, center, R), press(cells.part_at(field), center, R)
+    truth, found = cells.foundation(below, center, R), press(cells.part_at(field), center, R)
     force, moment = np.linalg.norm(truth.force), np.linalg.norm(truth.torque)
     np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=share * force)
     np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=share * moment + off_nm)
@@ -227,7 +225,7 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius):
     course = course_on(sphere(radius), cells.pressing_stroke())
 
     def pad_force(depth):
-        return float(foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
+        return float(cells.foundation(below_sphere(radius), np.array([0.0, 0.0, -depth]), DOWN).force[2])
 
     pad_depth = brentq(lambda d: pad_force(d) - 20.0, 1e-4, 0.01, xtol=1e-9)
     assert course.depth[0] == pytest.approx(pad_depth + 20.0 / HEAD_STIFFNESS, rel=0.01)

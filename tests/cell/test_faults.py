@@ -14,8 +14,6 @@ from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from tests.cell import cells
 
-MOST_N = 60.0  # exact force no fault may lead to
-
 
 def faulty(events, *changes, hold=2.0, slide=0.0):
     """A cell with the default noise, pressing on a plane 5 mm below."""
@@ -27,7 +25,7 @@ def faulty(events, *changes, hold=2.0, slide=0.0):
 
 def assert_it_ends_well(run):
     """Whatever happened: bounded force, whole log, tool off the part, reason and brakes in time."""
-    assert run.trace.normal_force_n.max() < MOST_N
+    assert run.trace.normal_force_n.max() < 60.0
     np.testing.assert_allclose(run.trace.time_s, 0.001 * np.arange(run.steps), atol=1e-9)
     assert len(run.log) == run.steps
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
@@ -73,15 +71,13 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
     assert_it_ends_well(run)
 
 
-@pytest.mark.parametrize(
-    ("name", "code"), [("part-high", guards.HIGH), ("part-low", guards.LOW), ("part-missing", guards.MISSING)]
-)
-def test_a_part_that_is_not_where_it_was_planned_is_noticed(name, code):
-    stroke = cells.pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
-    run = cells.cell_for(faulty(f"{name}@0").scenario, stroke, part=cells.part_under()).run()
-    assert run.stop_reason == guards.REASONS[code]
+@pytest.mark.parametrize("name", ["HIGH", "LOW", "MISSING"])
+def test_a_part_that_is_not_where_it_was_planned_is_noticed(name):
+    stroke = cells.pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "LOW" else 0.01)
+    run = cells.cell_for(faulty(f"part-{name.lower()}@0").scenario, stroke, part=cells.part_under()).run()
+    assert run.stop_reason == guards.REASONS[getattr(guards, name)]
     assert run.trace.normal_force_n.max() < 10.0
-    if name == "part-missing":  # sought to the search depth and no further
+    if name == "MISSING":  # sought to the search depth and no further
         assert "process.search_depth_m" in str(run.stop_reason)
         assert np.ptp(run.trace.tcp_position_m[run.trace.phase == 0, 2]) == pytest.approx(0.03, abs=3e-4)
         assert set(run.trace.phase) == {0, 3}

@@ -61,27 +61,21 @@ def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_le
         assert np.abs((run.log[name][-1] - on_part) / size).max() < 0.01, name
 
 
-def phasor(run, frequency, turns):
-    """Force at this frequency [N], as the complex amplitude against sin(2 pi f t), over the last turns."""
-    steps = round(turns / frequency * 1000)
-    time, force = run.trace.time_s[-steps:], run.trace.normal_force_n[-steps:]
-    return complex(2j * np.mean((force - force.mean()) * np.exp(-2j * np.pi * frequency * time)))
-
-
-@pytest.mark.parametrize(
-    ("controller", "frequency"), [("position", 1.0), ("hybrid-pi", 0.5), ("hybrid-pi", 2.0)]
-)
-def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, frequency):
+@pytest.mark.parametrize(("controller", "hz"), [("position", 1.0), ("hybrid-pi", 0.5), ("hybrid-pi", 2.0)])
+def test_the_force_on_a_moving_part_is_that_of_the_linear_loop(controller, hz):
     """The tool goes x = C (F0 - F - m x'') / s late, the spring gives F = k (x + d) for the part's travel d.
 
     C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the
     delay is that of command, sensor, the sensor's low-pass and the servos. Without a force loop F = k d.
     """
-    s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
-    motion = f"part.motion_m={travel}", f"part.motion_hz={frequency}", "controller.force_filter_hz=10"
+    s, travel, mass = 2j * math.pi * hz, 0.0005, 2.0
+    motion = f"part.motion_m={travel}", f"part.motion_hz={hz}", "controller.force_filter_hz=10"
     run = cells.on_plane(f"controller.name={controller}", *motion, hold=4.0).run()
-    found = phasor(run, frequency, 1 if frequency < 1.0 else 2)
-    went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
+    # Its complex amplitude against sin(2 pi f t), over the last turns.
+    steps = round((1 if hz < 1.0 else 2) / hz * 1000)
+    time, force = run.trace.time_s[-steps:], run.trace.normal_force_n[-steps:]
+    found = complex(2j * np.mean((force - force.mean()) * np.exp(-2j * np.pi * hz * time)))
+    went = np.outer(travel * np.sin(2.0 * np.pi * hz * run.trace.time_s), [0.0, 0.0, 1.0])
     np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
     if controller == "position":
         assert abs(found) == pytest.approx(STIFFNESS * travel, rel=0.02)

@@ -23,9 +23,7 @@ from polish_sim.cli.main import app, commands
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 UNPROVEN = ("--proof", "none")  #: Where the proof is not what is tested
-BROWSER = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
-)
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 in_browser = pytest.mark.skipif(
     BROWSER is None or importlib.util.find_spec("playwright") is None,
     reason="no browser: apt install chromium, pip install playwright",
@@ -181,9 +179,7 @@ def done(call: Call) -> Call:
 
 
 @pytest.fixture
-def polish_sim(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> Callable[..., Call]:
+def polish_sim(tmp_path, monkeypatch, capfd) -> Callable[..., Call]:
     """Run `polish-sim` with the given words; the current folder is empty before the first call."""
     monkeypatch.chdir(tmp_path)
 

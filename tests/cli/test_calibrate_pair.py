@@ -18,7 +18,6 @@ from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import InputError
 from tests.cli.conftest import assert_refused, done, metrics_of, ran, refused
 
-Rows = list[list[str]]
 PAIR = 'cell "7" \\ left'
 FILES = {"calibration.toml", "residuals.csv", "metrics.json"}
 
@@ -262,16 +261,14 @@ def numbers(monkeypatch):
     return made
 
 
-def test_a_budget_draws_only_what_is_missing_and_with_worse_instruments_falls_short(
-    polish_sim, tmp_path, numbers
-):
+def test_a_budget_draws_only_what_is_missing_and_with_worse_instruments_falls_short(polish_sim, numbers):
     words = ("calibrate", "budget", "--on", "here", "--check", "--out", "one")
     call = polish_sim(*words, "--draws", "30")
     assert call.code == 0
     assert "30 draws" in call.err
     files = {"metrics.json", "budget.png", "rows.jsonl", "asked.json"}
-    assert {path.name for path in (tmp_path / "one").iterdir()} == files
-    figures = metrics_of(tmp_path / "one")
+    assert {path.name for path in Path("one").iterdir()} == files
+    figures = metrics_of("one")
     sources = figures["sources"]
     assert set(sources) == {"bases", "tool", "part", "closing", "together"}
     alone = [sources[name]["predicted_rms_m"] for name in ("bases", "tool", "part", "closing")]
@@ -279,13 +276,13 @@ def test_a_budget_draws_only_what_is_missing_and_with_worse_instruments_falls_sh
     assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
     assert figures["settings"]["tracker_noise_m"] == 3e-5
     assert polish_sim(*words, "--draws", "30").code == 0
-    assert metrics_of(tmp_path / "one") == figures
+    assert metrics_of("one") == figures
     assert polish_sim(*words, "--draws", "32").code == 0
     assert numbers == list(range(32))
     assert "another calibrate-budget" in polish_sim(*words, "--draws", "32", "--seed", "1").err
     words = "calibrate budget --draws 30 --tracker-noise 0 --touch-noise 0.2 --marks 4 --closing 0"
     assert polish_sim(*words.split(), "--on", "here", "--check", "--out", "bad").code == 1
-    figures = metrics_of(tmp_path / "bad")
+    figures = metrics_of("bad")
     assert figures["settings"]["marks"] == 4
     assert figures["settings"]["closing_touches"] == 0
     assert figures["sources"]["tool"]["predicted_rms_m"] == pytest.approx(2e-4 * np.sqrt(0.4), rel=1e-6)
@@ -293,9 +290,7 @@ def test_a_budget_draws_only_what_is_missing_and_with_worse_instruments_falls_sh
 
 
 @pytest.mark.parametrize(("after", "enough"), [(30, True), (3, False), (0, False)])
-def test_interrupted_draws_are_kept_and_summed_up_if_enough(
-    after, enough, polish_sim, tmp_path, monkeypatch, numbers
-):
+def test_interrupted_draws_are_kept_and_summed_up_if_enough(after, enough, polish_sim, monkeypatch, numbers):
     draw = budget.draw_errors
 
     def interrupted(trial, number):
@@ -305,8 +300,8 @@ def test_interrupted_draws_are_kept_and_summed_up_if_enough(
 
     monkeypatch.setattr(budget, "draw_errors", interrupted)
     refused(polish_sim("calibrate", "budget", "--on", "here", "--out", "cut"), "interrupted", code=130)
-    assert [path.name for path in tmp_path.iterdir()] == ["cut"] * (after > 0)
+    assert [path.name for path in Path().iterdir()] == ["cut"] * (after > 0)
     if after:
-        assert (tmp_path / "cut" / "rows.jsonl").read_bytes().count(b"\n") == after
+        assert Path("cut/rows.jsonl").read_bytes().count(b"\n") == after
     if enough:
-        assert metrics_of(tmp_path / "cut")["draws"] == after
+        assert metrics_of("cut")["draws"] == after

@@ -210,10 +210,8 @@ def test_moments_keep_reaching_who_looks_on(start):
 
     run = start(*LIVE, "--set", "process.hold_s=60")
     run.until(lambda: "\nsimulate" in run.said)
-    protocol = [Subprotocol(f"viser-v{viser.__version__}")]
-    with connect(
-        run.url.replace("http", "ws"), subprotocols=protocol, max_size=None, compression=None
-    ) as page:
+    spoken = [Subprotocol(f"viser-v{viser.__version__}")]
+    with connect(run.url.replace("http", "ws"), subprotocols=spoken, max_size=None, compression=None) as page:
         begun, arrived = time.monotonic(), 0
         while arrived < 20:
             page.recv(timeout=30.0)

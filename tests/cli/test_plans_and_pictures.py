@@ -79,14 +79,6 @@ def test_a_plan_runs_on_its_part_with_its_settings_and_no_others(polish_sim):
     assert polish_sim(*run, "--part", "moved.stl", *UNPROVEN, "--dry-run")[0] == 0
 
 
-def frames_of(film):
-    """Every fourth frame of a film, shape (n, height, width, 3)."""
-    reader = imageio_ffmpeg.read_frames(str(film))
-    width, height = next(reader)["size"]
-    frames = [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
-    return np.stack(frames[::4]).astype(float)
-
-
 def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_path):
     # In a process of its own, because MuJoCo takes its OpenGL when it is imported.
     words = ["run", "arc", "--fault", "controller-nan@0.5", "--video", "--out", "run"]
@@ -94,7 +86,10 @@ def test_the_film_of_a_stopped_run_goes_to_its_end_beside_a_growing_curve(tmp_pa
     if "--video needs OpenGL" in call.stderr:
         pytest.skip(call.stderr.splitlines()[-1])
     assert call.returncode == 3, call.stderr
-    frames = frames_of(tmp_path / "run/video.mp4")
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "run/video.mp4"))
+    width, height = next(reader)["size"]
+    frames = [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
+    frames = np.stack(frames[::4]).astype(float)
     time = read_log(tmp_path / "run/log.npz")["time_s"]
     assert 4 * len(frames) == pytest.approx(FRAMES_PER_S * (time[-1] - time[0]), abs=8)
     cell, curve = frames[:, :, : CELL.width], frames[:, CELL.height // 2 :, CELL.width :]

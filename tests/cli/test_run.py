@@ -182,13 +182,10 @@ def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim):
     assert Path("a/log.npz").read_bytes() == Path("b/log.npz").read_bytes()
 
 
-SHORT = ("--set", "hand.off_s=2")
-
-
 @pytest.mark.pictures
 def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
-    words = ("--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out")
-    out = done(polish_sim("run", "teach", *words)).out
+    words = "--mode assist --direction x --duration 0.8 --set hand.off_s=2 --out out"
+    out = done(polish_sim("run", "teach", *words.split())).out
     files = {file.name for file in Path("out").iterdir()}
     assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= files
     metrics = metrics_of("out")

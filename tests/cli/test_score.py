@@ -11,7 +11,6 @@ from tests.cli.conftest import assert_refused, done, metrics_of, refused
 
 HERE = ["--on", "here"]
 ONE = ["--case", "approach-20", "--seed", "500", "--seeds", "1", *HERE]
-SHORT = ["--set", "process.hold_s=1.5"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
 
 
@@ -38,7 +37,8 @@ def test_two_controllers_stand_side_by_side(polish_sim):
 
 
 def test_an_interrupted_score_is_summed_up_and_resumes(polish_sim, tmp_path, monkeypatch):
-    words, measure = ["score", "--case", "noise-1", "--seeds", "2", *SHORT, *HERE], score._measure
+    words = ["score", "--case", "noise-1", "--seeds", "2", "--set", "process.hold_s=1.5", "--on", "here"]
+    measure = score._measure
 
     def interrupted(task):
         if task.seed == 1:
@@ -96,11 +96,9 @@ def pressed(_bench, scenario):
     return Rest(late < 0.03, late * scenario.head.spring_scale < 0.04, late, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("how", "file"), [(["--worst", "100"], "metrics.json"), (["--border"], "border.json")]
-)
+@pytest.mark.parametrize(("how", "file"), [("--worst 100", "metrics.json"), ("--border", "border.json")])
 def test_an_interrupted_search_resumes_to_the_table_of_a_whole_one(how, file, polish_sim, monkeypatch):
-    words, left = ["score", *how, "--set", "sensor.force_noise_n=0.1", *HERE, "--out"], [40]
+    words, left = ["score", *how.split(), "--set", "sensor.force_noise_n=0.1", *HERE, "--out"], [40]
 
     def counted(measure):
         def measured(*asked):

@@ -212,13 +212,12 @@ BAD_GCODE = {
     "nothing": ("M30\n", "holds no points"),
     "in the air only": ("G0 X0 Y0 Z0\nX5\n", "every move is G0"),
 }
+BAD = {"apt": BAD_APT, "nc": BAD_GCODE}
 
 
-@pytest.mark.parametrize(
-    ("kind", "case"), [*(("apt", case) for case in BAD_APT), *(("nc", case) for case in BAD_GCODE)]
-)
+@pytest.mark.parametrize(("kind", "case"), [(kind, case) for kind in BAD for case in BAD[kind]])
 def test_what_cannot_be_read_is_named_with_its_place(tmp_path, kind, case):
-    text, message = {"apt": BAD_APT, "nc": BAD_GCODE}[kind][case]
+    text, message = BAD[kind][case]
     with pytest.raises(InputError, match=message) as caught:
         read(tmp_path, text, kind)
     assert f"path.{kind}" in str(caught.value)

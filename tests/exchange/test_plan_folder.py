@@ -158,7 +158,6 @@ def test_a_damaged_file_is_a_path_or_one_message(tmp_path, suffix):
     assert all(f"damaged{suffix}" in message for message in messages)
 
 
-RIGID = ("--set", "robot.arm=ideal")  # quicker to place two robots with
 OLD = Path(__file__).resolve().parent.parent / "files_of_8ef5763"  #: Of before the packages moved
 
 
@@ -183,4 +182,4 @@ def test_an_older_plan_run_and_calibrations_are_read_and_drawn_again(polish_sim)
     assert Path("report/force.png").stat().st_size > 10_000
     for experiment, names in (("force", ["payload"]), ("dual", ["tcp", "base"]), ("dual", ["arm"])):
         calibrations = [word for name in names for word in ("--calibration", OLD / f"{name}.toml")]
-        done(polish_sim("run", experiment, *calibrations, *RIGID, "--dry-run"))
+        done(polish_sim("run", experiment, *calibrations, "--set", "robot.arm=ideal", "--dry-run"))

@@ -17,10 +17,7 @@ CSV_NAMES = {
     "current_a": "actual_current_{i}", "current_desired_a": "target_current_{i}",
     "torque_desired_nm": "target_moment_{i}", "wrench": "actual_TCP_force_{i}", "force_n": "force_n",
 }  # fmt: skip
-JOINTS = (
-    "elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint",
-    "wrist_3_joint",
-)  # fmt: skip
+JOINTS = "elbow", "shoulder_lift", "shoulder_pan", "wrist_1", "wrist_2", "wrist_3"
 
 
 def synthetic_log(seconds: float, rate: float = 500.0) -> dict[str, NDArray[np.float64]]:
@@ -74,7 +71,7 @@ def write_bag(folder: Path, log: Log, kind: str) -> Path:
             writer.write(wrenches, stamp, felt)
             parts = {field: log[name][k, order] for field, name in
                      (("position", "q_rad"), ("velocity", "qd_rad_s"), ("effort", "torque_nm"))}  # fmt: skip
-            message = state(header=head, name=list(JOINTS), **parts)
+            message = state(header=head, name=[f"{joint}_joint" for joint in JOINTS], **parts)
             writer.write(states, stamp, store.serialize_cdr(message, state.__msgtype__))
     return folder
 

@@ -24,7 +24,6 @@ MIDDLE = np.array([0.0, 0.0, 0.035 - 0.1])  #: Middle of the sphere of 100 mm ra
 SETUP = ExportSetup(part_pose=PART_POSE)
 PRINTED_M = 2e-6
 sphere, holes = partial(shipped_plan, "sphere_100"), partial(shipped_plan, "plate_two_holes")
-MOST_STEPS = 100_000
 
 
 class Motion(NamedTuple):
@@ -98,7 +97,7 @@ def run_program(text, contact_after_s=0.05):
 
     robot, notes = Recorder(contact_after_s), Notes()
     machine = Machine(translate(text), notes)
-    for _ in range(MOST_STEPS):
+    for _ in range(100_000):
         machine.tick(robot)
         robot.step()
         if machine.popup_open:

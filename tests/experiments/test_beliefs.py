@@ -15,16 +15,12 @@ from polish_sim.cell import weight_of
 from polish_sim.cell.real_arm import AROUND, built_table, gear_errors, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
 from polish_sim.errors import CalibrationError, ConfigError, InputError
-from polish_sim.experiments import (
-    PAYLOAD_SCENARIO,
-    default_scenario,
-    run_experiment,
-    run_payload_calibration,
-)
+from polish_sim.experiments import PAYLOAD_SCENARIO, run_experiment, run_payload_calibration
 from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.beliefs import believe_tool, readings_at_rest, track_arm
 from polish_sim.experiments.free_space import prepare_arc
 from polish_sim.experiments.part_setup import random_streams
+from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.experiments.surface import prepare_force
 from polish_sim.motion import forward
@@ -207,7 +203,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
 
 
 def test_two_arms_that_know_their_gears_put_the_tool_on_the_part():
-    asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=2.5", "simulation.log_rate_hz=0"]
+    asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=1.5", "simulation.log_rate_hz=0"]
     figures = run_experiment(override(default_scenario("dual"), asked)).figures
     assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know
     assert figures["force_max_deviation_n"] < 1.5

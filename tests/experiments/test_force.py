@@ -46,18 +46,13 @@ def test_half_the_physics_step_gives_the_same_response():
     np.testing.assert_allclose(after[0][:n], after[1][: 2 * n : 2], atol=0.6)
 
 
-ADAPTIVE = ("robot.arm=ideal", "controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02")
-
-
-def pressed(*settings):
-    return run_experiment(override(default_scenario("force"), [*ADAPTIVE, "process.hold_s=1.2", *settings]))
-
-
 @pytest.mark.parametrize(
     "extra", ["sensor.payload_mass_error=0.2", "seed=1 spindle.speed_rpm=6000.0 spindle.imbalance_m_s=0.0063"]
 )
 def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra):
-    figures = pressed(*extra.split()).figures
+    adaptive = "robot.arm=ideal controller.name=hybrid-adaptive process.approach_speed_m_s=0.02"
+    asked = [*adaptive.split(), "process.hold_s=1.2", *extra.split()]
+    figures = run_experiment(override(default_scenario("force"), asked)).figures
     assert figures["settling_time_1n_s"] < 0.25
     assert figures["overshoot_n"] < 1.0
     assert figures["steady_std_n"] < 0.3

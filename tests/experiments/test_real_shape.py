@@ -24,16 +24,15 @@ from polish_sim.models.parts import part
 from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.scenario_file import merge, override
 from polish_sim.spatial import apply
-from tests.cell.cells import drawn_vertices
+from tests.cell.cells import NOMINAL_PART, drawn_vertices
 from tests.planning.shapes import path_through
 from tests.planning.test_fixture import asked, wall
 
-AS_DRAWN = ("part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0")
 ACROSS = np.linspace(-0.06, 0.06, 13)
 
 
 def on_plate(*changes):
-    return override(default_scenario("force"), ["part.file=plate", *AS_DRAWN, *changes])
+    return override(default_scenario("force"), ["part.file=plate", *NOMINAL_PART, *changes])
 
 
 def line_on_plate():
@@ -103,9 +102,6 @@ def test_a_real_part_elsewhere_or_in_another_unit_is_refused(tmp_path, scale, sh
         prepare_force(on_plate(f"part.real_file={tmp_path / 'other.stl'}"))
 
 
-NEAR_M = 0.5e-3  #: The grid's half spacing, within which the pad counts as touching
-
-
 @cache
 def scenario(with_fixture):
     part = asked(Path(mkdtemp()), wall(10.0) if with_fixture else None)
@@ -151,6 +147,6 @@ def test_a_path_planned_without_it_is_refused_or_stopped_at_the_wall_and_a_fixtu
     place = (stopped - T[:3, 3]) @ T[:3, :3]
     # The path begins 15 mm beside the wall, with a pad of 50 mm: it comes down on the wall, 10 mm high.
     assert place[0] == pytest.approx(0.065, abs=0.5e-3)
-    assert place[2] == pytest.approx(0.010 + NEAR_M, abs=0.2e-3)
+    assert place[2] == pytest.approx(0.010 + 0.5e-3, abs=0.2e-3)  # half the grid's spacing counts as touch
     with pytest.raises(InputError, match=r"part\.fixture_file .*'run surface'"):
         check_settings(merge(scenario(True), {"experiment": "force"}, ""))

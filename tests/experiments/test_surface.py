@@ -9,16 +9,13 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.analysis.run_record import RunRecord, read_record, write_record
-from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.experiments import default_scenario, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.even_removal import planned
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
-
-Cap = tuple[Scenario, PlanResult]
 
 
 def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_is_mapped(freeform):
@@ -46,9 +43,7 @@ def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_i
     assert np.linalg.norm(tool - prepared.surface.closest(tool).positions, axis=1).max() < 0.006
     removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
     assert (np.diff(running) >= 0.0).all()
-    assert running[-1] == pytest.approx(
-        float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6
-    )
+    assert running[-1] == pytest.approx(removal.areas @ removal.exposure + removal.elsewhere_nm, rel=1e-6)
     assert freeform.figures["removal_unplaced"] < 0.01
     # The first seconds run along the part's edge, where the contact's springs fade out and the map's stay.
     assert freeform.figures["pressure_field_ratio"] == pytest.approx(1.0, abs=0.1)
@@ -74,23 +69,13 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
     assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
 
 
-RISE_M = 0.06  #: Force and feed change over this length of the path [m]
-FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
-
-
-def rising_on(cap):
-    """Force from 12 to 24 N and feed from 6 to 18 mm/s over the first 60 mm, then both constant."""
-    scenario, plan = cap
-    s = plan.path.s
-    start = float(s[plan.path.process][0])
-    force, feed = (np.interp(s, [start, start + RISE_M], values) for values in (FORCES, FEEDS))
-    path = replace(plan.path, force=force, feed=feed)
-    longer = override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"])
-    return run_experiment(longer, replace(plan, path=path))
-
-
 def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_local_force(cap):
-    rising = rising_on(cap)
+    """From 12 to 24 N and from 6 to 18 mm/s over the first 60 mm, then both constant."""
+    scenario, plan = cap
+    s, start = plan.path.s, float(plan.path.s[plan.path.process][0])
+    force, feed = (np.interp(s, [start, start + 0.06], ends) for ends in ((12.0, 24.0), (0.006, 0.018)))
+    longer = override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"])
+    rising = run_experiment(longer, replace(plan, path=replace(plan.path, force=force, feed=feed)))
     feeding, time = rising.trace.fed, rising.trace.time_s
     rows = feeding & (time > time[feeding][0] + 1.0)
     wanted = np.interp(rising.trace.path_s_m[rows], rising.path.s, rising.path.force)
