@@ -197,7 +197,7 @@ def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_on
 
 @in_browser
 def test_two_robots_move_and_the_part_moves_with_the_second(opened):
-    two_robots = made("dual", "process.feed_m_s=0.06", "process.max_feed_s=1", "dual.master_speed_m_s=0.01")
+    two_robots = made("dual", "process.feed_m_s=0.06", "process.max_feed_s=2", "dual.master_speed_m_s=0.01")
     tab, record = opened(two_robots), two_robots.record
     assert_follows_the_log(tab, two_robots, ("q_rad", "master_q_rad"))
     assert_clean(tab)
