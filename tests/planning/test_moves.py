@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import PlanResult, measure_given_path, plan_part
 from polish_sim.planning.moves import leads, travel
 from polish_sim.planning.moves.stroke import lift_over
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
-from tests.geometry.shapes import surface_of
-from tests.planning.shapes import UP, moved, plan_of
+from tests.geometry.shapes import prism, surface_of
+from tests.planning.shapes import UP, moved, path_through, plan_of
 
 CLEARANCE = 0.03
 LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
@@ -209,3 +209,17 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
     assert set(begun.path.force) == {plan.tool.force}
     with pytest.raises(PlanError, match="nothing of the path is left behind"):
         plan.behind(1e3)
+
+
+def test_the_rest_of_a_path_is_clear_of_what_its_whole_force_presses(tmp_path):
+    """A ledge of 0.7 mm under the pad's rim: pressed with 20 N the pad yields 1 mm, half of it where it lands
+    anew."""
+    profile = np.array([[-60.0, 0.0], [60.0, 0.0], [60.0, 10.7], [10.0, 10.7], [10.0, 10.0], [-60.0, 10.0]])
+    prism(profile, 200.0).export(tmp_path / "ledge.stl")
+    part = PartConfig(file=str(tmp_path / "ledge.stl"), unit="mm", up="z")
+    line = path_through(np.linspace([0.0, 0.03, 0.01], [0.0, 0.17, 0.01], 120))
+    plan = measure_given_path(line, part, PlanConfig(), ProcessConfig(contact_force_n=20.0), PadConfig())
+    assert len(plan.in_part) == 0
+    rest = plan.behind(0.07)
+    assert rest.path.force.min() < 11.0
+    assert len(rest.in_part) == 0

@@ -353,7 +353,9 @@ class _Prover:
     def _keeps_clear(self, wider: float) -> bool:
         """Leave out where the tool would stand in the part, as the path is mended and with the force of an
         even removal, which is found after it was planned; whether it stands there nowhere."""
-        as_planned = not self.mends and self.path.force is None
+        # The rest of a path lands with less force on what its whole force was measured over.
+        whole = self.path.force is None or self.scenario.plan.begin_m > 0.0
+        as_planned = not self.mends and whole
         if as_planned or self.scenario.safety.tool_in_part != "refuse":
             return True
         ready = self.plan.ready
