@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from benchmarks.fuzz import LARGEST, run_apart, try_files
+from benchmarks.rounded_parts import draw_turned_part
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from tests.geometry.shapes import BLOCK, at_middles, grid_faces, memory_to_load, stl_bytes
@@ -164,6 +165,9 @@ def test_noise_is_found_on_a_scan_s_flat_base_not_on_exact_parts_and_leaves_crea
     assert not said(part, "noise")
     assert part.noise == (0.0, 0.0)
     assert np.abs(part.vertices[part.faces] - points[faces]).max() == 0.0
+    # Its rings about a rounding look scattered to a piece fitted over them.
+    turned = draw_turned_part(556)
+    assert part_from_arrays(turned.vertices, turned.faces, "mm", "z").noise == (0.0, 0.0)
     assert not said(joined(soup(BLOCK.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02]), "needles")
     # Two planes that meet at 60 deg, scattered by 5 % of their edges.
     points, faces = dome(0.0)

@@ -15,6 +15,7 @@ from polish_sim.geometry.topology import find_adjacency
 NOISY = 0.01
 QUIET = 1e-3  #: What scatters by less than this share of the edges is drawn, not scanned
 SCANNED_SHARE = 0.2  #: A skin is looked at as scanned where at least this share of it scatters
+LONG = 2.0  #: Longest edge of a drawn facet over its shortest
 FEWEST_VERTICES = 500  #: Coarser parts are not looked at: what looks like noise may be their shape
 NEIGHBOURS = 32, 64, 128
 """Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise
@@ -43,11 +44,11 @@ def smooth_noise(skin: Skin) -> Skin:
     used = np.unique(skin.faces)
     if len(used) < FEWEST_VERTICES:
         return skin
-    edges = skin.vertices[next_corners(skin.faces)] - skin.vertices[skin.faces]
-    edge = np.median(norms(edges))
+    lengths = norms(next_corners(skin.vertices[skin.faces]) - skin.vertices[skin.faces])
+    edge = np.median(lengths)
     normals = _vertex_normals(skin.vertices, skin.faces)
     noise = _noise(skin, used, normals, QUIET * edge)
-    if noise <= NOISY * edge:
+    if noise <= NOISY * edge or _is_drawn(skin, lengths):
         return skin
     able = [
         count for count in NEIGHBOURS if _scatter(skin, used, normals, count, QUIET * edge) <= _SLACK * noise
@@ -70,6 +71,14 @@ def smooth_noise(skin: Skin) -> Skin:
         "normals are left of it, within which strokes are smoothed"
     )
     return skin.noted(note, vertices=vertices, noise=left)
+
+
+def _is_drawn(skin: Skin, lengths: Array) -> bool:
+    """Whether most facets are long halves of flat faces, as CAD systems make them and scanners do not."""
+    normals, _ = facet_normals(skin.vertices, skin.faces)
+    beside = find_adjacency(skin.faces).facets
+    flat = (beside >= 0) & (norms(normals[beside] - normals[:, None]) < QUIET)
+    return np.mean(flat.any(axis=1) & (lengths.max(axis=1) > LONG * lengths.min(axis=1))) > 0.5
 
 
 def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
