@@ -86,13 +86,13 @@ def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
     return Stroke(**ways, force=force, approach_speed=0.005, feed=feed, hold=hold, feed_time=math.inf)
 
 
-def pressing_stroke(T_base_touch=TOUCH, height=0.005, slide=0.0, hold=1.0, lift=0.0, wanted=20.0) -> Stroke:
+def pressing_stroke(T_base_touch=TOUCH, height=0.005, slide=0.0, hold=1.0, lift=0.0, wanted=20.0, **other):
     """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m]."""
     pressed, above = along_tool(T_base_touch, z=0.004), along_tool(T_base_touch, z=-height)
     stroke = free_stroke(pressed, along_tool(pressed, x=slide), feed=0.01, hold=hold)
     ways = {"travel": way_through(T_base_touch), "lead_in": path_through(above, T_base_touch)}
     stroke = stroke._replace(**ways, force=np.full_like(stroke.force, wanted), threshold=2.0)
-    return stroke._replace(depth=0.004, contact=True, search_depth=0.01, lift=lift)
+    return stroke._replace(depth=0.004, contact=True, search_depth=0.01, lift=lift)._replace(**other)
 
 
 def part_at(field: DistanceField, rotation: Array | None = None, position=(0.0, 0.0, 0.0)) -> RealPart:
@@ -120,10 +120,10 @@ def cell_for(scenario: Scenario, *strokes: Stroke, part=None, model=None, contro
     return Cell(scenario, model, part or no_part(), strokes, q, law, rng)
 
 
-def on_plane(*changes: str, part=None, controller=None, **how: float) -> Cell:
+def on_plane(*changes: str, part=None, controller=None, **how: Any) -> Cell:
     """An ideal cell that presses on a plane, every step logged; ``how`` as of `pressing_stroke`."""
     scenario, part = ideal("force", EVERY_STEP, *changes), part or part_under()
-    return cell_for(scenario, pressing_stroke(**how), part=part, controller=controller)  # type: ignore[arg-type]
+    return cell_for(scenario, pressing_stroke(**how), part=part, controller=controller)
 
 
 def stopped_at(run: CellRun) -> int:

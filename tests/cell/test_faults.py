@@ -15,12 +15,11 @@ from polish_sim.scenario_file import override
 from tests.cell import cells
 
 
-def faulty(events, *changes, hold=2.0, slide=0.0):
-    """A cell with the default noise, pressing on a plane 5 mm below."""
+def faulty(events, *changes, **how):
+    """A cell with the default noise, pressing on a plane 5 mm below; ``how`` as of `pressing_stroke`."""
     settings = [*cells.NOMINAL_PART, cells.EVERY_STEP, f"faults.events={events}", *changes]
-    stroke = cells.pressing_stroke(hold=hold, slide=slide, lift=0.01)
-    scenario = override(default_scenario("force"), settings)
-    return cells.cell_for(scenario, stroke, part=cells.part_under())
+    stroke = cells.pressing_stroke(**({"hold": 2.0, "lift": 0.01} | how))
+    return cells.cell_for(override(default_scenario("force"), settings), stroke, part=cells.part_under())
 
 
 def assert_it_ends_well(run):
@@ -73,8 +72,7 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when,
 
 @pytest.mark.parametrize("name", ["HIGH", "LOW", "MISSING"])
 def test_a_part_that_is_not_where_it_was_planned_is_noticed(name):
-    stroke = cells.pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "LOW" else 0.01)
-    run = cells.cell_for(faulty(f"part-{name.lower()}@0").scenario, stroke, part=cells.part_under()).run()
+    run = faulty(f"part-{name.lower()}@0", height=0.02, search_depth=0.02 if name == "LOW" else 0.01).run()
     assert run.stop_reason == guards.REASONS[getattr(guards, name)]
     assert run.trace.normal_force_n.max() < 10.0
     if name == "MISSING":  # sought to the search depth and no further
@@ -84,16 +82,12 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed(name):
     assert_it_ends_well(run)
 
 
-@pytest.mark.parametrize(("event", "code"), [("", None), ("part-high@0", guards.HIGH)])
-def test_a_pad_that_leans_finds_the_part_with_its_rim_and_no_part_that_stands_too_high(event, code):
-    lean, scenario = math.radians(12.0), faulty(event, "safety.offset_limit_m=0.002").scenario
-    stroke = cells.pressing_stroke(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), height=0.02)
-    stroke = stroke._replace(early=scenario.pad.radius_m * math.tan(lean))
-    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
-    assert run.stop_reason == (None if code is None else guards.REASONS[code])
-    if code is None:
-        blind = cells.cell_for(scenario, stroke._replace(early=0.0), part=cells.part_under()).run()
-        assert blind.stop_reason == guards.REASONS[guards.HIGH]
+@pytest.mark.parametrize(("event", "rim", "high"), [("", 1, False), ("part-high@0", 1, True), ("", 0, True)])
+def test_a_pad_that_leans_finds_the_part_with_its_rim_and_no_part_that_stands_too_high(event, rim, high):
+    lean, radius = math.radians(12.0), cells.PAD.radius_m
+    touch, early = cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), rim * radius * math.tan(lean)
+    run = faulty(event, "safety.offset_limit_m=0.002", T_base_touch=touch, height=0.02, early=early).run()
+    assert run.stop_reason == (guards.REASONS[guards.HIGH] if high else None)
 
 
 @pytest.mark.parametrize(

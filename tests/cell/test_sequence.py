@@ -55,17 +55,14 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought():
 
 
 def test_a_law_that_presses_with_less_than_counts_as_contact_has_landed_once_the_search_is_over():
-    scenario = cells.ideal("force", "controller.name=hybrid-adaptive")
-    stroke = cells.pressing_stroke(wanted=3.0)._replace(threshold=5.0)
-    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
+    run = cells.on_plane("controller.name=hybrid-adaptive", wanted=3.0, threshold=5.0).run()
     assert run.stop_reason is None
     assert run.trace.normal_force_n.max() < 4.0
     assert run.trace.normal_force_n[-1] == pytest.approx(3.0, abs=0.3)
 
 
 def test_the_feed_time_ends_the_feed_early():
-    stroke = cells.pressing_stroke(slide=0.03)._replace(feed_time=1.0)
-    run = cells.cell_for(cells.ideal("force", cells.EVERY_STEP), stroke, part=cells.part_under()).run()
+    run = cells.on_plane(slide=0.03, feed_time=1.0).run()
     assert np.ptp(run.trace.time_s[run.trace.fed]) == pytest.approx(1.0, abs=0.002)
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)  # up, and down again in time
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
@@ -123,10 +120,8 @@ def test_two_strokes_follow_each_other_through_free_space_and_the_sensor_is_zero
 
 
 def contact_time(reading, floor=0.0):
-    """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never.
-
-    ``floor`` is what the sensor's noise comes to [N].
-    """
+    """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never. The
+    sensor's noise comes to ``floor`` [N]."""
     stroke, sequence, target = cells.pressing_stroke(height=0.008), build_sequence(), Target()
     sequence.floor = floor
     t, m = -(phases.TARE_START + phases.TARE_TIME), Measurement(cycle=0.001)
@@ -137,7 +132,6 @@ def contact_time(reading, floor=0.0):
         if sequence.stage == phases.TOUCH_DOWN:
             return t
         t += 0.001
-    return math.inf
 
 
 def swing(t):

@@ -169,9 +169,9 @@ def test_the_sensor_reads_m_a_minus_g_at_every_instant_less_the_contact_when_it_
     free = NewtonEuler(cells.cell_for(cells.ideal("arc", cells.EVERY_STEP), stroke))
     assert free.run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(free.worst) < 1e-9
-    scenario = cells.ideal("force", cells.EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
-    stroke = cells.pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
-    pressed = NewtonEuler(cells.cell_for(scenario, stroke, part=cells.part_under(field=cells.sphere(0.1))))
+    on_ball = {"part": cells.part_under(field=cells.sphere(0.1)), "slide": 0.002, "hold": 0.2, "lift": 0.002}
+    settings = "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5"
+    pressed = NewtonEuler(cells.on_plane(*settings, height=0.002, **on_ball))
     assert pressed.run.stop_reason is None
     assert pressed.run.trace.normal_force_n.max() > 10.0
     assert np.max(pressed.worst) < 1e-9
@@ -190,9 +190,8 @@ def test_the_tare_takes_the_bias_out_and_a_wrong_tool_mass_shows_by_how_far_the_
     # The force loop holds 20 N of what it believes; the rest is the surplus mass by its share's change.
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81
     start = cells.along_tool(cells.tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)), z=-0.02)
-    stroke = cells.pressing_stroke(hold=1.5)._replace(lead_in=cells.path_through(start, cells.TOUCH))
-    scenario = cells.ideal("force", "sensor.payload_mass_error=0.2")
-    run = cells.cell_for(scenario, stroke, part=cells.part_under()).run()
+    turning = cells.path_through(start, cells.TOUCH)
+    run = cells.on_plane("sensor.payload_mass_error=0.2", hold=1.5, lead_in=turning).run()
     expected = 20.0 - surplus * (1.0 - np.cos(lean))
     assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)
 
@@ -210,8 +209,8 @@ def held(depth, *changes, tilt=0.0):
     contact force at the end [N]."""
     touch = cells.tool_pose(0.0, -0.5, 0.2, (tilt, 0.0, 0.0))
     pressed = cells.pressing_stroke(cells.along_tool(touch, z=depth - 0.004), hold=1.5)
-    stroke = cells.pressing_stroke(touch, hold=1.5)
-    stroke = stroke._replace(process=pressed.process, motion=pressed.motion, depth=depth)
+    deeper = {"process": pressed.process, "motion": pressed.motion, "depth": depth}
+    stroke = cells.pressing_stroke(touch, hold=1.5, **deeper)
     scenario = cells.ideal("force", cells.EVERY_STEP, *FLANGE, *EXACT, *changes)
     run = cells.cell_for(scenario, stroke, part=cells.part_under(touch)).run()
     return run, float(run.trace.normal_force_n[-100:].mean())
