@@ -21,7 +21,6 @@ MASS, CENTER = 2.0, np.array([0.002, -0.0013, 0.0896])
 BIAS = np.array([1.5, -2.4, 2.9, 0.08, -0.05, 0.02])
 THETA = np.concatenate([[MASS], MASS * CENTER, BIAS])
 NOISE = np.repeat([0.05, 0.002], 3)
-DRIFT = np.array([0.003, -0.002, 0.001, 1e-4, -2e-4, 3e-4])
 POSES = plan_payload_poses(12).R_base_sensor
 PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
 HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH))
@@ -45,7 +44,7 @@ def test_exact_readings_give_tool_bias_and_drift(count):
     np.testing.assert_allclose(found.center, CENTER, atol=1e-9)
     np.testing.assert_allclose(found.residuals, 0.0, atol=1e-9)
     assert found.used.all()
-    drifting = np.concatenate([THETA, DRIFT])
+    drifting = np.concatenate([THETA, [0.003, -0.002, 0.001, 1e-4, -2e-4, 3e-4]])
     found = fit_payload(readings_in(POSES, drifting), drift=True)
     np.testing.assert_allclose(found.theta, drifting, atol=1e-9)
 

@@ -119,7 +119,6 @@ def test_a_cell_spends_no_time_on_the_engines_timers():
 
 
 UP = np.array([0.0, 0.0, 1.0])
-TRUE = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0)
 THICKNESS = 0.003
 SMALL_PAD = PadConfig(radius_m=0.01)
 HALF, DEEPEST = 0.05, 0.008
@@ -168,7 +167,7 @@ def test_displacement_and_form_error_have_their_size_direction_and_shortest_wave
 
 
 def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_its_seed_says(sheet):
-    part = real(sheet, TRUE)
+    part = real(sheet, PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0))
     np.testing.assert_allclose(part.rotation, T_BASE_WORK[:3, :3], atol=1e-15)
     np.testing.assert_allclose(part.position, T_BASE_WORK[:3, 3], atol=1e-15)
     R = T_BASE_WORK[:3, :3] @ DOWN
