@@ -225,12 +225,8 @@ def test_a_numba_that_was_not_tested_is_refused_and_one_file_uses_what_it_does_n
             kernel_cache.check_numba(version)
     # Numba's own cache would not notice an edit of a callee in another file.
     internals = r"^\s*(from|import) (numba\.|llvmlite)|^from numba import .*\b(njit|cfunc)\b"
-    users = set()
-    for folder in ("src", "cli", "models"):
-        for file in (ROOT / folder).rglob("*.py"):
-            text = file.read_text("utf-8")
-            if re.search(internals, text, re.MULTILINE):
-                users.add(file.name)
+    files = [file for folder in ("src", "cli", "models") for file in (ROOT / folder).rglob("*.py")]
+    users = {file.name for file in files if re.search(internals, file.read_text("utf-8"), re.MULTILINE)}
     assert users == {"kernel_cache.py"}
 
 

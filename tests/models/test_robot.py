@@ -8,14 +8,10 @@ import pytest
 from polish_sim.models import robot_model_path
 from polish_sim.motion import JOINT_LIMITS, forward
 from polish_sim.spatial import from_pose, transform
+from tests.motion.test_kinematics import TABLE
 
 # The UR5e as the manufacturer publishes it and the tool as models/README.md describes it, built in Pinocchio.
 
-# a [m], d [m], alpha [rad] of each joint.
-DH = [
-    (0.0, 0.1625, np.pi / 2), (-0.425, 0.0, 0.0), (-0.3922, 0.0, 0.0), (0.0, 0.1333, np.pi / 2),
-    (0.0, 0.0997, -np.pi / 2), (0.0, 0.0996, 0.0),
-]  # fmt: skip
 MASSES = [3.761, 8.058, 2.846, 1.37, 1.3, 0.365]
 CENTRES = [
     (0.0, -0.02561, 0.00193), (0.2125, 0.0, 0.11336), (0.15, 0.0, 0.0265), (0.0, -0.0018, 0.01634),
@@ -55,9 +51,9 @@ def build_model():
     """Pinocchio model of the arm with the spindle and the sliding head (7 joints, the last the head's)."""
     model = pin.Model()
     parent, placement = 0, pin.SE3.Identity()
-    for i, (a, d, alpha) in enumerate(DH):
+    for i, (a, d, alpha) in enumerate(TABLE):
         parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
-        placement = pin.SE3(pin.utils.rotate("x", alpha), np.array([a, 0.0, d]))
+        placement = pin.SE3(pin.utils.rotate("x", np.radians(alpha)), np.array([a, 0.0, d]))
         xx, yy, zz, xy, xz, yz = INERTIAS[i]
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         model.appendBodyToJoint(parent, pin.Inertia(MASSES[i], np.array(CENTRES[i]), inertia), placement)

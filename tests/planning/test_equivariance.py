@@ -15,13 +15,12 @@ from benchmarks.random_parts import exact_mesh, examine, find_faults, mesh_of
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import PartMesh, fit_surface, select_region
 from polish_sim.models.parts import Block, parts
-from polish_sim.models.solids import Solid, rectangle_grid
+from polish_sim.models.solids import rectangle_grid
 from polish_sim.planning import ToolPath, plan_mesh, plan_path
 from tests.planning.shapes import UP, Array
 
-SAME_M = 1e-6
-SAME_AXIS = 1e-3
-"""Tool axes of the same path differ by no more than this: a bend of 1 mm radius within SAME_M."""
+SAME_M, SAME_AXIS = 1e-6, 1e-3
+"""Points and tool axes of the same path differ by no more than this: a bend of 1 mm radius within SAME_M."""
 
 
 class Body(NamedTuple):
@@ -36,27 +35,20 @@ class Body(NamedTuple):
         return float(np.ptp(self.vertices, axis=0).max())
 
 
-def _upright(solid: Solid) -> Body:
-    return Body(solid.vertices, solid.faces, UP)
-
-
-def _random(seed: int) -> Body:
-    part = draw_part(seed)
-    return Body(part.solid.vertices - part.solid.vertices.mean(axis=0), part.solid.faces, part.up)
-
-
-SHAPES = {name: part.shape for name, part in parts().items() if isinstance(part, Block)}
-BODIES = {
-    "saddle": lambda: _upright(Block(SHAPES["saddle"], rectangle_grid(0.160, 0.160, 0.010)).build()),
-    "ring": lambda: _upright(replace(parts()["wheel_hub_rim"], spacing=0.006).build()),
-    "random 9": lambda: _random(9),
-    "random 26": lambda: _random(26),
+UPRIGHT = {
+    "saddle": Block(parts()["saddle"].shape, rectangle_grid(0.160, 0.160, 0.010)),
+    "ring": replace(parts()["wheel_hub_rim"], spacing=0.006),
 }
 
 
 @cache
 def body(name: str) -> Body:
-    return BODIES[name]()
+    """Of a shipped part, coarser, or of a random one by its seed."""
+    if name in UPRIGHT:
+        solid = UPRIGHT[name].build()
+        return Body(solid.vertices, solid.faces, UP)
+    part = draw_part(int(name.removeprefix("random ")))
+    return Body(part.solid.vertices - part.solid.vertices.mean(axis=0), part.solid.faces, part.up)
 
 
 def mesh_at(found: Body, turn: Array, shift: Array | float) -> PartMesh:

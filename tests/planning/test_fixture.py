@@ -66,12 +66,17 @@ def test_a_fixture_well_below_the_plate_is_no_hindrance(tmp_path, free):
     assert (planned(tmp_path, wall(height)).ready.access is None) == free
 
 
-def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan(tmp_path):
+def test_no_body_of_the_tool_shares_volume_with_the_fixture_which_picture_and_page_show(tmp_path):
     result = planned(tmp_path, vice(), "raster")
     assert max(volumes_in_part(result.path, vice(), RADIUS, -YIELDS).values()) < 0.05
     assert max(volumes_in_part(result.path, PLATE, RADIUS, YIELDS).values()) < 0.05
     assert result.figures["pad_in_part_max_m"] == 0.0
     assert reached_share(result.figures) > 0.95
+    labels = [text.get_text() for legend in plot_plan(result).legends for text in legend.get_texts()]
+    assert "fixture" in labels
+    solids = path_page(result, ExportSetup()).solids
+    corners = 1e3 * next(solid.vertices for solid in solids if solid.kind == "fixture")
+    assert np.ptp(corners, axis=0) == pytest.approx(vice().extents, abs=1e-3)
 
 
 def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_into_it(tmp_path):
@@ -89,15 +94,9 @@ def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
         planned(tmp_path, around, choice="given")
 
 
-def test_part_and_fixture_joined_enclose_the_volume_of_both_and_picture_and_page_show_it(tmp_path):
+def test_part_and_fixture_joined_enclose_the_volume_of_both(tmp_path):
     config = asked(tmp_path, wall(10))
     mesh = load_part(config.file, up="z")
     joined = joined_meshes(mesh, load_fixture(config.fixture_file, mesh))
     volume = trimesh.Trimesh(joined.vertices, joined.faces, process=False).volume
     assert volume == pytest.approx(1e-9 * (PLATE.volume + wall(10).volume))
-    result = planned(tmp_path, vice())
-    labels = [text.get_text() for legend in plot_plan(result).legends for text in legend.get_texts()]
-    assert "fixture" in labels
-    solids = path_page(result, ExportSetup()).solids
-    corners = 1e3 * next(solid.vertices for solid in solids if solid.kind == "fixture")
-    assert np.ptp(corners, axis=0) == pytest.approx(vice().extents, abs=1e-3)

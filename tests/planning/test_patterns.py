@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import turns_along
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, part_from_arrays, select_region
@@ -64,10 +65,6 @@ def test_the_spiral_becomes_archimedean_turn_by_turn():
     assert slopes[14] == pytest.approx(1.0, abs=0.05)
 
 
-def ring(radius, **keys):
-    return level(circle(radius, **keys), closed=True)
-
-
 def test_a_fermat_spiral_ends_beside_its_beginning_and_its_turns_have_no_tails():
     path = shipped_plan("freeform", "fermat").path
     stroke = path.positions_work[path.process]
@@ -82,7 +79,8 @@ def test_a_fermat_spiral_ends_beside_its_beginning_and_its_turns_have_no_tails()
     trimmed = without_tails(tailed, 0.3 * STEP)
     assert np.linalg.norm(trimmed.positions, axis=1).max() < 0.025
     assert trimmed.length == pytest.approx(2.0 * np.pi * 0.02, rel=0.05)
-    assert without_tails(ring(0.02), 0.3 * STEP).length == ring(0.02).length
+    ring = level(circle(0.02), closed=True)
+    assert without_tails(ring, 0.3 * STEP).length == ring.length
 
 
 def test_the_first_turn_runs_half_a_step_over_inside_and_none_is_tighter_than_a_third():
@@ -98,12 +96,9 @@ def test_the_first_turn_runs_half_a_step_over_inside_and_none_is_tighter_than_a_
     for name in ("plate", "cylinder"):
         path = shipped_plan(name, "raster").path
         points = path.positions_work[path.process]
-        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        even = np.stack([np.interp(np.arange(0.0, s[-1], 1e-3), s, points[:, k]) for k in range(3)], axis=1)
-        way = np.diff(even, axis=0)
-        way /= np.linalg.norm(way, axis=1, keepdims=True)
-        angle = np.arccos(np.clip((way[1:] * way[:-1]).sum(axis=1), -1.0, 1.0))
-        sharp = np.flatnonzero(angle > 1e-3 / (0.4 * STEP))
+        curve = level(points)
+        even = curve.points(np.arange(0.0, curve.length, 1e-3))
+        sharp = np.flatnonzero(turns_along(np.diff(even, axis=0)) > 1e-3 / (0.4 * STEP))
         # Only the four corners of the border turn, which follow the part's own.
         edges = 0.5 * np.ptp(points[:, :2], axis=0) - 1.5 * STEP
         assert (np.abs(even[sharp + 1, :2]) > edges).all(axis=1).all()

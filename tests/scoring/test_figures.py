@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.log import Trace
 from polish_sim.scoring.figures import DEFINITIONS, measure_score, oscillation
 from tests.analysis.synthetic import DT, force_trace, trace_of
-
-Array = NDArray[np.float64]
 
 
 def held(force: Array, before_s: float = 1.0) -> Trace:

@@ -15,15 +15,7 @@ from polish_sim.scenario_file import load_scenario
 from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.score import Row, Task
 from polish_sim.studies import tune
-from polish_sim.studies.tune import (
-    Goal,
-    Search,
-    judge_tuned,
-    read_condition,
-    read_goal,
-    read_over,
-    search_best,
-)
+from polish_sim.studies.tune import Goal, Search, judge_tuned, read_goal, read_over, search_best
 
 pytest.importorskip("optuna")
 BEST_P, BEST_I = 0.008, 0.02  #: Where the planted figure is least
@@ -61,8 +53,12 @@ class Planted:
 def search(**more: Any) -> Search:
     seen, held_out = tune.training_cases(["step-20", "flat-30"])
     over = read_over("hybrid-pi", ["force_p", "force_i"])
-    goal, conditions = read_goal("worst:rms_error_n"), (read_condition("stable"),)
+    goal, conditions = read_goal("worst:rms_error_n"), (tune.read_condition("stable"),)
     return replace(Search("hybrid-pi", over, goal, conditions, seen, held_out, 2), **more)
+
+
+def over(text: str) -> object:
+    return read_over("hybrid-pi", [text])
 
 
 def silent(_number: int, _text: str) -> None:
@@ -123,13 +119,9 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path):
 @pytest.mark.parametrize(
     ("read", "texts", "said"),
     [
-        (
-            lambda text: read_over("hybrid-pi", [text]),
-            ["force", "forse_p", "name", "force_p=1:2", "force_p=a"],
-            "tune|--over",
-        ),
+        (over, ["force", "forse_p", "name", "force_p=1:2", "force_p=a"], "tune|--over"),
         (read_goal, ["rms_error_n", "best:rms_error_n", "worst:rms", "worst:stable"], "goal"),
-        (read_condition, ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"], "subject-to|condition"),
+        (tune.read_condition, ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"], "-to|condition"),
     ],
 )
 def test_a_parameter_goal_or_condition_that_is_none_is_refused(read, texts, said):
