@@ -47,7 +47,7 @@ def test_every_number_of_a_row_lands_in_its_column_reads_back_the_same_and_canno
         assert all(entry.compress_type == zipfile.ZIP_DEFLATED for entry in archive.infolist())
     for held in (log, again):
         with pytest.raises(ValueError, match="read-only"):
-            held["time_s"][0] = 1.0  # type: ignore[index]
+            held["time_s"][0] = 1.0
 
 
 def test_a_damaged_log_or_a_file_of_other_arrays_is_refused_by_name_and_objects_are_not_run(rows, tmp_path):

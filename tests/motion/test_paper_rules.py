@@ -151,4 +151,4 @@ def test_limits_that_cannot_be_used_are_named(tmp_path, text, message):
         load_limits(tmp_path / "none.toml")
     for name, bad in (("axis_jerk", -1.0), ("joint_speed", (1.0, 1, 1, 1, 1, 0))):  # made by hand
         with pytest.raises(ConfigError, match=name):
-            replace(SmoothingLimits(), **{name: bad})  # type: ignore[arg-type]
+            replace(SmoothingLimits(), **{name: bad})

@@ -59,7 +59,7 @@ class Planted:
 
 def test_a_search_finds_more_than_runs_spread_evenly_and_a_controller_no_run_starts_with_is_refused(tmp_path):
     entry, planted, runs = user_entry("hybrid-pi"), Planted(), 400
-    rows = search_worst(entry, runs, planted)  # type: ignore[arg-type]
+    rows = search_worst(entry, runs, planted)
     low, high = np.array([*RANGES.values()]).T
     even = low + (high - low) * qmc.Sobol(len(RANGES), rng=1).random(1024)[:runs]
     spread = [planted.row(drawn_task(entry, x).scenario) for x in even]

@@ -68,7 +68,7 @@ def silent(_number: int, _text: str) -> None:
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
 def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(sampler):
     scorer = Planted()
-    best = search_best(search(sampler=sampler), 60, scorer, silent)  # type: ignore[arg-type]
+    best = search_best(search(sampler=sampler), 60, scorer, silent)
     assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)
     assert best["controller.force_i_m_s2n"] == pytest.approx(BEST_I, rel=0.5)
     first = scorer.asked[0].scenario.controller
@@ -76,21 +76,21 @@ def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(samp
     holds, paths = (sum(task.case.moving == moving for task in scorer.asked) for moving in (False, True))
     assert holds == 2 * 60
     assert 0 < paths < holds
-    judged = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
+    judged = judge_tuned(search(), best, 3, scorer)
     assert [verdict.better for verdict in judged] == [True, True, True]
     assert judged[2].rows == 3 * len(search().held_out)
 
 
 def test_an_interrupted_search_makes_the_same_trials_again_and_gains_of_seen_seeds_alone_are_worse():
     begun, whole = Planted(), Planted()
-    search_best(search(), 8, begun, silent)  # type: ignore[arg-type]
-    search_best(search(), 16, whole, silent)  # type: ignore[arg-type]
+    search_best(search(), 8, begun, silent)
+    search_best(search(), 16, whole, silent)
     asked = [[(t.case.name, t.seed, t.entry.settings) for t in scorer.asked] for scorer in (begun, whole)]
     assert asked[1][: len(asked[0])] == asked[0]
     assert len(asked[1]) > len(asked[0])
     scorer = Planted(lucky_seeds=True)
-    best = search_best(search(), 20, scorer, silent)  # type: ignore[arg-type]
-    seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
+    best = search_best(search(), 20, scorer, silent)
+    seen, seeds, _ = judge_tuned(search(), best, 3, scorer)
     # on other seeds the planted figure falls with the distance
     assert (seen.better, seeds.better) == (True, False)
 
