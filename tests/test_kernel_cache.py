@@ -36,10 +36,7 @@ DESCRIBE = "from polish_sim.kernel_cache import describe; describe([])"
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A package of this one's name with three kernels: `force` calls `gain`, `drag` stands alone."""
-    return _make_package(tmp_path / "code" / "polish_sim")
-
-
-def _make_package(folder: Path) -> Path:
+    folder = tmp_path / "code" / "polish_sim"
     folder.mkdir(parents=True)
     (folder / "__init__.py").touch()
     for module in (errors, kernel_cache, source_stamp):

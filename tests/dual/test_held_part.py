@@ -117,14 +117,11 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it
 
 
 def test_marks_span_a_narrow_strip_s_part_and_a_long_slanted_one(tmp_path):
-    region, surface = part("plate", "box:-100,-2,-50,100,2,50")
-    points = spread_marks(region, surface, 3)[:, :3, 3]
+    points = spread_marks(*part("plate", "box:-100,-2,-50,100,2,50"), 3)[:, :3, 3]
     assert np.ptp(points[:, 1]) > 0.03
     outline = Polygon([(0, 0), (158, 0), (252, 57), (0, 59)]).buffer(2)
     extrude_polygon(outline.difference(outline.buffer(-30.4)), 45).export(tmp_path / "slanted.stl")
-    mesh = geometry.load_part(tmp_path / "slanted.stl")
-    surface = geometry.fit_surface(mesh)
-    points = spread_marks(geometry.select_region(surface, mesh, "auto"), surface, 3)[:, :3, 3]
+    points = spread_marks(*part(str(tmp_path / "slanted.stl")), 3)[:, :3, 3]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     assert spread[1] > 0.1 * spread[0]
 

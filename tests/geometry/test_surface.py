@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from benchmarks.rounded_parts import draw_rounded_box, draw_turned_part
+from polish_sim.arrays import directions_at, unit
 from polish_sim.errors import ConfigError
 from polish_sim.geometry import DistanceField, build_distance_field, fit_surface, load_part, select_region
 from polish_sim.geometry.bezier import from_corners
@@ -91,9 +92,7 @@ def places(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.n
 @given(SEEDS, st.floats(-0.3, 0.3))
 def test_both_sides_of_a_cut_are_the_whole_surface_in_two(seed, level):
     surface, rng = bumpy(seed), np.random.default_rng(seed)
-    across = rng.normal(size=3)
-    across /= np.linalg.norm(across)
-    values = surface.control @ across - level
+    values = surface.control @ unit(rng.normal(size=3)) - level
     sides = [clip(surface, sign * values).surface for sign in (1.0, -1.0)]
     for side in sides:
         some = side.evaluate(*places(side, 100, rng))
@@ -177,10 +176,8 @@ def test_distances_are_those_of_brute_force_and_their_signs_right_beside_edges()
     points = np.random.default_rng(0).uniform(-0.08, 0.08, (5000, 3))
     assert np.abs(signed_distances(box(size), points) - distance_to_box(points, size)).max() < 1e-12
     # Closed prism over a star: reflex and sharp edges, where the nearest facet's own normal errs.
-    angle = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
-    radius = np.where(np.arange(10) % 2 == 0, 0.05, 0.015)
-    outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-    star = shapely.Polygon(outline)
+    tips = directions_at(np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False))
+    star = shapely.Polygon(tips * np.tile([[0.05], [0.015]], (5, 1)))
     surface = fit(trimesh.creation.extrude_polygon(star, 0.02), sunk=0.01)
     points = np.random.default_rng(1).uniform(-0.06, 0.06, (5000, 3)) * [1.0, 1.0, 0.4]
     inside = shapely.contains_xy(star, *points[:, :2].T) & (np.abs(points[:, 2]) < 0.01)

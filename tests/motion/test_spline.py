@@ -130,10 +130,8 @@ def test_a_circle_is_followed_as_fast_as_it_may_be_and_a_passage_s_derivatives_a
 
 def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(monkeypatch):
     """Counted in knots of the programmes that were solved: the processor's clock is not asked."""
-    solved: list[int] = []
-    plan_law = law_module.plan_law
-    counted = lambda knots, *rest: solved.append(len(knots)) or plan_law(knots, *rest)  # noqa: E731
-    monkeypatch.setattr(law_module, "plan_law", counted)
+    solved, plan_law = [], law_module.plan_law
+    monkeypatch.setattr(law_module, "plan_law", lambda k, *rest: solved.append(len(k)) or plan_law(k, *rest))
     rng, work = np.random.default_rng(5), []
     steps = 0.002 * np.stack([np.ones(400), *0.15 * rng.normal(size=(2, 400))], axis=1)
     for count in (100, 400):

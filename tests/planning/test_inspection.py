@@ -32,20 +32,17 @@ def with_axes(path, rows):
 
 def test_a_full_raster_covers_the_plate_half_of_one_covers_half_of_it_and_its_step_over_is_found_and_said():
     inspected = inspect_path(raster(), PLATE)
-    m = inspected.figures
-    assert m["coverage_stepover"] == m["coverage"] == 1.0
-    assert m["self_crossings"] == m["lifts"] == 0
-    # Twenty lines of 0.2 m and nineteen steps of 10 mm on 0.04 m^2.
-    assert m["path_length_m"] == pytest.approx(20 * 0.2 + 19 * 0.01, rel=1e-12)
-    assert m["length_ratio"] == pytest.approx(4.19 * 0.01 / 0.04, rel=1e-9)
-    assert m["cycle_time_s"] == pytest.approx(419.0, rel=1e-12)
-    assert m["time_in_contact_s"] == m["cycle_time_s"]  # no lead, no lift
-    assert m["stepover_expected_m"] == pytest.approx(0.01, rel=1e-6)
-    assert [m[f"stepover_{name}_m"] for name in ("min", "mean", "max")] == pytest.approx([0.01] * 3, rel=1e-6)
-    assert m["overlap"] == pytest.approx(0.8)
+    # Twenty lines of 0.2 m and nineteen steps of 10 mm on 0.04 m^2; no lead, no lift.
+    known = {
+        "coverage_stepover": 1.0, "coverage": 1.0, "self_crossings": 0, "lifts": 0, "path_length_m": 4.19,
+        "length_ratio": 4.19 * 0.01 / 0.04, "cycle_time_s": 419.0, "time_in_contact_s": 419.0,
+        "sharpest_corner_rad": np.pi / 2, "max_axis_rate_rad_m": 0.0,
+    }  # fmt: skip
+    assert {name: inspected.figures[name] for name in known} == pytest.approx(known, rel=1e-9)
+    found = [inspected.figures[f"stepover_{name}_m"] for name in ("expected", "min", "mean", "max")]
+    assert found == pytest.approx([0.01] * 4, rel=1e-6)
+    assert inspected.figures["overlap"] == pytest.approx(0.8)
     assert any(note.startswith("step-over taken from the path: 10 mm") for note in inspected.notes)
-    assert m["sharpest_corner_rad"] == pytest.approx(np.pi / 2, abs=1e-9)
-    assert m["max_axis_rate_rad_m"] == 0.0
     full = raster()
     half = full.rows(full.positions_work[:, 1] < 0.0)
     found = inspect_path(half, PLATE, PlanConfig(stepover_m=0.01))

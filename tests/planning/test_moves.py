@@ -18,9 +18,8 @@ from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.geometry.shapes import prism, surface_of
 from tests.planning.shapes import UP, moved, path_through, plan_of
 
-CLEARANCE = 0.03
+CLEARANCE, STEPOVER = 0.03, 0.008
 LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
-STEPOVER = 0.008
 
 
 def slab_with_wall(height=60.0):
@@ -31,9 +30,7 @@ def slab_with_wall(height=60.0):
 
 
 def stroke(x0, x1, y=0.0):
-    x = np.linspace(x0, x1, 60)
-    positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
-    return travel.move_in(PROCESS, positions, UP, 0)
+    return travel.move_in(PROCESS, np.linspace((x0, y, 0.0), (x1, y, 0.0), 60), UP, 0)
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of():
@@ -140,7 +137,7 @@ def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
 
 def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     y = np.concatenate([[0], np.random.default_rng(1).permutation(39) + 1]) * 0.01
-    ends = np.stack([np.stack([0 * y, y, 0 * y], axis=1), np.stack([0 * y + 1.0, y, 0 * y], axis=1)], axis=1)
+    ends = np.stack([np.column_stack([x + 0 * y, y, 0 * y]) for x in (0.0, 1.0)], axis=1)
     tour = travel.order_blocks(ends, True)
     assert air(ends, *tour) == pytest.approx(39 * 0.01)
     assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))

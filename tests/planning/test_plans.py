@@ -135,21 +135,16 @@ def test_a_path_begins_near_its_start_and_says_where_if_two_step_overs_off(patte
     assert bool(told(result)) == (np.linalg.norm(away) > 2.0 * STEP)
 
 
+NARROW = {"region": "box:-13,-13,0,13,13,30", "pattern": "contour", "stepover_m": 0.05}
+
+
 @pytest.mark.parametrize(
     ("name", "plan", "said"),
     [
         ("plate", {"stepover_m": 0.0}, "positive"),
         ("sphere_50", {"edge_margin_m": 0.05}, "nothing of the region is left 50 mm inside its border"),
-        (
-            "plate",
-            {"region": "box:-13,-13,0,13,13,30", "pattern": "contour", "stepover_m": 0.05},
-            r"too narrow for a step-over of 25 mm: .* \(or a larger --overlap\)",
-        ),
-        (
-            "plate",
-            {"stepover_m": 0.016, "start": (5.0, 0.0, 0.02)},
-            r"is 4900 mm away from the part\. The nearest point of the part is \(100, ",
-        ),
+        ("plate", NARROW, r"too narrow for a step-over of 25 mm: .* \(or a larger --overlap\)"),
+        ("plate", {"start": (5.0, 0.0, 0.02)}, r"is 4900 mm away from .* nearest point .* \(100, "),
     ],
 )
 def test_a_request_that_cannot_be_met_says_why(name, plan, said):
