@@ -75,10 +75,8 @@ def _runs(package: Path, script: str, count: int, **environment: str) -> list[tu
 
     with ExitStack() as files:
         said = [[files.enter_context(tempfile.TemporaryFile("w+")) for _ in "oe"] for _ in range(count)]
-        for run in [
-            Started(folder=package.parent, out=out.fileno(), err=err.fileno(), begin=begin)
-            for out, err in said
-        ]:
+        places = [{"out": out.fileno(), "err": err.fileno()} for out, err in said]
+        for run in [Started(folder=package.parent, begin=begin, **place) for place in places]:
             run.wait()
         texts = [[(file.seek(0), file.read())[1] for file in both] for both in said]
     return [([float(word) for word in out.split()], err) for out, err in texts]
@@ -264,24 +262,22 @@ def _kernels(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, str]]:
                 yield node, decorators
 
 
+def _bare(tree: ast.Module) -> set[str]:
+    return {kernel.name for kernel, decorators in _kernels(tree) if BARE in decorators}
+
+
 def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only():
     """From Python it would crash the interpreter."""
     folders = ("src", "cli", "models", "tests", "benchmarks", "examples")
     texts = [file.read_text("utf-8") for folder in folders for file in (ROOT / folder).rglob("*.py")]
-    bare = {
-        kernel.name
-        for text in texts
-        if BARE in text
-        for kernel, decorators in _kernels(ast.parse(text))
-        if BARE in decorators
-    }
+    bare = set[str]().union(*(_bare(ast.parse(text)) for text in texts if BARE in text))
     assert len(bare) > 5
     public = {name for name in bare if not name.startswith("_")}
     for text in texts:
         if not re.search(rf"\b({'|'.join(bare)})\b", text):
             continue
         tree = ast.parse(text)
-        own = {kernel.name for kernel, decorators in _kernels(tree) if BARE in decorators}
+        own = _bare(tree)
         for kernel, _ in _kernels(tree):
             kernel.body = [ast.Pass()]
         called = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}

@@ -53,8 +53,8 @@ def test_a_key_and_its_meaning_name_the_same_unit_and_the_file_holds_both():
     assert set(tomllib.loads(text)) == {key.partition(".")[0] for key, _, _ in leaves(BASE)}
     for key, value, field in leaves(BASE):
         begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
-        lines = [line for line in text.splitlines() if line.startswith(begin)]
-        assert any(line.endswith(f"# {field.metadata['text']}") for line in lines), key
+        end = f"# {field.metadata['text']}"
+        assert any(line.startswith(begin) and line.endswith(end) for line in text.splitlines()), key
 
 
 BASE = Scenario()
@@ -206,12 +206,8 @@ def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(
 
 def test_a_pad_or_a_step_over_that_is_set_by_name_is_kept_though_it_is_the_default(tmp_path):
     usual, pad, step = Scenario(), "pad.radius_m=0.025", "plan.stepover_m=0.008"
-    for choice, assignments in {
-        "given": [pad],
-        "stepover": [step],
-        "auto": ["pad.choice=auto", pad, step],
-    }.items():
-        for order in (assignments, assignments[::-1]):
+    for choice, given in (("given", [pad]), ("stepover", [step]), ("auto", ["pad.choice=auto", pad, step])):
+        for order in (given, given[::-1]):
             asked = override(usual, order)
             assert asked == replace(usual, pad=replace(usual.pad, choice=choice))
             assert load_scenario(written(tmp_path, to_toml(asked)), usual) == asked

@@ -22,16 +22,6 @@ from polish_sim.motion.serial_chain import SerialChain
 RATE, SIGMA = 250.0, np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
 RANGE, TORQUE = np.array([[-0.9, 0.9]] * 6) * np.pi, np.array([150.0] * 3 + [28.0] * 3)
 LIMITS = excitation.MotionLimits(RANGE, np.full(6, 3.0), np.full(6, 12.0), TORQUE)
-ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
-  <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
-  <joint name="b" type="slide" axis="0.3 -1 0.2"/>
-  <inertial mass="2" pos="0.1 0 0.05" fullinertia="0.05 0.06 0.04 0.001 0.002 -0.003"/>
-  <body pos="0.3 0 0.1" euler="-50 10 5"><joint name="c" axis="0 1 1" ref="30"/>
-    <inertial mass="1.5" pos="0 0.1 0" diaginertia="0.01 0.02 0.015"/>
-    <body pos="0 0 0.2" euler="0 90 0"><inertial mass="0.5" pos="0.02 0 0" diaginertia="0.001 0.002 0.0015"/>
-      <body pos="0.1 0 0"><joint name="d" axis="0 0 1" pos="0 0.1 0"/>
-        <inertial mass="0.7" pos="0 0 0.1" diaginertia="0.003 0.002 0.004"/></body></body></body>
-</body></worldbody></mujoco>"""
 
 
 def arm_model() -> mujoco.MjModel:
@@ -43,7 +33,7 @@ def arm_model() -> mujoco.MjModel:
 
 def odd_model() -> mujoco.MjModel:
     """Two joints on one body, a slide, tilted axes, a welded body, a joint that does not start at zero."""
-    return _bare(mujoco.MjModel.from_xml_string(ODD))
+    return _bare(mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("odd.xml"))))
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -1,12 +1,14 @@
-"""Rotations, transforms and vectors against their definitions."""
+"""Rotations, transforms, vectors and their kernels against their definitions."""
 
 import math
+from types import GenericAlias
+from typing import Annotated
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim import arrays, spatial
+from polish_sim import arrays, kernels, spatial
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -23,9 +25,8 @@ def test_quaternions_and_matrices_say_the_same_rotation():
         spatial.quaternion_from_rotation(R, quaternion)
         assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-12)
         assert quaternion[0 if np.trace(R) > 0.0 else np.argmax(np.abs(quaternion))] > 0.0
-        np.testing.assert_allclose(
-            Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), R, atol=1e-12
-        )
+        found = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+        np.testing.assert_allclose(found, R, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, math.pi - 1e-9, math.pi])
@@ -58,9 +59,8 @@ def test_unit_and_perpendicular_vectors_have_length_one_and_skew_is_the_cross_pr
     np.testing.assert_allclose((across * units).sum(axis=1), 0.0, atol=1e-15)
     np.testing.assert_array_equal(arrays.perpendicular(VECTORS[7]), across[7])
     assert (arrays.unit(np.zeros(3)) == 0.0).all()
-    np.testing.assert_allclose(
-        spatial.skew(VECTORS[0]) @ VECTORS[1], np.cross(VECTORS[0], VECTORS[1]), rtol=1e-14
-    )
+    a, b = VECTORS[:2]
+    np.testing.assert_allclose(spatial.skew(a) @ b, np.cross(a, b), rtol=1e-14)
 
 
 def test_a_frame_is_tilted_about_its_own_x_and_y_also_in_place():
@@ -70,3 +70,28 @@ def test_a_frame_is_tilted_about_its_own_x_and_y_also_in_place():
     np.testing.assert_allclose(R, wanted, atol=1e-12)
     spatial.tilt_frame(R.copy(), 0.0, 0.0, R)
     np.testing.assert_allclose(R, wanted, atol=1e-12)
+
+
+def test_the_type_of_a_field_is_read_from_either_way_to_write_an_array():
+    for array in (
+        arrays.Array,
+        GenericAlias(np.ndarray, (np.float64,)),
+    ):  # here and in numpy 2.5
+        state = type("State", (kernels.Record,), {"__annotations__": {"p": Annotated[array, (3,)], "n": int}})
+        assert state.dtype["p"] == np.dtype((np.float64, (3,)))
+        assert state.dtype["n"] == np.int64
+
+
+def test_turns_are_those_of_rotation_vectors_and_derivatives_of_vectors_that_turn_of_a_growing_turn():
+    n, v, p = np.array([0.6, 0.0, 0.8]), np.array([1.0, -2.0, 3.0]), np.array([0.5, 0.1, -0.2])
+    R = Rotation.from_rotvec(0.7 * n).as_matrix()
+    turned = kernels.turn_about(n, np.cos(0.7), np.sin(0.7), 1.0 - np.cos(0.7), v)
+    np.testing.assert_allclose(turned, R @ v, atol=1e-14)
+    np.testing.assert_allclose(kernels.matvec(R, v), R @ v, atol=1e-14)
+    np.testing.assert_allclose(kernels.plus_matvec(p, R, v), p + R @ v, atol=1e-14)
+    np.testing.assert_allclose(kernels.plus_cross(p, n, v), p + np.cross(n, v), atol=1e-14)
+    # About a fixed axis z by phi = w t + e t^2 / 2 + f t^3 / 6, at t = 0: those of (cos phi, sin phi).
+    w, e, f = 2.0, 3.0, 5.0
+    x, turns = np.array([1.0, 0.0, 0.0]), [np.array([0.0, 0.0, rate]) for rate in (w, e, f)]
+    np.testing.assert_allclose(kernels.second_by_turning(*turns[:2], x), (-(w**2), e, 0.0), atol=1e-14)
+    np.testing.assert_allclose(kernels.third_by_turning(*turns, x), (-3.0 * w * e, f - w**3, 0.0), atol=1e-14)

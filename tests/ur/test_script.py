@@ -153,9 +153,7 @@ def test_threads_take_turns_join_and_are_killed_with_their_moves_of_which_there_
 
 
 def test_a_programme_ends_force_mode_and_motion_and_a_popup_holds_it_until_it_is_closed():
-    robot, notes, _ = run(
-        "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()"
-    )
+    robot, notes, _ = run(f"force_mode({SIX}, {SIX}, {SIX}, 2, {SIX})\nhalt\nsync()")
     assert robot.names() == ["force_mode", "end_force_mode", "stopj"]
     assert notes.events == [("started", "f"), ("stopped", "f")]
     robot, notes, machine = run('popup("look", blocking=True)\ntextmsg("on")')
