@@ -41,10 +41,6 @@ def arc(joint: int, count: int = 200, offsets: Array | None = None, sector=None)
     return place_of(T_TRACKER_BASE @ forward(q), TARGET)
 
 
-def noisy(points: Array, rng: np.random.Generator) -> Array:
-    return points + SIGMA * rng.standard_normal(points.shape)
-
-
 def step_from(true: Array, T: Array) -> Array:
     """Displacement [m] and rotation [rad] from a frame to another, outer axes."""
     turn = Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
@@ -63,7 +59,7 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(most):
 @cache
 def swept(joint: int) -> list[SweptCircle]:
     rng = np.random.default_rng(joint)
-    return [fit_circle(noisy(arc(joint), rng), SIGMA) for _ in range(100)]
+    return [fit_circle(arc(joint) + SIGMA * rng.standard_normal((200, 3)), SIGMA) for _ in range(100)]
 
 
 @pytest.mark.parametrize(("apart", "origin", "tilt"), [(5e-4, 2.1e-5, 1.1e-3), (0.0, 1.7e-5, 1e-3)])

@@ -102,13 +102,9 @@ def short() -> DualTask:
     return prepare_dual(dual(*SHORT))
 
 
-@pytest.fixture
-def check(short: DualTask) -> MotionCheck:
+def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_found(short):
     way = MasterMotion(short.work.way)
-    return MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
-
-
-def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_found(short, check):
+    check = MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")

@@ -144,21 +144,11 @@ def prediction() -> Prediction:
     return predict(TRIAL)
 
 
-@pytest.fixture(scope="module")
-def alone() -> Prediction:
-    """Without closing touches."""
-    return predict(replace(TRIAL, dual=DualConfig(closing_touches=0)))
-
-
-@pytest.fixture(scope="module")
-def drawn() -> dict[str, Array]:
-    draws = [draw_errors(TRIAL, number) for number in range(TRIAL.draws)]
-    return {name: np.stack([one[name] for one in draws]) for name in draws[0]}
-
-
-def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction, drawn):
+def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction):
     """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source
     shows. Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
+    draws = [draw_errors(TRIAL, number) for number in range(TRIAL.draws)]
+    drawn = {name: np.stack([one[name] for one in draws]) for name in draws[0]}
     shares = budget.compare_shares(TRIAL, prediction.covariances, drawn)
     assert set(shares) == {*SOURCES, TOGETHER}
     for name, share in shares.items():
@@ -190,8 +180,9 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted(touch_noise_m, monkey
     np.testing.assert_allclose(covariances[TOGETHER], covariances["tool"] + covariances["part"])
 
 
-def test_one_by_one_the_tool_is_off_by_its_tips_bound_and_closing_touches_mend_that(alone, prediction):
+def test_one_by_one_the_tool_is_off_by_its_tips_bound_and_closing_touches_mend_that(prediction):
     """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
+    alone = predict(replace(TRIAL, dual=DualConfig(closing_touches=0)))
     rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
     np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
     assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5  # as asked

@@ -185,15 +185,11 @@ def test_distances_are_those_of_brute_force_and_their_signs_right_beside_edges()
     assert np.array_equal(signed_distances(surface, points) < 0.0, inside)
 
 
-def distance_to_torus(points):
-    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.03, points[:, 2]) - 0.012
-
-
 @pytest.mark.parametrize(
     ("shape", "distance", "curvature"),
     [
-        (SPHERE, lambda points: np.linalg.norm(points, axis=1) - 0.05, 2.0 / 0.044),
-        (TORUS, distance_to_torus, 1.0 / 0.006 + 1.0 / 0.012),
+        (SPHERE, lambda p: np.linalg.norm(p, axis=1) - 0.05, 2.0 / 0.044),
+        (TORUS, lambda p: np.hypot(np.hypot(p[:, 0], p[:, 1]) - 0.03, p[:, 2]) - 0.012, 3.0 / 0.012),
     ],
     ids=["sphere", "torus"],
 )

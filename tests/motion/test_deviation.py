@@ -48,11 +48,6 @@ def vertex_error(overlap: float, t2: float, t3: float, change: float) -> float:
     return (4.0 * t3**2 - 6.0 * t3 * overlap + 3.0 * overlap**2) * change / (24.0 * t2)
 
 
-def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: float) -> float:
-    """Distance from the polyline: the vertex error times the cosine of half the turn."""
-    return vertex_error(overlap, t2, t3, change) * np.sqrt(0.5 * (1.0 + cosine))
-
-
 def test_corners_use_their_tolerance_to_1e_12_mm_and_unlike_ones_stay_within_it():
     """At the vertex half way through the overlap, which is at most as long as the filters."""
     rng, limited = np.random.default_rng(0), 0
@@ -94,7 +89,7 @@ def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one
         chain = chain_from_axes(np.zeros((3, 3)), np.stack([axes[1] * [-1, 1, 1], axes[0], on]))
         found = measure_deviation(Smoothed(chain, overlapped(chain, 0.06)), chain).axis.value
         change = corner_speed(size / 0.1, size / 0.1, np.cos(2 * half))
-        bound = contour_error(0.06, 0.05, 0.02, change, np.cos(2 * half))
+        bound = vertex_error(0.06, 0.05, 0.02, change) * np.cos(half)
         assert bound * (1.0 - exact) <= found <= bound * (1.0 + 1e-9)
 
 

@@ -74,15 +74,11 @@ def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig, pad: PadConfig 
     return plan_part(PartConfig(str(file), up="z"), plan, pad=pad)
 
 
+@cache
 def shipped_plan(name: str, pattern: str = "spiral") -> PlanResult:
     """The plan of a shipped part with 8 mm step-over; made once for all tests."""
-    return _made_once(PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008))
-
-
-@cache
-def _made_once(part: PartConfig, plan: PlanConfig) -> PlanResult:
-    made: PlanResult = keep(("plan", part, plan), lambda: plan_part(part, plan))
-    return made
+    part, plan = PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008)
+    return keep(("plan", part, plan), lambda: plan_part(part, plan))
 
 
 def with_wishes(plan: PlanResult) -> PlanResult:
