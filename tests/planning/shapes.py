@@ -1,5 +1,6 @@
 """Surfaces and parts whose truth is known."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -52,15 +53,20 @@ def to_polyline(points: Array, corners: Array) -> Array:
     return foot_on_chord(points[:, None] - corners[:-1], np.diff(corners, axis=0))[1].min(axis=1)
 
 
-def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimesh:
-    return mesh.apply_translation([x, y, z])
+def block(sides: Sequence[float], at: Sequence[float] = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+    """A block of these sides with its middle at a place [mm]."""
+    return trimesh.creation.box(sides).apply_translation(at)
+
+
+def union(*solids: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.boolean.union(solids, engine="manifold")
 
 
 def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
     """A square pocket 120 x 120 mm in a block, its floor at z = 0, with this wall around."""
     side = 120 + 2 * ring_mm
-    outer = moved(trimesh.creation.box((side, side, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
-    inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
+    outer = block((side, side, 20 + wall_mm), (0, 0, wall_mm / 2 - 10))
+    inner = block((120, 120, wall_mm), (0, 0, wall_mm / 2))
     return trimesh.boolean.difference([outer, inner], engine="manifold")
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +20,7 @@ from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
-from tests.planning.shapes import UP, level, path_through, plan_of, region_of
+from tests.planning.shapes import UP, block, level, path_through, plan_of, region_of, union
 
 PAD = PadConfig()
 R, K, F = PAD.radius_m, PAD.stiffness_n_m, 20.0
@@ -107,9 +106,8 @@ def test_thinned_points_are_apart_and_leave_nothing_out():
 
 
 def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_what_was_cut(tmp_path):
-    wall = trimesh.creation.box((40, 120, 90)).apply_translation((110, 0, 40))
-    strip = trimesh.creation.box((120, 15, 10)).apply_translation((0, 100, 0))
-    solid = trimesh.boolean.union([trimesh.creation.box((200, 120, 10)), wall, strip])
+    wall, strip = block((40, 120, 90), (110, 0, 40)), block((120, 15, 10), (0, 100, 0))
+    solid = union(block((200, 120, 10)), wall, strip)
     plan = PlanConfig(region="box:-200,-200,-1,90,200,6", stepover_m=0.016)
     result = plan_of(solid, tmp_path / "part.stl", plan, PadConfig(choice="given"))
     m = result.figures
@@ -126,8 +124,7 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
 
 def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     plan = PlanConfig(pattern="raster", raster_direction=(0.0, 1.0, 0.0), stepover_m=0.016)
-    solid = trimesh.creation.box((240, 120, 10))
-    result = plan_of(solid, tmp_path / "part.stl", plan, PadConfig(choice="given"))
+    result = plan_of(block((240, 120, 10)), tmp_path / "part.stl", plan, PadConfig(choice="given"))
     assert result.figures["left_out"].get("shakes", 0.0) == 0.0
     path = result.path
     shaking = path.process & (np.abs(path.positions_work[:, 0]) < 0.06)

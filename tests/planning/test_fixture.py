@@ -13,23 +13,22 @@ from polish_sim.geometry import load_part
 from polish_sim.geometry.fit import joined_meshes, load_fixture
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
-from tests.planning.shapes import moved
+from tests.planning.shapes import block, union
 from tests.planning.tools import reached_share, volumes_in_part
 
 CLEARANCE, YIELDS, RADIUS = 0.001, 20.0 / 20000.0, 0.025
-PLATE = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
+PLATE = block((160, 120, 20), (0, 0, -10))
 
 
 def wall(height):
     """A bar along the plate's side x = 80 mm, its top ``height`` above the plate's."""
-    return moved(trimesh.creation.box((20, 160, 40)), 90, 0, height - 20)
+    return block((20, 160, 40), (90, 0, height - 20))
 
 
 def vice():
     """Two jaws and a clamp on the plate."""
-    jaws = [moved(trimesh.creation.box((200, 20, 60)), 0, y, -20) for y in (-70, 70)]
-    clamp = moved(trimesh.creation.box((30, 60, 15)), 10, 60, 7.5)
-    return trimesh.boolean.union([*jaws, clamp], engine="manifold")
+    jaws = [block((200, 20, 60), (0, y, -20)) for y in (-70, 70)]
+    return union(*jaws, block((30, 60, 15), (10, 60, 7.5)))
 
 
 def asked(folder, fixture) -> PartConfig:
@@ -89,9 +88,8 @@ def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_
 
 
 def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
-    around = trimesh.creation.box((900, 900, 900))
     with pytest.raises(PlanError, match=r"fixture .* own frame and unit"):
-        planned(tmp_path, around, choice="given")
+        planned(tmp_path, block((900, 900, 900)), choice="given")
 
 
 def test_part_and_fixture_joined_enclose_the_volume_of_both(tmp_path):

@@ -16,7 +16,7 @@ from polish_sim.planning.moves.stroke import lift_over
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.geometry.shapes import prism, surface_of
-from tests.planning.shapes import UP, moved, path_through, plan_of
+from tests.planning.shapes import UP, block, path_through, plan_of, union
 
 CLEARANCE, STEPOVER = 0.03, 0.008
 LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
@@ -24,9 +24,7 @@ LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
 
 def slab_with_wall(height=60.0):
     """A slab 200 x 100 x 10 mm, its top at z = 0, with a wall across the middle."""
-    slab = moved(trimesh.creation.box((200.0, 100.0, 10.0)), 0, 0, -5)
-    wall = moved(trimesh.creation.box((10.0, 100.0, height)), 0, 0, height / 2)
-    return surface_of(trimesh.boolean.union([slab, wall], engine="manifold"))
+    return surface_of(union(block((200, 100, 10), (0, 0, -5)), block((10, 100, height), (0, 0, height / 2))))
 
 
 def stroke(x0, x1, y=0.0):
@@ -34,7 +32,7 @@ def stroke(x0, x1, y=0.0):
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of():
-    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)))
+    box = surface_of(block((100, 100, 100)))
     beside = np.array([[0.06, 0.0, 0.0]])
     assert travel.rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
     depth = travel.rim_depths(box, beside, UP[None], 0.025)[0]
@@ -54,7 +52,7 @@ def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_the
 
 
 def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round():
-    part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)))
+    part = surface_of(block((100, 100, 10)))
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (leads.with_leads(move, LANDING, LANDING) for move in (top, below))
@@ -71,7 +69,7 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     chosen = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
     assert chosen.start.shape is leads.normal_lead
     assert chosen.end.shape is leads.tangent_lead
-    part = surface_of(moved(trimesh.creation.box((200.0, 200.0, 10.0)), 0, 0, -5))
+    part = surface_of(block((200, 200, 10), (0, 0, -5)))
     air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
     for name, shape in leads.LEADS.items():
         chosen = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
@@ -89,9 +87,8 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
 
 def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
     """Two pads 60 mm wide on a common base: two components, one spiral each, a travel between."""
-    base = moved(trimesh.creation.box((200.0, 100.0, 10.0)), 0, 0, -5)
-    pads = [moved(trimesh.creation.box((60.0, 60.0, 20.0)), x, 0, 5) for x in (-60, 60)]
-    part = trimesh.boolean.union([base, *pads], engine="manifold")
+    pads = [block((60, 60, 20), (x, 0, 5)) for x in (-60, 60)]
+    part = union(block((200, 100, 10), (0, 0, -5)), *pads)
     plan = PlanConfig(region="box:-100,-50,14,100,50,16", stepover_m=0.008, bridge_m=0.0)
     result = plan_of(part, tmp_path / "islands.stl", plan)
     figures, path = result.figures, result.path

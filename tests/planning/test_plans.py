@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-import trimesh
 
 from polish_sim import measure_path
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import plan_part, plan_path
-from tests.planning.shapes import plan_of, plate, region_of, shipped_plan
+from tests.planning.shapes import block, plan_of, plate, region_of, shipped_plan, union
 
 STEP = 0.008
 RING, HOLES = "wheel_hub_rim", "plate_two_holes"
@@ -168,9 +167,8 @@ def test_turns_a_pad_apart_and_an_outward_path_with_a_start_are_noted():
 
 
 def test_an_angle_of_narrow_legs_gets_the_pad_that_fits_and_keeps_what_was_asked_for(tmp_path):
-    legs = [trimesh.creation.box((150, 22.9, 8)), trimesh.creation.box((22.9, 120, 8))]
-    legs[1].apply_translation((-63.55, 48.5, 0))
-    trimesh.boolean.union(legs).export(tmp_path / "angle.stl")
+    angle = union(block((150, 22.9, 8)), block((22.9, 120, 8), (-63.55, 48.5, 0)))
+    angle.export(tmp_path / "angle.stl")
     part, plan = PartConfig(str(tmp_path / "angle.stl"), unit="mm", up="z"), PlanConfig(stepover_m=0.008)
     pads = [plan_part(part, plan, pad=PadConfig(choice=choice)) for choice in ("auto", "stepover")]
     assert [(result.tool.pad.radius_m, result.plan.stepover_m) for result in pads] == [

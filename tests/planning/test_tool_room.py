@@ -25,7 +25,7 @@ from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Discs, Tool, standing_above
 from tests.cell.cells import drawn_vertices, meshes_of
 from tests.geometry.shapes import prism, surface_of
-from tests.planning.shapes import UP, moved, pocket, shipped_plan
+from tests.planning.shapes import UP, block, pocket, shipped_plan, union
 from tests.planning.tools import reached_share, volumes_in_part
 
 CLEARANCE, YIELDS, RADIUS = 0.001, 20.0 / 20000.0, 0.010
@@ -35,22 +35,18 @@ PLAN = PlanConfig(stepover_m=0.004, pattern="contour", region="point:0,0,0")
 
 def walled_plate():
     """A plate 160 x 120 mm with a wall 110 mm high and 5 mm thick across it."""
-    plate = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
-    wall = moved(trimesh.creation.box((5, 120, 120)), 60, 0, 50)
-    return trimesh.boolean.union([plate, wall], engine="manifold")
+    return union(block((160, 120, 20), (0, 0, -10)), block((5, 120, 120), (60, 0, 50)))
 
 
 def boss():
     """A plate 120 x 120 mm with a boss 16 mm across and 40 mm high."""
-    plate = moved(trimesh.creation.box((120, 120, 20)), 0, 0, -10)
-    post = moved(trimesh.creation.cylinder(8.0, 40.0), 5, 3, 20)
-    return trimesh.boolean.union([plate, post], engine="manifold")
+    post = trimesh.creation.cylinder(8.0, 40.0).apply_translation((5, 3, 20))
+    return union(block((120, 120, 20), (0, 0, -10)), post)
 
 
 def bowl(radius=90.0, depth=20.0):
-    ball = moved(trimesh.creation.icosphere(subdivisions=4, radius=radius), 0, 0, radius - depth)
-    block = moved(trimesh.creation.box((140, 140, 50)), 0, 0, -25)
-    return trimesh.boolean.difference([block, ball], engine="manifold")
+    ball = trimesh.creation.icosphere(4, radius).apply_translation((0, 0, radius - depth))
+    return trimesh.boolean.difference([block((140, 140, 50), (0, 0, -25)), ball], engine="manifold")
 
 
 def scan():
@@ -65,9 +61,8 @@ def scan():
 
 def shelf():
     """A plate 160 x 120 mm under a shelf 80 mm above it: pad and shaft fit under, the spindle does not."""
-    plate = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
-    post, board = trimesh.creation.box((10, 120, 100)), trimesh.creation.box((60, 120, 10))
-    return trimesh.boolean.union([plate, moved(post, 75, 0, 50), moved(board, 50, 0, 85)], engine="manifold")
+    post, board = block((10, 120, 100), (75, 0, 50)), block((60, 120, 10), (50, 0, 85))
+    return union(block((160, 120, 20), (0, 0, -10)), post, board)
 
 
 CASES = {
@@ -253,7 +248,7 @@ def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(gap
 def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says():
     """A ramp of 45 deg from x = 5 mm on: the rim at x = 10 mm is 5 mm sin 45 deg behind its plane."""
     ramp = prism([(-50, -10), (60, -10), (60, 55), (5, 0), (-50, 0)], 80.0)
-    part = surface_of(moved(ramp, 0, -40, 0))
+    part = surface_of(ramp.apply_translation((0, -40, 0)))
     found = standing_above(part, disc(0.0, 0.0))
     assert found.depths[0] == pytest.approx(0.005 * np.sin(np.pi / 4), abs=1e-9)
     # What stands no higher than 1 mm does not count: the ramp does so from x = 6 mm on.
