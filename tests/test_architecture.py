@@ -97,7 +97,7 @@ def test_texts_use_none_of_the_banned_phrases():
     assert not found
 
 
-def _tokens(text: str) -> int:
+def _tokens(text):
     """Names, operators and literals outside docstrings, by the parser's own tokenizer: it is quick."""
     quiet, layout = set[int](), {token.NEWLINE, token.INDENT, token.DEDENT, token.ENDMARKER}
     for node in ast.walk(ast.parse(text)):
@@ -108,11 +108,11 @@ def _tokens(text: str) -> int:
     return sum(kind not in layout and line not in quiet for _, kind, line, *_ in tokens)
 
 
-def _lint_imports(tree: Path) -> subprocess.CompletedProcess[str]:
+def _lint_imports(tree):
     return _run(str(Path(sys.executable).with_name("lint-imports")), "--no-cache", PYTHONPATH=str(tree))
 
 
-def _run(*command: str, **more: str) -> subprocess.CompletedProcess[str]:
+def _run(*command, **more):
     return subprocess.run(
         command, cwd=ROOT, env=os.environ | more, capture_output=True, text=True, check=False
     )

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -34,7 +33,7 @@ DESCRIBE = "from polish_sim.kernel_cache import describe; describe([])"
 
 
 @pytest.fixture
-def package(tmp_path: Path) -> Path:
+def package(tmp_path):
     """A package of this one's name with three kernels: `force` calls `gain`, `drag` stands alone."""
     folder = tmp_path / "code" / "polish_sim"
     folder.mkdir(parents=True)
@@ -48,20 +47,20 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
-def _write_gain(package: Path, value: float) -> None:
+def _write_gain(package, value):
     (package / "gains.py").write_text(KERNEL.format(imports="", name="gain", value=f"{value} + 0.0 * x"))
 
 
-def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
+def _run(package, script=SCRIPT, **environment):
     """Numbers a script prints in a process that has nothing of this package yet, and its stderr."""
     (run,) = _runs(package, script, 1, **environment)
     return run
 
 
-def _runs(package: Path, script: str, count: int, **environment: str) -> list[tuple[list[float], str]]:
+def _runs(package, script, count, **environment):
     """The same of ``count`` processes at once; they are forked, so that numba is not imported anew."""
 
-    def begin() -> None:
+    def begin():
         for name in [name for name in sys.modules if name.partition(".")[0] == "polish_sim"]:
             del sys.modules[name]
         os.environ.clear()
@@ -82,13 +81,13 @@ def _runs(package: Path, script: str, count: int, **environment: str) -> list[tu
     return [([float(word) for word in out.split()], err) for out, err in texts]
 
 
-def _environment(package: Path) -> dict[str, str]:
+def _environment(package):
     kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "POLISH_SIM_KERNELS"}}
     kept["PYTHONDONTWRITEBYTECODE"] = "1"  # a file edited within a second would be taken from it
     return kept | {"PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(package.parents[1] / "cache")}
 
 
-def _cache(package: Path) -> Path:
+def _cache(package):
     return package.parents[1] / "cache" / "polish-sim" / "kernels"
 
 
@@ -253,7 +252,7 @@ ROOT = Path(__file__).parents[1]
 BARE = "no_cpython_wrapper"
 
 
-def _kernels(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, str]]:
+def _kernels(tree):
     """Compiled functions with the text of their decorators."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
@@ -262,7 +261,7 @@ def _kernels(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, str]]:
                 yield node, decorators
 
 
-def _bare(tree: ast.Module) -> set[str]:
+def _bare(tree):
     return {kernel.name for kernel, decorators in _kernels(tree) if BARE in decorators}
 
 

@@ -2,8 +2,6 @@
 
 import os
 import zipfile
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +19,7 @@ CONTRACT = {
 
 
 @pytest.fixture
-def rows() -> np.ndarray:
+def rows():
     """Three rows whose every number says where it stands."""
     return np.arange(3.0)[:, None] * 1000.0 + np.arange(row_width())
 
@@ -83,8 +81,8 @@ def test_a_damaged_log_or_a_file_of_other_arrays_is_refused_by_name_and_objects_
 class MakesFolder:
     """What makes a folder when it is read."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.folder = folder
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self):
         return os.mkdir, (str(self.folder),)

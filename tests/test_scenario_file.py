@@ -1,10 +1,9 @@
 """Settings: defaults, ranges, TOML files and --set."""
 
 import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import Field, fields, is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from functools import reduce
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import check_words, load_scenario, override, to_toml
 
 
-def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any, Field[Any]]]:
+def leaves(table, place=""):
     """Every key of a scenario by its dotted name, with its value and its field."""
     for f in fields(table):
         value = getattr(table, f.name)
@@ -60,13 +59,13 @@ def test_a_key_and_its_meaning_name_the_same_unit_and_the_file_holds_both():
 BASE = Scenario()
 
 
-def written(folder: Path, text: str) -> Path:
+def written(folder, text):
     path = folder / "scenario.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def changed_everywhere() -> Scenario:
+def changed_everywhere():
     """A scenario that differs from the default in every number."""
     assignments = []
     for key, value, field in leaves(BASE):
@@ -164,7 +163,7 @@ def test_a_bad_set_is_named(assignment, told):
 NOISE, AXIA = "sensor.force_noise_n", SENSOR_MODELS["axia80"]
 
 
-def sensor_values(scenario: Scenario) -> dict[str, Any]:
+def sensor_values(scenario):
     return {name: getattr(scenario.sensor, name) for name in AXIA}
 
 

@@ -6,10 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,18 +19,16 @@ from polish_sim.workers import Result, WorkersError, local_copy, open_workers
 CHILDREN = Path(f"/proc/self/task/{os.getpid()}/children")
 
 
-def work_off(
-    tasks: Sequence[Any], work: Callable[[Any], Any], group_of: Callable[[Any], Any], count: int
-) -> Generator[Result]:
+def work_off(tasks, work, group_of, count):
     with open_workers(count=count) as workers:
         yield from workers.results(tasks, work, group_of)
 
 
-def double(task: int) -> int:
+def double(task):
     return 2 * task
 
 
-def die_once(task: tuple[str, int]) -> int:
+def die_once(task):
     """Kill the own process the first time an odd number comes."""
     folder, number = task
     mark = Path(folder) / str(number)
@@ -42,22 +38,22 @@ def die_once(task: tuple[str, int]) -> int:
     return number
 
 
-def die_at_1(task: int) -> int:
+def die_at_1(task):
     if task == 1:
         os._exit(7)
     return task
 
 
-def perish(_task: int) -> None:
+def perish(_task):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def read_shipped(name: str) -> tuple[bool, str]:
+def read_shipped(name):
     """Whether a file came as a copy, and what it says."""
     return local_copy(name) != name, Path(local_copy(name)).read_text()
 
 
-def fail(task: int) -> int:
+def fail(task):
     raise ValueError(f"no {task}")
 
 
@@ -83,7 +79,7 @@ def test_a_task_of_a_killed_process_is_done_once_more_and_left_out_and_where_all
         list(work_off(range(9), perish, lambda task: task, 2))
 
 
-def stop_at(place: str) -> None:
+def stop_at(place):
     raise OSError(errno.ENOSPC, "no room") if place == "disk" else ProtectiveStop(f"stopped at {place}")
 
 
@@ -180,14 +176,14 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path, engine):
     until(lambda: not alive(int(name.read_text())))
 
 
-def alive(process: int) -> bool:
+def alive(process):
     try:
         return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
     except FileNotFoundError:
         return False
 
 
-def until(happened: Callable[[], bool]) -> None:
+def until(happened):
     end = time.monotonic() + 90.0
     while not happened():
         assert time.monotonic() < end

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.calibration import matched_points
 from polish_sim.calibration.arm import CATALOGUE, ArmEstimate, TrackedArm, fit_arm
 from polish_sim.dual import calibrate
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibration import tool
 from polish_sim.dual.calibration.arm import held_out_rms
-from polish_sim.dual.calibration.circle import SweptCircle, base_from_circles, fit_circle
+from polish_sim.dual.calibration.circle import base_from_circles, fit_circle
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.kinematics import NOMINAL, table_slopes
@@ -34,14 +33,14 @@ SPUN = Rotation.from_euler("z", np.linspace(0.0, 3.0, 8)[:, None])
 MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
 
 
-def arc(joint: int, count: int = 200, offsets: Array | None = None, sector=None) -> Array:
+def arc(joint, count=200, offsets=None, sector=None):
     """Target seen by the tracker while one joint turns, angles rising; what encoders say plays no role."""
     q = np.tile(np.zeros(6) if offsets is None else offsets, (count, 1))
     q[:, joint] += np.radians(np.linspace(*(sector or SECTORS[joint]), count))
     return place_of(T_TRACKER_BASE @ forward(q), TARGET)
 
 
-def step_from(true: Array, T: Array) -> Array:
+def step_from(true, T):
     """Displacement [m] and rotation [rad] from a frame to another, outer axes."""
     turn = Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
     return np.concatenate([T[:3, 3] - true[:3, 3], turn])
@@ -57,7 +56,7 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(most):
 
 
 @cache
-def swept(joint: int) -> list[SweptCircle]:
+def swept(joint):
     rng = np.random.default_rng(joint)
     return [fit_circle(arc(joint) + SIGMA * rng.standard_normal((200, 3)), SIGMA) for _ in range(100)]
 
@@ -106,7 +105,7 @@ def test_slopes_of_the_table_are_those_of_differences():
     q = rng.uniform(calibrate.LOW, calibrate.HIGH, (40, 6))
     table = NOMINAL + 0.01 * rng.standard_normal((4, 6))
 
-    def tips(table: Array) -> Array:
+    def tips(table):
         return place_of(link_frames(q, table)[:, 6], POINT)
 
     slopes = table_slopes(link_frames(q, table), tips(table))
@@ -161,11 +160,11 @@ def test_bases_of_arms_with_gears_err_by_more_than_independent_noise_says_and_wi
     assert np.sqrt(np.mean(np.square(sigmas))) > 1.3
 
 
-def touches(R: Array, errors: Array | float = 0.0) -> Array:
+def touches(R, errors=0.0):
     return transform(R, TOUCHED - R @ TIP + errors)
 
 
-def planned(count: int = 10, cone: float = 45.0) -> Array:
+def planned(count=10, cone=45.0):
     return tool.plan_touch_orientations(count, np.radians(cone))
 
 
@@ -200,7 +199,7 @@ def test_the_planner_reaches_the_best_a_cone_allows(cone):
         assert cone < 62.0 or best <= 1.05 * TOUCH_M * np.sqrt(3.0 / count)
 
 
-def coning(count: int, sense: float) -> Array:
+def coning(count, sense):
     """Tilted by 45 deg towards azimuth 2 pi k / n about a line in the flange's plane, then spun by it."""
     azimuth = 2.0 * np.pi * np.arange(count) / count
     tilt = np.pi / 4.0 * np.column_stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(count)])
@@ -208,15 +207,15 @@ def coning(count: int, sense: float) -> Array:
     return np.asarray(turned.as_matrix())
 
 
-def base_of(first: Array, second: Array) -> None:
+def base_of(first, second):
     base_from_circles(fit_circle(first), fit_circle(second))
 
 
-def tip_of(R: Array) -> None:
+def tip_of(R):
     tool.fit_tool_point(touches(R))
 
 
-def axes_of(*moves: list[float]) -> None:
+def axes_of(*moves):
     tool.orientation_from_three_points(np.array(moves), TOUCH_M)
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
-from polish_sim.config import Scenario
 from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
 from polish_sim.dual import dual as module
 from polish_sim.dual.arms import follow_joints, pair_arms
@@ -21,12 +19,12 @@ from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import CalibrationError, ConfigError, PlanError, ReachError
-from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
+from polish_sim.experiments import check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward
-from polish_sim.planning import PlanResult, measure_given_path
+from polish_sim.planning import measure_given_path
 from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
@@ -37,11 +35,11 @@ EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
 PRESSED_S = 2.5
 
 
-def dual(*changes: str) -> Scenario:
+def dual(*changes):
     return override(default_scenario("dual"), ["robot.arm=ideal", *changes])
 
 
-def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
+def base_file(folder, off_m, true=True):
     """The calibration of the default cell's bases, wrong by a length along the master's y."""
     T_true = true_chain(dual().dual).T_master_follower
     T = T_true.copy()
@@ -52,7 +50,7 @@ def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
     return file
 
 
-def task_and_run(scenario: Scenario, plan: PlanResult | None = None) -> tuple[DualTask, RunResult]:
+def task_and_run(scenario, plan=None):
     """A run, and what it prepared."""
     tasks: list[DualTask] = []
     with pytest.MonkeyPatch.context() as patch:
@@ -62,12 +60,12 @@ def task_and_run(scenario: Scenario, plan: PlanResult | None = None) -> tuple[Du
 
 
 @pytest.fixture(scope="module")
-def free() -> RunResult:
+def free():
     return run_experiment(dual(*FREE, *EXACT))
 
 
 @pytest.fixture(scope="module")
-def pressed() -> RunResult:
+def pressed():
     return run_experiment(dual(f"process.max_feed_s={PRESSED_S}"))
 
 
@@ -208,7 +206,7 @@ def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
     task = prepare_dual(dual(*EXACT))
     chain, start = task.frames.believed, task.reach
 
-    def follow(travel_m: float) -> None:
+    def follow(travel_m):
         scenario = dual(f"dual.master_travel_m={travel_m}")
         way = master_motion(scenario.dual, (), task.place.path, task.place.region.up, chain).way
         poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
@@ -220,7 +218,7 @@ def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
 
 
 @cache
-def two_stretches() -> PlanResult:
+def two_stretches():
     """A third of the rim's path, a piece of it lifted off the part."""
     scenario = dual()
     path = check_experiment(scenario)[0]

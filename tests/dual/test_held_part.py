@@ -13,7 +13,6 @@ from shapely.geometry import Polygon
 from trimesh.creation import extrude_polygon
 
 from polish_sim import geometry
-from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
@@ -23,7 +22,7 @@ from polish_sim.dual.task import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft
-from polish_sim.geometry import PartMesh, part_from_arrays
+from polish_sim.geometry import part_from_arrays
 from polish_sim.models import part_path
 from polish_sim.motion import forward
 from polish_sim.spatial import apply, from_pose, inverse, transform
@@ -54,7 +53,7 @@ def test_a_wrong_chain_shows_as_it_is():
     np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
 
 
-def fitted(mesh: trimesh.Trimesh) -> geometry.Surface:
+def fitted(mesh):
     return geometry.fit_surface(geometry.part_from_arrays(mesh.vertices, mesh.faces), ANGLE)
 
 
@@ -90,7 +89,7 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad():
 
 
 @cache
-def part(name: str, choice: str = "auto") -> tuple[geometry.Region, geometry.Surface]:
+def part(name, choice="auto"):
     mesh = geometry.load_part(part_path(name))
     surface = geometry.fit_surface(mesh)
     return geometry.select_region(surface, mesh, choice), surface
@@ -143,16 +142,16 @@ def test_a_rim_of_twelve_points_is_a_circle_to_a_third_of_a_micrometre_and_smoot
 
 
 @cache
-def cube() -> PartMesh:
+def cube():
     box = trimesh.creation.box([SIDE] * 3)
     return part_from_arrays(box.vertices + [0.0, 0.0, 0.5 * SIDE], box.faces, up="z")
 
 
-def scene(T_follower_master: Array, clearances: Clearances | None) -> mujoco.MjModel:
+def scene(T_follower_master, clearances):
     return build_pair_scene(Scenario(), T_follower_master, Held(cube(), 2700.0, ON_GRIPPER, 0.0, clearances))
 
 
-def gripper_before(gap: float, aside: float) -> Array:
+def gripper_before(gap, aside):
     """The master's base for a gripper's face this far before the pad and an axis this far beside it [m]."""
     face = along_tool(TOOL, x=aside, z=gap) @ np.diag([1.0, -1.0, -1.0, 1.0])
     return np.asarray(face @ inverse(forward(Q_MASTER) @ ON_GRIPPER))
@@ -167,19 +166,19 @@ def test_the_pad_keeps_its_clearance_from_the_gripper(gap, named):
     assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
 
 
-def facing(distance: float) -> Array:
+def facing(distance):
     """The master's base turned to the follower's, so far that their elbows, set aside, are in one line."""
     return from_pose([-distance, -0.27, 0.0, 0.0, 0.0, np.pi])
 
 
-def drawn(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Array:
+def drawn(model, data, arm):
     """Every vertex of what is drawn of an arm [m], shape (n, 3)."""
     meshes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
     own = [geom for geom in meshes if model.geom(geom).name.startswith(arm)]
     return np.concatenate([drawn_vertices(model, data, geom) for geom in own])
 
 
-def base_distance_for(apart: float) -> float:
+def base_distance_for(apart):
     """Between the bases, so that the nearest drawn points of both arms are this far apart [m]."""
     model = scene(facing(1.5), None)
     data = mujoco.MjData(model)
@@ -187,7 +186,7 @@ def base_distance_for(apart: float) -> float:
     mujoco.mj_kinematics(model, data)
     master, follower = drawn(model, data, "master_"), KDTree(drawn(model, data, "follower_"))
 
-    def too_far(distance: float) -> float:
+    def too_far(distance):
         return float(follower.query(master + [1.5 - distance, 0.0, 0.0])[0].min()) - apart
 
     return float(brentq(too_far, 0.8, 1.5, xtol=1e-4))

@@ -2,14 +2,12 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
@@ -18,14 +16,13 @@ from polish_sim.dual.master import MasterMotion, about_axis, along_arc, master_m
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
-from polish_sim.dual.task import DualTask, prepare_dual
+from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import ConfigError, InputError, ReachError
-from polish_sim.experiments import RunResult, run_experiment
+from polish_sim.experiments import run_experiment
 from polish_sim.experiments.part_setup import PlacedTool
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
-from polish_sim.motion.trajectory import TimedPath
 from polish_sim.spatial import from_pose, inverse, place_of, transform, wxyz
 from tests.dual.test_dual import AWAY, EXACT, dual, task_and_run, two_stretches
 from tests.planning.shapes import path_through
@@ -40,7 +37,7 @@ TIMES = np.linspace(0.0, 4.0, 81)
 VELOCITY = np.array([0.02, -0.01, 0.005])
 
 
-def poses_of(run: RunResult, column: str) -> Array:
+def poses_of(run, column):
     return forward(np.ascontiguousarray(run.log[column], dtype=np.float64))
 
 
@@ -65,7 +62,7 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still_and_its_wrist_h
     assert np.abs(q[:, 5]).max() < 2.0 * math.pi
 
 
-def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
+def between(task, run):
     """Part and tool as they came, where the check looked for them up to the last feed, (n, 4, 4)."""
     visits = task.work.visits
     planned = sampled(task.work, task.reach.T_master_work, task.reach.spin)
@@ -98,7 +95,7 @@ def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_t
 
 
 @pytest.fixture(scope="module")
-def short() -> DualTask:
+def short():
     return prepare_dual(dual(*SHORT))
 
 
@@ -127,7 +124,7 @@ def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_
     check_master(slow, short.master._replace(qd=even))
 
 
-def write_motion(file: Path, times: Array, poses: Array, flange: bool = False) -> str:
+def write_motion(file, times, poses, flange=False):
     name = "flange_" if flange else ""
     head = f"time_s,{name}x_mm,{name}y_mm,{name}z_mm,qw,qx,qy,qz"
     table = np.column_stack([times, 1e3 * poses[:, :3, 3], wxyz(poses[:, :3, :3])])
@@ -136,7 +133,7 @@ def write_motion(file: Path, times: Array, poses: Array, flange: bool = False) -
 
 
 @pytest.fixture(scope="module")
-def turning() -> DualTask:
+def turning():
     setting = ("dual.master_turn_rad_s=0.2", "dual.master_arc_radius_m=0.1", "dual.master_speed_m_s=0.02")
     return prepare_dual(dual(*SHORT, *setting))
 
@@ -257,7 +254,7 @@ def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axi
     np.testing.assert_allclose(turned, 0.5 * TIMES[:, None] * axis, atol=1e-12)
 
 
-def motion_of_square(*changes: str) -> TimedPath:
+def motion_of_square(*changes):
     """Along three sides of 100 mm, a point every millimetre."""
     way = np.linspace(0.0, 3.0, 301)
     corners = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell import SILENT, CellRun, build_scene, no_part, tool_on_flange
+from polish_sim.cell import SILENT, build_scene, no_part, tool_on_flange
 from polish_sim.cell.gears import build_host_arm, elastic_torque, slip
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
@@ -18,7 +18,7 @@ from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, Maste
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
 from polish_sim.dual.scene import GRIPPER_LENGTH, GRIPPER_MASS, Held, build_pair_scene, load_of
 from polish_sim.errors import InputError, ReachError
-from polish_sim.geometry import PartMesh, load_part
+from polish_sim.geometry import load_part
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.kinematics import NOMINAL
@@ -34,15 +34,15 @@ TOOL = cells.tool_pose(0.0, -0.5, 0.3)
 
 
 @cache
-def hub() -> PartMesh:
+def hub():
     return load_part(workpiece_path("wheel_hub_rim"))
 
 
-def scene(density: float = 2700.0) -> mujoco.MjModel:
+def scene(density=2700.0):
     return build_pair_scene(Scenario(), T_FOLLOWER_MASTER, Held(hub(), density, ON_GRIPPER))
 
 
-def rows(share: float = 1.0) -> MasterRows:
+def rows(share=1.0):
     """Joint rows of a slow motion of all joints, at a share of its speed, two seconds."""
     time = np.linspace(0.0, 2.0, 101)
     speed = share * np.array([0.05, -0.04, 0.06, 0.05, -0.07, 0.08])
@@ -51,7 +51,7 @@ def rows(share: float = 1.0) -> MasterRows:
     return MasterRows(0.02, Q_MASTER + time[:, None] * speed, np.tile(speed, (101, 1)), work, belief)
 
 
-def carried(**changes: float) -> PairCell:
+def carried(**changes):
     """The follower stands still where its target is carried along by the master."""
     scenario, master = cells.ideal("arc", cells.EVERY_STEP), rows()._replace(**changes)
     return pair_cell(scenario, scene(), master, cells.free_stroke(TOOL, hold=1.2))
@@ -88,7 +88,7 @@ def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_
     cell, master, seen = carried(), rows(), []
     carrier, T_start = cell.master.state, T_FOLLOWER_MASTER @ forward(Q_MASTER)
 
-    def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def look(model, data):
         if data.time < 0.6 or len(seen) > 3:
             return
         # Poses are those of the last step's beginning: take them from the joints of that moment.
@@ -123,7 +123,7 @@ def test_part_and_target_follow_the_masters_flange_as_believed_and_their_speeds_
 
 
 @cache
-def pressed(share: float, *changes: str, lift: float = 0.0, look=None) -> CellRun:
+def pressed(share, *changes, lift=0.0, look=None):
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
     part = cells.part_under()
     T = transform(part.rotation, part.position)
@@ -137,7 +137,7 @@ def test_the_masters_joints_carry_what_is_pressed_on_the_part():
     """Statics: servos, bearings and weight leave J^T F of 20 N at the pad over at the master's joints."""
     left: list[Array] = []
 
-    def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def look(model, data):
         # All forces on the joints but what is applied from outside, of the engine's last step.
         inner = data.qfrc_actuator + data.qfrc_passive + data.qfrc_constraint - data.qfrc_bias
         moving = np.zeros(model.nv)
@@ -219,7 +219,7 @@ def test_the_force_on_a_plane_that_moves_turns_and_slows_down_is_that_on_one_at_
     assert np.abs(slow.trace.normal_force_n[-300:] - usual.trace.normal_force_n[-300:].mean()).max() < 0.3
 
 
-def real_pair(*changes: str, share: float = 0.0) -> PairCell:
+def real_pair(*changes, share=0.0):
     """Both arms with gears, in a scene by the nominal table; the follower stands still."""
     exact = "robot.real.encoder_rad=0", "robot.real.missed_every_s=0"
     scenario = override(cells.ideal("arc", cells.EVERY_STEP), [REAL, *exact, *changes])
@@ -290,7 +290,7 @@ def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it():
     assert 0.0 < np.abs(told - read).max() < 1e-4
 
 
-def pair_cell(scenario: Scenario, model: mujoco.MjModel, master: MasterRows, stroke, part=None) -> PairCell:
+def pair_cell(scenario, model, master, stroke, part=None):
     """A pair at the start of the follower's stroke; the host believes in the nominal table."""
     T, host = master.T_base_work, build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
     nothing = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())

@@ -8,12 +8,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi
 
-from polish_sim.arrays import Array
 from polish_sim.calibration.matched_points import moved_frame
 from polish_sim.config import DualConfig
 from polish_sim.dual import budget
-from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, Prediction, draw_errors, predict
-from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
+from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, draw_errors, predict
+from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairParts, adjust_pair
 from polish_sim.spatial import apply, apply_each, from_pose, inverse, transform
 from tests.dual.test_calibration import step_from
 
@@ -26,18 +25,18 @@ COUNT = 12
 TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
 
 
-def shape(size: int, rng: np.random.Generator, scale: float) -> Array:
+def shape(size, rng, scale):
     L = scale * (np.eye(size) + 0.4 * rng.uniform(-1.0, 1.0, (size, size)))
     return np.asarray(L @ L.T)
 
 
-def true_parts(rng: np.random.Generator) -> PairParts:
+def true_parts(rng):
     covariances = np.stack([shape(3, rng, 2e-5) for _ in MARKS])
     bases, tip = shape(6, rng, 2e-5), shape(3, rng, 2e-5)
     return PairParts(T_MASTER_FOLLOWER, bases, TIP, tip, apply(T_FLANGE_WORK, MARKS), covariances)
 
 
-def true_touches(rng: np.random.Generator) -> ClosingTouches:
+def true_touches(rng):
     """The tip at the marks, both flanges turned anyhow."""
     mark = np.arange(COUNT) % len(MARKS)
     turns = Rotation.random(2 * COUNT, rng=rng).as_matrix()
@@ -47,7 +46,7 @@ def true_touches(rng: np.random.Generator) -> ClosingTouches:
     return ClosingTouches(T_1, T_2, mark)
 
 
-def measured(parts: PairParts, closing: ClosingTouches, rng) -> tuple[PairParts, ClosingTouches]:
+def measured(parts, closing, rng):
     """The same with noise as its covariances say."""
     T = moved_frame(T_MASTER_FOLLOWER, rng.multivariate_normal(np.zeros(6), parts.bases_covariance))
     noise = [rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance]
@@ -58,7 +57,7 @@ def measured(parts: PairParts, closing: ClosingTouches, rng) -> tuple[PairParts,
     return seen, closing._replace(T_follower_flange=T_2)
 
 
-def unknowns(found: PairAdjustment) -> Array:
+def unknowns(found):
     bases = step_from(T_MASTER_FOLLOWER, found.T_master_follower)
     return np.concatenate([bases, found.tip - TIP, step_from(T_FLANGE_WORK, found.T_flange_work)])
 
@@ -79,11 +78,11 @@ def test_exact_touches_put_a_wrong_base_right_and_noisy_ones_as_an_independent_s
     rng = np.random.default_rng(3)
     parts, closing = measured(true_parts(rng), true_touches(rng), rng)
 
-    def chain(x: Array) -> tuple[Array, Array, Array]:
+    def chain(x):
         T_mf = from_pose([*x[:3], *x[3:6]])
         return T_mf, x[6:9], from_pose([*x[9:12], *x[12:15]])
 
-    def residuals(x: Array) -> Array:
+    def residuals(x):
         T_mf, tip, T_fw = chain(x)
         base = step_from(parts.T_master_follower, T_mf)
         rows = [np.linalg.solve(np.linalg.cholesky(parts.bases_covariance), base)]
@@ -140,7 +139,7 @@ def test_errors_of_several_places_are_what_is_drawn_of_them():
 
 
 @pytest.fixture(scope="module")
-def prediction() -> Prediction:
+def prediction():
     return predict(TRIAL)
 
 

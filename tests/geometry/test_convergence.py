@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import Shape, cylinder, fit, prism, sphere, torus
+from tests.geometry.shapes import cylinder, fit, prism, sphere, torus
 
 # Least orders (of the rms error) of position, normal and curvature.
 LADDERS = {
@@ -20,7 +19,7 @@ LADDERS = {
 }
 
 
-def errors(shape: Shape) -> dict[str, np.ndarray]:
+def errors(shape):
     """Errors of the fit and of the flat facets at random places."""
     surface, rng = fit(shape), np.random.default_rng(0)
     facets = rng.integers(0, len(shape.faces), 3000).astype(np.int32)
@@ -83,13 +82,13 @@ def test_normals_are_continuous_and_curvatures_those_of_ball_and_torus():
         assert np.abs(a.normals - b.normals).max() < 1e-12
 
 
-def everywhere(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+def everywhere(surface):
     places = np.random.default_rng(0).dirichlet([1.0, 1.0, 1.0], 20)
     count = len(surface.faces)
     return np.repeat(np.arange(count, dtype=np.int32), 20), np.tile(places, (count, 1))
 
 
-def rounded_plate() -> trimesh.Trimesh:
+def rounded_plate():
     """A 100 x 60 x 20 mm block whose upper edges along y are rounded with 5 mm."""
     angle = np.linspace(0.0, np.pi / 2.0, 7)
     right = np.column_stack([45.0 + 5.0 * np.sin(angle), 15.0 + 5.0 * np.cos(angle)])[::-1]

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from polish_sim.errors import InputError, MeshError
-from polish_sim.geometry import PartMesh, load_part, part_from_arrays
+from polish_sim.geometry import load_part, part_from_arrays
 from polish_sim.geometry.orientation import choose_up
 from tests.geometry.shapes import BALL, BLOCK, grid_faces, part_of, prism, stl_bytes
 
@@ -214,7 +214,7 @@ def test_vertices_keep_their_order_repeated_ones_are_merged_and_what_is_no_mesh_
             part_from_arrays(vertices, triangles, unit="mm")
 
 
-def sheet(points: np.ndarray) -> PartMesh:
+def sheet(points):
     """An open sheet of facets between the points [mm] of a grid, shape (n, m, 3)."""
     mesh = trimesh.Trimesh(points.reshape(-1, 3), grid_faces(*points.shape[:2]))
     mesh.merge_vertices(digits_vertex=6)

@@ -15,24 +15,24 @@ from tests.geometry.shapes import BLOCK, at_middles, grid_faces, memory_to_load,
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
 
 
-def soup(mesh: trimesh.Trimesh) -> np.ndarray:
+def soup(mesh):
     return np.array(mesh.triangles)
 
 
-def as_trimesh(part) -> trimesh.Trimesh:
+def as_trimesh(part):
     return trimesh.Trimesh(part.vertices, part.faces, process=False)
 
 
-def is_solid(part, volume: float, rel: float = 1e-6) -> bool:
+def is_solid(part, volume, rel=1e-6):
     mesh = as_trimesh(part)
     return mesh.is_watertight and mesh.volume == pytest.approx(1e-9 * volume, rel=rel)
 
 
-def said(part, *words: str) -> bool:
+def said(part, *words):
     return any(all(word in note for word in words) for note in part.notes)
 
 
-def joined(*meshes: np.ndarray):
+def joined(*meshes):
     triangles = np.concatenate(meshes, dtype=np.float64)
     return part_from_arrays(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), unit="mm")
 
@@ -121,7 +121,7 @@ def test_bodies_are_counted_and_measured_loose_fins_dropped_and_glued_solids_mad
         assert said(part, "1 edges of more than two facets", "the first at (50, 30, 0) mm")
 
 
-def dome(noise: float, seed: int = 0):
+def dome(noise, seed=0):
     """A cap of a 100 mm ball, 1 mm facets, on a 50 mm square: vertices and faces [m]."""
     x, y = np.meshgrid(np.linspace(-0.025, 0.025, 51), np.linspace(-0.025, 0.025, 51), indexing="ij")
     points = np.stack([x, y, np.sqrt(0.1**2 - x**2 - y**2)], axis=-1).reshape(-1, 3)
@@ -129,7 +129,7 @@ def dome(noise: float, seed: int = 0):
     return points + scatter, grid_faces(51, 51)
 
 
-def noise_mm(part) -> float:
+def noise_mm(part):
     """The noise a part is said to have [mm]."""
     note = next(note for note in part.notes if "scanned noise" in note)
     return float(note.split()[3])

@@ -1,7 +1,6 @@
 """The region to polish: what a person would pick, cleanly cut, in pieces with a border each; its margin."""
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -26,8 +25,8 @@ from tests.geometry.shapes import (
 
 
 @pytest.fixture
-def listed(tmp_path) -> Callable[[str], str]:
-    def write(text: str) -> str:
+def listed(tmp_path):
+    def write(text):
         (tmp_path / "list.txt").write_text(text)
         return str(tmp_path / "list.txt")
 
@@ -214,14 +213,14 @@ def test_pieces_that_touch_in_a_point_are_parted_there(listed):
     assert len(ring.boundary_loops) == 1
 
 
-def chessboard(squares: int) -> trimesh.Trimesh:
+def chessboard(squares):
     """A plate whose top is a grid of 10 mm squares."""
     x, y = 10.0 * np.indices((squares + 1, squares + 1)).reshape(2, -1)
     points = np.column_stack([x, y, np.zeros(x.size)])
     return trimesh.Trimesh(points, shapes.grid_faces(squares + 1, squares + 1), process=False)
 
 
-def facets_of(count: int, squares: list[tuple[int, int]]) -> str:
+def facets_of(count, squares):
     return " ".join(f"{2 * (i * count + j)} {2 * (i * count + j) + 1}" for i, j in squares)
 
 

@@ -11,19 +11,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from benchmarks.random_draw import RandomPart, draw_part
+from benchmarks.random_draw import draw_part
 from benchmarks.random_parts import exact_mesh
 from benchmarks.rounded_parts import draw_rounded_box, draw_turned_part
 from polish_sim.arrays import directions_at, unit
 from polish_sim.errors import ConfigError
-from polish_sim.geometry import DistanceField, build_distance_field, fit_surface, load_part, select_region
+from polish_sim.geometry import build_distance_field, fit_surface, load_part, select_region
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.distance_field import bend_field, signed_distances
 from polish_sim.geometry.field_lookup import field_distance
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
 from polish_sim.geometry.fit import bulge_notes, fit_triangles
-from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import cylinder, fit, grid_faces, sphere, torus
 
 SLOW = [HealthCheck.too_slow]
@@ -33,7 +32,7 @@ H, BAND = 1e-3, 6e-3
 SPHERE, TORUS = sphere(4, radius=0.05), torus(48, major=0.03, minor=0.012)
 
 
-def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
+def search_patch(surface, facet, point):
     """Distance to one patch by brute force: a grid of parameters that closes in on the best place."""
     center, size = np.array([1.0, 1.0]) / 3.0, 1.0
     for _ in range(40):
@@ -72,7 +71,7 @@ def test_a_restricted_surface_is_the_whole_where_it_is_and_bends_as_it_to_the_la
     assert np.abs(surface.shape[facets]).max() > 0.0
 
 
-def bumpy(seed: int, cells: int = 8) -> Surface:
+def bumpy(seed, cells=8):
     """An uneven patch of gentle bumps, turned anywhere; unit size."""
     rng = np.random.default_rng(seed)
     steps = np.linspace(-0.5, 0.5, cells + 1)
@@ -84,7 +83,7 @@ def bumpy(seed: int, cells: int = 8) -> Surface:
     return fit_triangles(Rotation.random(random_state=rng).apply(vertices), grid_faces(cells + 1, cells + 1))
 
 
-def places(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def places(surface, count, rng):
     return rng.integers(0, len(surface.faces), count).astype(np.int32), rng.dirichlet([1.0, 1.0, 1.0], count)
 
 
@@ -129,7 +128,7 @@ def test_a_renumbered_part_has_the_same_surface_and_region(seed):
     assert np.linalg.norm(again.positions - some.positions, axis=1).max() < 1e-9 * size
 
 
-def _region_of(part: RandomPart, rng: np.random.Generator | None):
+def _region_of(part, rng):
     vertices, faces = part.solid.vertices, part.solid.faces
     if rng is not None:
         order = rng.permutation(len(vertices))
@@ -146,11 +145,11 @@ def look_up(field, points):
 
 
 @cache
-def fitted(shape) -> tuple[Surface, DistanceField]:
+def fitted(shape):
     return fit(shape), build_distance_field(fit(shape), H, BAND)
 
 
-def box(size) -> Surface:
+def box(size):
     return fit(trimesh.creation.box(size))
 
 

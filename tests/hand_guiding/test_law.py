@@ -8,13 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig, RobotConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.geometry import load_part
 from polish_sim.hand_guiding import arm
 from polish_sim.hand_guiding import law as laws
-from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
+from polish_sim.hand_guiding.cell import BRAKED_S, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.models import workpiece_path
 from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
@@ -30,7 +29,7 @@ PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/
 
 
 @pytest.fixture
-def belief() -> laws.Belief:
+def belief():
     """A point mass on a rod that turns about a level axis, level at zero."""
     axis, gravity = np.array([[0.0, -1.0, 0.0]]), np.array([0.0, 0.0, -9.81])
     geometry = ChainGeometry(np.array([HINGE]), np.zeros((1, 3)), np.eye(3)[None], axis, gravity)
@@ -42,18 +41,18 @@ def belief() -> laws.Belief:
     return laws.Belief(chain_model(chain), *own)
 
 
-def gains(mode: str, **changed: float) -> laws.GuidingGains:
+def gains(mode, **changed):
     return laws.gains_of(mode, GuideConfig(encoder_rad=0.0, **changed), DT)
 
 
-def torque_at(belief: laws.Belief, mode: str, q: float, qd: float, qdd: float = 0.0) -> float:
+def torque_at(belief, mode, q, qd, qdd=0.0):
     memory = laws.build_memory(1)
     memory.q[0], memory.qd[0], memory.qdd[0] = q, qd, qdd
     laws.guide_by_hand(belief, gains(mode), memory, 1.0, DT)
     return float(memory.torque[0])
 
 
-def limits() -> laws.GuidingLimits:
+def limits():
     return laws.GuidingLimits(joint_speed=3.0, tool_speed=1.5, energy=40.0, lent=laws.Lent())
 
 
@@ -67,7 +66,7 @@ def test_each_mode_gives_back_its_share_of_weight_friction_and_inertia(belief):
     assert torque_at(belief, "inertia", 0.0, 1.0, 1e4) == 150.0  # all that the motor has
 
 
-def pushed(belief, law: laws.GuidingGains, hand: float, steps: int, rubbing):
+def pushed(belief, law, hand, steps, rubbing):
     """A joint under the law and a hand's constant torque [N m], with friction by its speed."""
     memory, q, qd, reached = laws.build_memory(1), 0.0, 0.0, []
     for step in range(steps):
@@ -83,7 +82,7 @@ def pushed(belief, law: laws.GuidingGains, hand: float, steps: int, rubbing):
 def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief):
     """Also where the inertia is taken for a fifth more than it is."""
 
-    def rubbing(qd: float) -> float:
+    def rubbing(qd):
         return 0.95 * (COULOMB * math.tanh(qd / gains("inertia").sign_speed) + VISCOUS * qd)
 
     for share in (0.8, 0.96):
@@ -93,7 +92,7 @@ def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief):
 
 
 def test_the_observer_finds_the_torque_of_the_hand_and_without_one_friction_is_left_to_the_joint(belief):
-    def rubbing(qd: float) -> float:
+    def rubbing(qd):
         return COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd
 
     memory, _ = pushed(belief, gains("assist", hand_felt=0.0), 2.0, 400, rubbing)
@@ -119,7 +118,7 @@ def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief):
         assert eased == pytest.approx(0.95 * (COULOMB * way + VISCOUS * speed), abs=1e-9)
 
 
-def lend(belief, law: laws.GuidingGains, seconds: float) -> tuple[laws.GuidingLimits, int]:
+def lend(belief, law, seconds):
     """Watch a joint that keeps on moving at 1 rad/s."""
     memory, watched, code = laws.build_memory(1), limits(), 0
     memory.qd[0] = 1.0
@@ -149,7 +148,7 @@ def test_compensation_fades_towards_speed_limits_and_one_that_lends_too_much_ene
     assert (watched.lent.most, code) == (0.0, 0)
 
 
-def guide(offset: Array, seconds: float, mode: str, hand=POINT_HAND, held=0.0, **changed) -> GuidingRun:
+def guide(offset, seconds, mode, hand=POINT_HAND, held=0.0, **changed):
     """Hold the tool a fixed way from home; servos hold first, without the hand."""
     scenario = replace(IDEAL, guide=replace(GuideConfig(), **changed))
     n, T = round(seconds / 0.001), arm.home_pose()

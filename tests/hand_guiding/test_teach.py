@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array, directions_at, rms
+from polish_sim.arrays import directions_at, rms
 from polish_sim.cell.real_arm import gear_twists
 from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError, PlanError
-from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.hand_guiding import CLAIMS, kind_of, teach
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
-from polish_sim.hand_guiding.drag import Recording, Taught, drag_table, simplified, teach_path
+from polish_sim.hand_guiding.drag import Recording, drag_table, simplified, teach_path
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
@@ -30,17 +30,17 @@ RADIUS, SPEED = 0.08, 0.05
 IDEAL = override(default_scenario("teach"), ["robot.arm=ideal"])
 
 
-def scenario(hand: dict[str, float] | None = None, **guide: object) -> Scenario:
+def scenario(hand=None, **guide):
     held = replace(HandConfig(), off_s=5.0, **(hand or {}))
     return replace(IDEAL, guide=replace(GuideConfig(), **guide), hand=held)
 
 
 @pytest.fixture(scope="module")
-def trial() -> RunResult:
+def trial():
     return run_experiment(scenario())
 
 
-def assert_light(figures: dict[str, float], direction: str) -> None:
+def assert_light(figures, direction):
     """Inertia compensation takes what is asked off the classical law, and the free arm stands."""
     assert figures[f"fast_peak_ratio_{direction}"] <= 0.45
     assert figures[f"fast_rms_ratio_{direction}"] <= 0.30
@@ -106,7 +106,7 @@ def test_a_law_that_drives_by_itself_is_stopped_by_its_energy():
     assert run.figures["path_done"] == 0.0
 
 
-def cut(rows: int, stop_step: int = 0, interrupted: bool = False, direction: str = "x") -> teach.PlayedMove:
+def cut(rows, stop_step=0, interrupted=False, direction="x"):
     """The first rows of a fast move, at rest."""
     asked = scenario(mode="gravity", direction=direction, duration_s=0.6)
     move = teach.moves_of(asked.guide, asked.hand)[0]
@@ -148,12 +148,12 @@ def test_an_identified_model_is_as_good_as_the_true_one(tmp_path):
         assert identified.figures[figure] == pytest.approx(true.figures[figure], rel=0.02)
 
 
-def dragged(**drag: object) -> Scenario:
+def dragged(**drag):
     return replace(IDEAL, drag=replace(DragConfig(follow="rim"), **drag))
 
 
 @pytest.fixture(scope="module")
-def run() -> RunResult:
+def run():
     return run_experiment(dragged())
 
 
@@ -195,7 +195,7 @@ def test_an_arm_that_stops_itself_teaches_no_path_and_an_unknown_side_of_encoder
         run_experiment(on_real_arm(scenario(mode="gravity"), "guide.encoder_side=both"))
 
 
-def on_real_arm(asked: Scenario, *settings: str) -> Scenario:
+def on_real_arm(asked, *settings):
     return override(asked, ["robot.arm=ur5e", *settings])
 
 
@@ -223,7 +223,7 @@ def test_the_hand_pulls_the_link_and_winds_up_the_gear():
     assert np.abs(twist - twist[0]).max() > 1e-4
 
 
-def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.02) -> Recording:
+def circle(tremor=0.0, still=0.0, height=0.02):
     """Once round a level circle at constant speed, held still before and after, with a tremor of 10 Hz."""
     duration = 2.0 * np.pi * RADIUS / SPEED
     t = np.arange(0.0, duration + 2.0 * still, 0.004)
@@ -232,12 +232,12 @@ def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.02) -> Rec
     return Recording(t, np.column_stack([radius[:, None] * directions_at(angle), np.full(len(t), height)]))
 
 
-def taught_on_plate(record: Recording) -> Taught:
+def taught_on_plate(record):
     """On the shipped plate, level, its top at 20 mm."""
     return teach_path(record, fit_surface(load_part(workpiece_path("plate"))), 4.0, 0.0003, 0.002)
 
 
-def off_circle(points: Array) -> Array:
+def off_circle(points):
     return np.abs(np.linalg.norm(points[:, :2], axis=1) - RADIUS)
 
 

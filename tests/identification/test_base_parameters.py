@@ -11,7 +11,6 @@ from polish_sim.identification import estimate, payload, regressor
 from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
-from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, own_parameters, read_chain
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
 from tests.identification import known
@@ -81,7 +80,7 @@ def test_the_rank_is_the_papers(terms, papers):
     assert base_of(regressor.TorqueModel(arm_chain(), terms)).rank == papers
 
 
-def rank(rows: np.ndarray) -> int:
+def rank(rows):
     """Number of base parameters of regressor rows (m, joints, columns)."""
     return base_of_rows(rows.reshape(-1, rows.shape[2])).rank
 
@@ -107,7 +106,7 @@ def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves
     assert any(name.startswith("Izz2 + ") for name in names)
 
 
-def sums_of(torque: np.ndarray) -> estimate.JointSums:
+def sums_of(torque):
     return estimate.sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque)
 
 
@@ -142,7 +141,7 @@ def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said)
         estimate.require_rank(sums, KNOWN.base, KNOWN.model)
 
 
-def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.ndarray:
+def _noise(keep, rng, samples=4000):
     """Noise of unit variance of which each sample keeps a share of the one before."""
     white = rng.normal(size=(samples, 6))
     return np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
@@ -206,12 +205,12 @@ def test_links_of_the_model_are_consistent_and_the_written_model_is_the_identifi
     np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], damping)
 
 
-def _payload(rng: np.random.Generator) -> payload.FoundPayload:
+def _payload(rng):
     empty = estimate.sum_samples(SPARSE.model, SPARSE.base, SPARSE.states, noisy(SPARSE.torque, rng))
     return payload.fit_link_payload(SPARSE.model, SPARSE.base, empty, SPARSE.states, noisy(TORQUE, rng))
 
 
-def on_known_arm(torque: np.ndarray, states: States = SPARSE.states) -> payload.FoundPayload:
+def on_known_arm(torque, states=SPARSE.states):
     return payload.fit_payload_on_known_arm(SPARSE.model, SPARSE.base, SPARSE.truth, states, torque)
 
 

@@ -1,7 +1,6 @@
 """Exciting motions, and the motions an identified model is for."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import pytest
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.identification import excitation
-from polish_sim.identification.excitation import Clearance, FourierMotion, started_and_stopped
+from polish_sim.identification.excitation import Clearance, started_and_stopped
 from polish_sim.identification.log_file import use_states
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
@@ -23,7 +22,7 @@ USE = np.mean(USES, axis=0)
 ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
 
 
-def far(q: np.ndarray) -> Clearance:
+def far(q):
     """The clearance of an arm with nothing around it."""
     return Clearance(np.ones((len(q), 1)), np.zeros((len(q), 1, 6)))
 
@@ -40,17 +39,17 @@ def test_gradients_are_the_slopes_of_the_cost():
     assert gradient @ way == pytest.approx(slope, rel=1e-3)
 
 
-def designed(task: excitation.ExcitationTask) -> excitation.Excitation:
+def designed(task):
     return excitation.design(task, np.random.default_rng(1), iterations=60)
 
 
-def variance(motion: FourierMotion, use: np.ndarray) -> float:
+def variance(motion, use):
     """Of the torques a motion predicts in a use."""
     return float(np.trace(np.linalg.solve(excitation.mean_information(TASK, motion), use)))
 
 
 @pytest.fixture(scope="module")
-def found() -> excitation.Excitation:
+def found():
     return designed(TASK)
 
 
@@ -142,6 +141,6 @@ def test_along_a_path_the_tool_goes_at_the_feed_and_what_is_no_motion_is_refused
             use_states(tmp_path / name)
 
 
-def _npz(file: Path, q: np.ndarray) -> Path:
+def _npz(file, q):
     np.savez(file, time_s=np.arange(len(q)) / RATE, q_rad=q)
     return file

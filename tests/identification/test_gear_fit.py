@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,21 +36,21 @@ class Planted(NamedTuple):
     figures: dict[str, Any]
     rows: dict[str, dict[str, str]]  #: Of parameters.csv, by name
 
-    def gears(self, column: str, names: str = "Ka Kb Kc") -> np.ndarray:
+    def gears(self, column, names="Ka Kb Kc"):
         """A column of numbers of the gears, joint by joint, shape (6, names); NaN where there is none."""
         words = [[self.rows[f"{name}{j}"][column] for name in names.split()] for j in range(1, 7)]
         return np.array([[float(word) if word else math.nan for word in row] for row in words])
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_motion() -> Iterator[None]:
+def _one_motion():
     with pytest.MonkeyPatch.context() as patch:
         design_once(patch, iterations=5)
         yield
 
 
 @pytest.fixture(scope="module")
-def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
+def planted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("planted") / "found"
     settings = [word for setting in PLANTED for word in ("--set", setting)]
     ran("identify", "--periods", 2, "--seed", 2, *settings, "--out", folder)

@@ -1,8 +1,6 @@
 """Plant a robot, move it, identify it: simulated, and from its log; logs that would spoil it are refused."""
 
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from polish_sim.errors import ConfigError, IdentificationError, InputError
 from polish_sim.exchange.robot_log import columns_of, read_column_map, read_robot_recording
 from polish_sim.identification import SCENARIO, STEP_S, IdentifySettings, log_file
 from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_simulated_arm, play_states
-from polish_sim.identification.identify import Identification, identify_from_log, run_identification
+from polish_sim.identification.identify import identify_from_log, run_identification
 from polish_sim.identification.log_file import RobotLog, log_of, spline_states, use_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
@@ -34,7 +32,7 @@ TABLE = np.column_stack([np.arange(1000) / 100.0, LOGGED.states.q, LOGGED.torque
 
 
 @pytest.fixture(scope="module")
-def identified() -> Identification:
+def identified():
     return run_identification(IdentifySettings(periods=1, iterations=5, robot=IDEAL, payload=1.0, seed=1))
 
 
@@ -70,7 +68,7 @@ def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings, off):
     np.testing.assert_allclose(log.torque[-1], weight[0], atol=off)
 
 
-def _identified(folder: Path, states: States) -> Identification:
+def _identified(folder, states):
     file = write_log(folder / "log.csv", KNOWN.model, states, SIGMA, PLANTED)
     log = log_of(file, read_robot_recording(file, ("q_rad",)))
     return identify_from_log(LoggedRobot(KNOWN.model, np.zeros((6, 10))), log, spline_states(log))
@@ -89,7 +87,7 @@ def test_a_planted_robot_is_recovered_from_its_log_and_a_joint_that_rests_at_its
         _identified(tmp_path, rests)
 
 
-def _geared_log(seed: int, carried: float = 0.0) -> tuple[RobotLog, States]:
+def _geared_log(seed, carried=0.0):
     """A bare UR10e whose gears rub by load, root of speed and tooth, and torques with noise."""
     chain = GEARED.model.chain
     rubbing = np.array([[20.0, 9.0, 4.0, 0.5, 0.5, 0.3], SHARES, *[[0.2, 0.1, 0.1, 0.06, 0.1, 0.1]] * 4])
@@ -116,13 +114,13 @@ def test_gears_that_rub_by_load_are_found_and_what_they_carry_is_weighed_within_
     assert abs(figures["payload_mass_kg"] - carried) < 3.0 * figures["payload_mass_std_kg"]
 
 
-def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
+def _write(folder, table, names=NAMES):
     file = folder / "log.csv"
     np.savetxt(file, table, delimiter=",", header=",".join(names), comments="")
     return file
 
 
-def _read(file: Path, kinds: Sequence[int] = (HINGE,) * 6, period: float | None = None) -> log_file.RobotLog:
+def _read(file, kinds=(HINGE,) * 6, period=None):
     """The log as `polish-sim identify` takes it."""
     gaps = {} if period is None else {"of_gap": None}
     return log_file.log_of(file, read_robot_recording(file, ("q_rad",), columns_of(kinds), **gaps), period)

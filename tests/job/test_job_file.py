@@ -3,7 +3,6 @@
 import math
 import random
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.integrate import quad
 from polish_sim.cell.dwell import exposure_rates
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.job_file import TEMPLATE, Job, read_job
+from polish_sim.job.job_file import TEMPLATE, read_job
 from polish_sim.job.run_job import check_regions
 from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
@@ -21,7 +20,7 @@ from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 TEXT = TEMPLATE.format(part='"plate"', name="job.toml")
 
 
-def read(folder: Path, text: str) -> Job:
+def read(folder, text):
     file = folder / "job.toml"
     file.write_text(text, encoding="utf-8")
     return read_job(file)

@@ -14,8 +14,8 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.job import job_page
 from polish_sim.cli.main import commands
 from polish_sim.errors import InputError, PolishSimError
-from polish_sim.job.job_file import Job, read_job
-from polish_sim.job.run_job import PassRow, job_figures, programs, run_job
+from polish_sim.job.job_file import read_job
+from polish_sim.job.run_job import job_figures, programs, run_job
 from polish_sim.log import read_removal
 from polish_sim.row_file import locked
 from tests.cli.conftest import interrupted
@@ -40,27 +40,27 @@ FILE = "setup_1/region_1/pass_1/run/removal.npz"
 class Stops(Silent):
     """Interrupts a pass some seconds after its start."""
 
-    def __init__(self, after: float) -> None:
+    def __init__(self, after):
         self.after = after
 
-    def progress(self, done: float, total: float) -> None:
+    def progress(self, done, total):
         if total > 2.0 and done >= self.after:
             raise KeyboardInterrupt
 
 
-def content(folder: Path) -> dict[Path, bytes]:
+def content(folder):
     return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 @pytest.fixture(scope="module")
-def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+def job(tmp_path_factory):
     file = tmp_path_factory.mktemp("job") / "job.toml"
     file.write_text(JOB)
     return read_job(file)
 
 
 @pytest.fixture(scope="module")
-def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PassRow]]:
+def whole(job, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     return folder, list(run_job(job, folder, Silent()))
 
@@ -137,12 +137,12 @@ def test_the_name_of_a_new_job_is_quoted_for_a_shell_and_its_part_for_toml(tmp_p
 def test_pieces_count_up_to_a_damaged_one_and_those_resumed_from_more_of_them_do_not(job, tmp_path):
     pieces = "setup_1/region_1/pass_1/pieces"
 
-    def stopped(folder: Path, after: float) -> list[Path]:
+    def stopped(folder, after):
         with pytest.raises(KeyboardInterrupt):
             list(run_job(job, folder, Stops(after)))
         return sorted((folder / pieces).glob("0-*/*.npz"))
 
-    def removal(folder: Path) -> np.ndarray:
+    def removal(folder):
         (row,) = run_job(job, folder, Silent())
         assert row.figures["pieces"] == 2
         return read_removal(folder / FILE).exposure
@@ -209,10 +209,10 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
     text = JOB.replace(str(plate_file()), str(part)).replace("0.02", "0.04")
 
-    def done(*words: str) -> int:
+    def done(*words):
         return execute(commands, ["job", str(file), "--out", str(out), *words])
 
-    def seconds() -> float:
+    def seconds():
         return float(json.loads((out / "job.json").read_text())["contact_time_s"])
 
     shutil.copy(plate_file(), part)

@@ -16,10 +16,10 @@ from polish_sim.identification.regressor import TorqueModel, random_states
 from polish_sim.identification.robot_model import read_chain
 from polish_sim.models import robot_model_path
 from polish_sim.motion.rules import fir
-from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes, repeated_points
+from polish_sim.motion.rules.chain import build_chain, chain_from_axes, repeated_points
 from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule
-from polish_sim.motion.rules.schedule import Schedule, Smoothed
+from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.motion.serial_chain import chain_model, chain_torque
 from tests.planning.shapes import circle, to_polyline
 
@@ -32,16 +32,16 @@ FRAMES = np.tile(np.eye(3), (4, 1, 1))
 STRETCHED = np.array([1.0, 2.0, 1.0, 1.0])[:, None, None] * FRAMES
 
 
-def straight(tips: np.ndarray) -> Chain:
+def straight(tips):
     return build_chain(tips, np.tile(np.eye(3), (len(tips), 1, 1)))
 
 
-def overlapped(chain: Chain, overlap: float) -> Schedule:
+def overlapped(chain, overlap):
     n = len(chain.lengths)
     return fir_schedule(np.arange(n) * (TRIPLE.sum() - overlap), np.tile(TRIPLE, (n, 1)))
 
 
-def vertex_error(overlap: float, t2: float, t3: float, change: float) -> float:
+def vertex_error(overlap, t2, t3, change):
     """Distance from the vertex of two segments with the same filters (paper 4, eq. 12)."""
     if overlap <= 2.0 * t3:
         return overlap**3 * change / (48.0 * t2 * t3)
@@ -133,7 +133,7 @@ def test_a_circle_in_full_overlap_shrinks_by_two_sincs():
     np.testing.assert_allclose(np.linalg.norm(samples.tips[:, 0], axis=1), wanted, rtol=1e-8)
 
 
-def exact(triple: list[float], time: float, derivative: int) -> Fraction:
+def exact(triple, time, derivative):
     """The sum over the subsets, with fractions."""
     times, total = [Fraction(value) for value in triple], Fraction(0)
     for subset in SUBSETS:
@@ -143,7 +143,7 @@ def exact(triple: list[float], time: float, derivative: int) -> Fraction:
     return total / (math.factorial(3 - derivative) * times[0] * times[1] * times[2])
 
 
-def triples(count: int, seed: int) -> np.ndarray:
+def triples(count, seed):
     """Times that differ by up to five orders, some equal."""
     drawn = 10.0 ** np.random.default_rng(seed).uniform(-4.0, 1.0, (count, 3))
     drawn[::5, 1] = drawn[::5, 0]
@@ -151,7 +151,7 @@ def triples(count: int, seed: int) -> np.ndarray:
     return drawn
 
 
-def progress(triple: np.ndarray, time: float) -> np.ndarray:
+def progress(triple, time):
     """Of the pieces, with three derivatives."""
     durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
     count = fir.box_pieces(*triple, durations, coefficients)

@@ -1,7 +1,6 @@
 """Kinematics of an arm by its table, forward and inverse; joints' derivatives along paths. Another make is
 another row, and a process can change between them."""
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import pairwise
 
@@ -14,17 +13,17 @@ from polish_sim import motion
 from polish_sim.arms import ARMS, FIRST
 from polish_sim.cell import Silent
 from polish_sim.cell.scene import build_scene, tool_on_flange
-from polish_sim.config import Checked, Scenario
+from polish_sim.config import Scenario
 from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments import PAYLOAD_SCENARIO, default_scenario, run_payload_calibration
-from polish_sim.experiments.assembly import Workplace, check, strokes_for
+from polish_sim.experiments.assembly import check, strokes_for
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.free_space import prepare_arc
 from polish_sim.experiments.surface import place_force, prepare_surface
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_on_branch, use_arm, used_arm
-from polish_sim.motion.rules.chain import Chain, build_chain
-from polish_sim.motion.rules.limits import Arm, build_arm
+from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.limits import build_arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes, joint_motion
 from polish_sim.scenario_file import load_scenario, override, to_toml
 from polish_sim.smoothing.smooth import prepare_smooth
@@ -81,7 +80,7 @@ def test_an_aligned_wrist_keeps_wrist_3_where_it_was_and_a_stretched_arm_is_foun
 
 
 @pytest.fixture(autouse=True)
-def _back_to_the_first() -> Iterator[None]:
+def _back_to_the_first():
     yield
     use_arm(FIRST)
 
@@ -150,7 +149,7 @@ def test_track_follows_a_smooth_motion_and_names_joints_beyond_limits_singular_a
     assert (beyond.first_unreachable, beyond.largest_step) == (0, 0.0)
 
 
-def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float = 0.0) -> tuple[Chain, Arm]:
+def one_segment(q, step, turn=0.0, roll=0.0):
     """A segment that starts where the joints put the tool, seen from a moved and turned work frame."""
     T = inverse(T_BASE_WORK) @ forward(q) @ T_FLANGE_TILTED
     normal = np.cross(T[:3, 2], [0.3, 0.2, 0.9])
@@ -245,14 +244,14 @@ def test_a_make_brings_its_gears_leaves_what_is_set_by_name_and_an_unknown_one_i
         NOMINAL[1, 0] = 0.2
 
 
-def checked(name: str, arm: str, *changes: str) -> Checked:
+def checked(name, arm, *changes):
     return check(override(default_scenario(name), [f"robot.arm={arm}", *changes]))
 
 
 def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_before():
     """Places and circles are kept: the second call of each finds what the first one worked out."""
 
-    def on_surface(scenario: Checked) -> Workplace:
+    def on_surface(scenario):
         return prepare_surface(*planned(scenario))
 
     for prepare, name in ((prepare_arc, "arc"), (place_force, "force"), (on_surface, "surface")):
@@ -274,7 +273,7 @@ def test_strokes_and_smoothed_paths_are_of_their_scenarios_arm_and_two_robots_fr
     place, arms = place_force(pressed), []
 
     class Watching(Silent):
-        def stage(self, name: str) -> None:
+        def stage(self, name):
             arms.append(used_arm())
             raise StopIteration
 

@@ -1,7 +1,6 @@
 """The rules of paper 4: its claims on its trial, and what they do where it says nothing; files of limits."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -15,7 +14,7 @@ from polish_sim.motion.rules import paper_rules
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits, six
-from polish_sim.motion.rules.schedule import RULES, SmoothMotion
+from polish_sim.motion.rules.schedule import RULES
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
@@ -25,11 +24,11 @@ TRIAL, ARM = build_chain(*trial_path()), trial_arm()
 
 
 @cache
-def planned(plan: Callable[..., SmoothMotion]) -> SmoothMotion:
+def planned(plan):
     return plan(TRIAL, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, ARM)
 
 
-def joint_peaks(smoothed: SmoothMotion) -> np.ndarray:
+def joint_peaks(smoothed):
     """Largest speed, acceleration and jerk of each joint, shape (3, 6)."""
     times = np.linspace(0.0, smoothed.end, 20_011)[1:-1] + 1e-7
     rates = sampled_joints(smoothed.sample(times), ARM)

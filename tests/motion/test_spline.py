@@ -10,14 +10,13 @@ from scipy.spatial.transform import Rotation
 from benchmarks.exact_stop import plan_exact_stop
 from benchmarks.random_paths import draw_path
 from benchmarks.smoothing_check import AXIS_TOLERANCE, TOLERANCE, judge_motion
-from polish_sim.arrays import Array
-from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline import law as law_module
-from polish_sim.motion.spline.curve import SplineCurve, curve_rates, fit_curve, polyline_of
-from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, smooth_by_spline
+from polish_sim.motion.spline.curve import curve_rates, fit_curve, polyline_of
+from polish_sim.motion.spline.motion import Feed, passage_at, plan_spline, smooth_by_spline
 from polish_sim.motion.trajectory import time_schedule
 from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 from tests.planning.shapes import to_polyline
@@ -28,19 +27,19 @@ LIMITS = SmoothingLimits(**TIP, axis_speed=2.0, axis_acceleration=6.0, axis_jerk
 TOLERANCES = (1e-4, math.radians(0.2))
 
 
-def stroke(tips: Array, turns: Array | None = None) -> tuple[Chain, Array]:
+def stroke(tips, turns=None):
     """A chain through tips (n, 3) [m] with frames turned by rotation vectors (n, 3), and its arc lengths."""
     frames = Rotation.from_rotvec(np.zeros_like(tips) if turns is None else turns).as_matrix()
     chain = build_chain(tips, frames)
     return chain, np.concatenate([[0.0], np.cumsum(chain.lengths)])
 
 
-def circle(radius: float, rounds: float = 1.0, chord: float = 5e-4) -> Array:
+def circle(radius, rounds=1.0, chord=5e-4):
     t = np.linspace(0.0, 2.0 * math.pi * rounds, int(2.0 * math.pi * rounds * radius / chord) + 1)
     return np.stack([radius * np.cos(t), radius * np.sin(t), 0.0 * t], axis=1)
 
 
-def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
+def random_stroke(rng):
     """Steps of one size and turns of one size, both random: smooth and jagged ones."""
     n = int(rng.integers(4, 30))
     step, turn = 10.0 ** rng.uniform(-4, -2), 10.0 ** rng.uniform(-3, -1)
@@ -48,7 +47,7 @@ def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
     return stroke(np.cumsum(steps, axis=0), np.cumsum(turns, axis=0))
 
 
-def fit(chain: Chain, places: np.ndarray, tolerances: tuple[float, float] = TOLERANCES) -> SplineCurve:
+def fit(chain, places, tolerances=TOLERANCES):
     return fit_curve(polyline_of(chain, places), *tolerances)
 
 
@@ -97,7 +96,7 @@ def test_a_corner_uses_the_whole_tolerance_on_both_sides_of_the_path(turn, toler
     assert drawn[half, 1].min() < -0.5 * off.max() < 0.5 * off.max() < drawn[half, 1].max()
 
 
-def plan(chain: Chain, places: np.ndarray, feed: float, limits: SmoothingLimits = LIMITS) -> SplineMotion:
+def plan(chain, places, feed, limits=LIMITS):
     return plan_spline(chain, places, Feed(places, np.full(len(places), feed)), limits, TOLERANCES, None)
 
 

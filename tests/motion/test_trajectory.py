@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import build_chain, repeated_points
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed, turning
-from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
+from polish_sim.motion.trajectory import build_path_table, with_feed_share
 
 RADIUS, PITCH = 0.1, 0.02  # of the helix [m], [m/rad]
 SPEED = float(np.hypot(RADIUS, PITCH))  # arc length per turn angle [m/rad]
@@ -21,18 +20,18 @@ ROUND = 0.02  # radius of the circle [m]
 Sampled = namedtuple("Sampled", "positions velocities quaternions spins places speeds")
 
 
-def sample(table: PathTable, s: float) -> tuple[np.ndarray, ...]:
+def sample(table, s):
     """Position, tangent, quaternion and turning at a place, and its row."""
     found = np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)
     return *found, trajectory.sample_path(table, s, *found)
 
 
-def helix(angle: np.ndarray) -> np.ndarray:
+def helix(angle):
     return np.stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), PITCH * angle], axis=1)
 
 
 @pytest.fixture(scope="module")
-def table() -> trajectory.PathTable:
+def table():
     """Two turns of a helix, the tool's frame turning with it about z: its quaternions jump in sign."""
     angle = np.linspace(0.0, 4.0 * np.pi, 800)
     frames = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
@@ -96,13 +95,13 @@ def test_turns_curvature_and_values_belong_to_their_place_by_the_arc_length_give
         assert trajectory.sample_column(table, values, place) == pytest.approx(share)
 
 
-def circle() -> PathTable:
+def circle():
     angle = np.linspace(0.0, 2.0 * np.pi, 400)
     points = ROUND * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     return build_path_table(points, Rotation.from_euler("z", angle[:, None]).as_matrix())
 
 
-def play(motion: trajectory.TimedPath, clock: Array) -> Sampled:
+def play(motion, clock):
     """What a motion does at some moments, shapes (n, 3), (n, 3), (n, 4), (n, 3), (n,), (n,)."""
     out, place = [np.empty((len(clock), width)) for width in (3, 3, 4, 3, 2)], np.empty(2)
     for i, t in enumerate(clock):

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import draw_part
 from benchmarks.random_parts import exact_mesh, examine, find_faults, mesh_of
 from polish_sim.config import PlanConfig
-from polish_sim.geometry import PartMesh, fit_surface, select_region
+from polish_sim.geometry import fit_surface, select_region
 from polish_sim.models.parts import Block, parts
 from polish_sim.models.solids import rectangle_grid
-from polish_sim.planning import ToolPath, plan_mesh, plan_path
+from polish_sim.planning import plan_mesh, plan_path
 from tests.planning.shapes import UP, Array
 
 SAME_M, SAME_AXIS = 1e-6, 1e-3
@@ -31,7 +31,7 @@ class Body(NamedTuple):
     up: Array
 
     @property
-    def size(self) -> float:
+    def size(self):
         return float(np.ptp(self.vertices, axis=0).max())
 
 
@@ -42,7 +42,7 @@ UPRIGHT = {
 
 
 @cache
-def body(name: str) -> Body:
+def body(name):
     """Of a shipped part, coarser, or of a random one by its seed."""
     if name in UPRIGHT:
         solid = UPRIGHT[name].build()
@@ -51,11 +51,11 @@ def body(name: str) -> Body:
     return Body(part.solid.vertices - part.solid.vertices.mean(axis=0), part.solid.faces, part.up)
 
 
-def mesh_at(found: Body, turn: Array, shift: Array | float) -> PartMesh:
+def mesh_at(found, turn, shift):
     return exact_mesh(found.vertices @ turn.T + shift, found.faces, turn @ found.up)
 
 
-def planned(mesh: PartMesh, size: float, pattern: str) -> ToolPath:
+def planned(mesh, size, pattern):
     step = size / 12.0
     plan = PlanConfig(pattern=pattern, stepover_m=step, bridge_m=0.5 * step, clearance_m=2.0 * step)
     return plan_path(select_region(fit_surface(mesh), mesh), plan)

@@ -11,7 +11,7 @@ from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import path_page
 from polish_sim.geometry import load_part
 from polish_sim.geometry.fit import joined_meshes, load_fixture
-from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
+from polish_sim.planning import inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
 from tests.planning.shapes import block, union
 from tests.planning.tools import reached_share, volumes_in_part
@@ -31,7 +31,7 @@ def vice():
     return union(*jaws, block((30, 60, 15), (10, 60, 7.5)))
 
 
-def asked(folder, fixture) -> PartConfig:
+def asked(folder, fixture):
     PLATE.export(folder / "plate.stl")
     if fixture is None:
         return PartConfig(str(folder / "plate.stl"), up="z")
@@ -39,7 +39,7 @@ def asked(folder, fixture) -> PartConfig:
     return PartConfig(str(folder / "plate.stl"), up="z", fixture_file=str(folder / "fixture.stl"))
 
 
-def planned(folder, fixture, pattern="contour", choice="auto") -> PlanResult:
+def planned(folder, fixture, pattern="contour", choice="auto"):
     plan = PlanConfig(pattern=pattern, region="point:0,0,0", stepover_m=0.016)
     return plan_part(asked(folder, fixture), plan, pad=PadConfig(radius_m=RADIUS, choice=choice))
 

@@ -10,7 +10,7 @@ import trimesh
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.planning import PlanResult, measure_given_path, plan_part
+from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.planning.moves import leads, travel
 from polish_sim.planning.moves.stroke import lift_over
 from polish_sim.planning.quality.areas import CutOut
@@ -149,7 +149,7 @@ def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_
 
 
 @pytest.fixture(scope="module")
-def plan() -> PlanResult:
+def plan():
     return plan_part(PartConfig(file="plate"), PlanConfig(stepover_m=0.02))
 
 

@@ -18,7 +18,7 @@ from polish_sim.exchange.urscript import urscript_text
 from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
-from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part, plan_path
+from polish_sim.planning import inspect_path, measure_given_path, plan_part, plan_path
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
@@ -77,14 +77,14 @@ CASES = {
 
 
 @cache
-def part_of(name: str) -> trimesh.Trimesh:
+def part_of(name):
     return CASES[name][0]()
 
 
 @pytest.fixture(scope="module")
 def part(tmp_path_factory):
     @cache
-    def request(name: str) -> PartConfig:
+    def request(name):
         file = tmp_path_factory.mktemp("part") / "part.stl"
         part_of(name).export(file)
         return PartConfig(str(file), up="z")
@@ -95,7 +95,7 @@ def part(tmp_path_factory):
 @pytest.fixture(scope="module")
 def planned(part):
     @cache
-    def plan(name: str, pattern: str, diameter_mm: float, **keys: object) -> PlanResult:
+    def plan(name, pattern, diameter_mm, **keys):
         asked = {"stepover_m": 0.3e-3 * diameter_mm, "pattern": pattern, "region": CASES[name][1]} | keys
         return plan_part(part(name), PlanConfig(**asked), pad=PadConfig(radius_m=5e-4 * diameter_mm))
 

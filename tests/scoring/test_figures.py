@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from polish_sim.arrays import Array
-from polish_sim.log import Trace
 from polish_sim.scoring.figures import DEFINITIONS, measure_score, oscillation
 from tests.analysis.synthetic import DT, force_trace, trace_of
 
 
-def held(force: Array, before_s: float = 1.0) -> Trace:
+def held(force, before_s=1.0):
     """In the air, then this force, the first 0.35 s of it touch-down."""
     air = np.zeros(round(before_s / DT))
     landing = round(0.35 / DT)
@@ -19,11 +17,11 @@ def held(force: Array, before_s: float = 1.0) -> Trace:
     return trace_of(phase, normal_force_n=np.concatenate([air, force]))
 
 
-def scored(trace: Trace, moving: bool = False, whole: bool = True, wanted: float = 20.0) -> dict[str, float]:
+def scored(trace, moving=False, whole=True, wanted=20.0):
     return measure_score(trace, np.full(len(trace.time_s), wanted), moving, whole)
 
 
-def seconds(length: float) -> Array:
+def seconds(length):
     return np.arange(0.0, length, DT)
 
 

@@ -11,12 +11,11 @@ import pytest
 
 from benchmarks.force_margins import press
 from benchmarks.force_theory import noise_rms, surface_error
-from benchmarks.loop_margins import SWINGS, Response, analytic_margins, linear_loop, margins, response_of
+from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, margins, response_of
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import joints_about
 from polish_sim.cli.score import show_border
-from polish_sim.config import Scenario
-from polish_sim.control import Measurement, Target, build_controller
+from polish_sim.control import build_controller
 from polish_sim.experiments import default_scenario
 from polish_sim.row_file import Rows
 from polish_sim.scenario_file import override
@@ -48,16 +47,16 @@ class PiLaw(NamedTuple):
     C: Array  #: Shape (n,)
     D: float
 
-    def by_force(self, z: loop_model.Complex) -> loop_model.Complex:
+    def by_force(self, z):
         systems = z[:, None, None] * np.eye(len(self.B)) - self.A
         states = np.linalg.solve(systems, np.broadcast_to(self.B[:, None], (len(z), len(self.B), 1)))
         return states[:, :, 0] @ self.C + self.D
 
-    def by_motion(self, z: loop_model.Complex) -> loop_model.Complex:
+    def by_motion(self, z):
         return np.zeros_like(z)
 
 
-def closed_loop(setup: loop_model.LoopSetup, law: PiLaw) -> tuple[Array, Array]:
+def closed_loop(setup, law):
     """One step of the closed loop as a matrix, its eigenvalues the poles, and what noise of the reading adds.
 
     The state: plant, law, samples and commands under way, the newest first.
@@ -65,7 +64,7 @@ def closed_loop(setup: loop_model.LoopSetup, law: PiLaw) -> tuple[Array, Array]:
     plant = loop_model.build_plant(setup)
     sizes = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
 
-    def step(state: Array, noise: float = 0.0) -> Array:
+    def step(state, noise=0.0):
         s, q, samples, commands = np.split(state, np.cumsum(sizes)[:-1])
         samples = np.append(plant.reading @ s + noise, samples)
         commands = np.append(law.C @ q + law.D * samples[-1], commands)
@@ -76,7 +75,7 @@ def closed_loop(setup: loop_model.LoopSetup, law: PiLaw) -> tuple[Array, Array]:
     return np.column_stack([step(unit) for unit in units]), step(0.0 * units[0], 1.0)
 
 
-def _loop() -> tuple[loop_model.LoopSetup, PiLaw]:
+def _loop():
     """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass) within its limits; the law's states
     are the filtered reading and its sum."""
     setup, gains = loop_model.setup_of(FORCE), FORCE.controller
@@ -105,7 +104,7 @@ def test_slow_motion_presses_springs_in_series_servos_swing_over_at_25_hz_and_no
     assert error[1] > 0.9 * 5000.0
 
 
-def forces(setup: loop_model.LoopSetup, law: PiLaw, noise: Array) -> Array:
+def forces(setup, law, noise):
     """Contact force of the closed loop in time [N], shape (n,), with noise in the sensor [N], shape (n,)."""
     (step, entry), plant = closed_loop(setup, law), loop_model.build_plant(setup)
     state, noisy, found = 0.0 * entry, 0.0, np.empty(len(noise))
@@ -116,7 +115,7 @@ def forces(setup: loop_model.LoopSetup, law: PiLaw, noise: Array) -> Array:
     return found
 
 
-def integrator(crossover: float, delay: float) -> Response:
+def integrator(crossover, delay):
     """Open loop of a proportional law that presses a spring by velocity: L = p k / s e^(-s delay)."""
     return lambda omega: crossover / (1j * omega) * np.exp(-1j * omega * delay)
 
@@ -135,10 +134,10 @@ def test_integrator_with_delay_has_the_margins_of_the_textbook(crossover, delay)
 class PressByPlace:
     """No force at all: takes the tool's place back to its target in 0.1 s."""
 
-    def reset(self, cycle_s: float) -> None:
+    def reset(self, cycle_s):
         pass
 
-    def step(self, measurement: Measurement, target: Target) -> np.ndarray:
+    def step(self, measurement, target):
         return np.concatenate([10.0 * (target.position - measurement.position), np.zeros(3)])
 
 
@@ -158,7 +157,7 @@ def test_longest_latency_is_where_the_eigenvalues_say(scale):
     setup, totals = loop_model.with_springs(drawn, scale), [0.001 * n for n in range(1, 200)]
     longest = loop_model.longest_latency(setup, law, totals)
 
-    def grows(total: float) -> float:
+    def grows(total):
         late = loop_model.with_latency(setup, loop_model.share_latency(total))
         largest = np.abs(np.linalg.eigvals(closed_loop(late, law)[0])).max()
         return math.log(max(float(largest), 1e-12)) / 0.001
@@ -170,7 +169,7 @@ def test_longest_latency_is_where_the_eigenvalues_say(scale):
 def test_gain_and_delay_margins_of_the_model_hold_in_the_cell_within_8_and_5_percent():
     margins, bench = analytic_margins(PRESSED), border.build_bench(PRESSED)
 
-    def later(delay: float) -> Scenario:
+    def later(delay):
         latency = PRESSED.robot.command_latency_s + delay
         return replace(PRESSED, robot=replace(PRESSED.robot, command_latency_s=latency))
 

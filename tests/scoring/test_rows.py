@@ -18,7 +18,7 @@ from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.row_file import ROWS, Rows, locked
 from polish_sim.scenario_file import override
-from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
+from polish_sim.scoring import Entry, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case, Draw, latency_settings
 from polish_sim.scoring.border import judge_rest
 from polish_sim.scoring.loop_model import share_latency
@@ -41,7 +41,7 @@ class Press:
 FORCE = default_scenario("force")
 
 
-def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
+def scored(folder, workers=1):
     """Two cases with two seeds, and how many rows there were whenever one was measured."""
     seeds, measured = 2, list[int]()
     with locked(folder / "rows.jsonl"), open_workers("here" if workers == 1 else "local", workers) as crew:
@@ -51,7 +51,7 @@ def scored(folder: Path, workers: int = 1) -> tuple[Score, list[int]]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, bytes]:
+def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     return scored(folder)[0], (folder / ROWS).read_bytes()
 
@@ -106,7 +106,7 @@ def test_a_row_counts_only_for_the_scenario_and_the_source_it_was_measured_with(
         folder = Path(package.__file__).parent
         shutil.copytree(folder, target, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
 
-    def source() -> str:
+    def source():
         names = runpy.run_path(str(copy / "source_stamp.py"), run_name="polish_sim.source_stamp")
         return names["package_hash"]()
 

@@ -1,7 +1,6 @@
 """Tables and words of a score whose rows are known beforehand."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -14,7 +13,7 @@ HOLD = scoring.Case("approach-20", "a hold", "force", ("process.hold_s=2",))
 PATH = scoring.Case("freeform-60", "a path", "surface")
 
 
-def row(case: scoring.Case, entry: scoring.Entry, seed: int, **changed: Any) -> dict[str, Any]:
+def row(case, entry, seed, **changed):
     settled = None if case.moving else 0.2
     whole = {
         "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled,
@@ -25,7 +24,7 @@ def row(case: scoring.Case, entry: scoring.Entry, seed: int, **changed: Any) -> 
     return whole | changed
 
 
-def score_of(*rows: dict[str, Any], entries: tuple[scoring.Entry, ...] = (A, B)) -> scoring.Score:
+def score_of(*rows, entries=(A, B)):
     return scoring.Score((HOLD, PATH), entries, range(2), rows, len(rows))
 
 

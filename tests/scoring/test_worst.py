@@ -1,17 +1,15 @@
 """A search finds what a controller does badly, and what it found can be run again."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import run_experiment
-from polish_sim.row_file import Row, Rows
-from polish_sim.scoring import Task, user_entry
+from polish_sim.row_file import Rows
+from polish_sim.scoring import user_entry
 from polish_sim.scoring.worst import FIGURES, LISTS, RANGES, drawn_task, first_tasks, search_worst, size_of
 from polish_sim.workers import Here, Runner
 from tests.kept import plate_file
@@ -38,10 +36,10 @@ class Planted:
 
     interrupted = False
 
-    def fill(self, keys: Mapping[Task, str], *_: object, heard: object) -> dict[Task, Row]:
+    def fill(self, keys, *_, heard):
         return {task: self.row(task.scenario) for task in keys}
 
-    def row(self, drawn: Scenario) -> Row:
+    def row(self, drawn):
         part, process = drawn.part, drawn.process
         keys = part.displacement_m, part.rotation_rad, drawn.robot.command_latency_s
         keys += process.approach_speed_m_s, process.feed_m_s

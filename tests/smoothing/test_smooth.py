@@ -44,7 +44,7 @@ def test_every_rule_is_played_whole_its_servos_follow_and_only_spline_keeps_the_
     assert figures["joint_acceleration_joint_jerk_ratio_max"] > 1.0
 
 
-def corner(starts: list[float]) -> Smoothed:
+def corner(starts):
     """100 mm along x, then 100 mm along y, each a box of 2 s filtered by 0.5 and 0.1 s."""
     tips = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]])
     chain = chain_from_axes(tips, np.tile([0.0, 0.0, -1.0], (3, 1)))
@@ -66,7 +66,7 @@ def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap, jerk):
     assert overlap < 0.1 or 2.5 < peaks.times[2, 0] < 2.6
 
 
-def played(rule: str, duration: float, heights: dict[int, float], jerk: float = 30.0) -> PlayedRule:
+def played(rule, duration, heights, jerk=30.0):
     """100 mm at constant speed; a bump of error and jerk at the middle of the path for the joints named."""
     time = np.arange(0.0, duration, 0.001)
     place = 0.1 * time / duration

@@ -1,7 +1,6 @@
 """Studies: what is varied makes the runs it should, and rows stay whole whatever happens to the command."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ ARC = override(default_scenario("arc"), ["process.max_feed_s=0.05", "process.fee
 NOISE = "sensor.force_noise_n"
 
 
-def study(*axes: str, **more: Any) -> Study:
+def study(*axes, **more):
     return Study(ARC, tuple(map(read_axis, axes)), **more)
 
 

@@ -1,9 +1,7 @@
 """Tuning finds what is there to be found, and says on unseen seeds whether it helps."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -13,7 +11,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import load_scenario
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.score import Row, Task
+from polish_sim.scoring.score import Task
 from polish_sim.studies import tune
 from polish_sim.studies.tune import Goal, Search, judge_tuned, read_goal, read_over, search_best
 
@@ -33,15 +31,15 @@ class Planted:
 
     interrupted = False
 
-    def __init__(self, lucky_seeds: bool = False) -> None:
+    def __init__(self, lucky_seeds=False):
         self.asked: list[Task] = []
         self.lucky_seeds = lucky_seeds
 
-    def fill(self, keys: Mapping[Task, str], *_: Any, **_more: Any) -> dict[Task, Row]:
+    def fill(self, keys, *_, **_more):
         self.asked += keys
         return {task: self._row(task) for task in keys}
 
-    def _row(self, task: Task) -> Row:
+    def _row(self, task):
         gains = task.scenario.controller
         p, i = math.log(gains.force_p_m_sn / BEST_P), math.log(gains.force_i_m_s2n / BEST_I)
         seen = task.seed < tune.HELD_OUT_SEED
@@ -50,18 +48,18 @@ class Planted:
                 "rms_error_n": error, "stable": gains.force_p_m_sn < 0.012}  # fmt: skip
 
 
-def search(**more: Any) -> Search:
+def search(**more):
     seen, held_out = tune.training_cases(["step-20", "flat-30"])
     over = read_over("hybrid-pi", ["force_p", "force_i"])
     goal, conditions = read_goal("worst:rms_error_n"), (tune.read_condition("stable"),)
     return replace(Search("hybrid-pi", over, goal, conditions, seen, held_out, 2), **more)
 
 
-def over(text: str) -> object:
+def over(text):
     return read_over("hybrid-pi", [text])
 
 
-def silent(_number: int, _text: str) -> None:
+def silent(_number, _text):
     pass
 
 

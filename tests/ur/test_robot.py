@@ -1,7 +1,5 @@
 """The served robot's motions, force mode and safety on the cell's physics, against their names."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,13 +8,13 @@ from polish_sim.motion import forward, jacobian
 from polish_sim.spatial import from_pose
 from polish_sim.ur.kinematics import joint_speeds, pose_of, tool_at
 from polish_sim.ur.physics import TICK_S, _lifted
-from polish_sim.ur.robot import NORMAL, PROTECTIVE, SimulatedRobot
+from polish_sim.ur.robot import NORMAL, PROTECTIVE
 
 DOWN = np.array([0, 0, 1, 0, 0, 0])
 LIMITS = np.array([0.01, 0.01, 0.005, 0.1, 0.1, 0.1])
 
 
-def go(robot: SimulatedRobot, until: Callable[[], bool], most_s: float = 20.0) -> float:
+def go(robot, until, most_s=20.0):
     for tick in range(round(most_s / TICK_S)):
         if until():
             return tick * TICK_S
@@ -25,32 +23,32 @@ def go(robot: SimulatedRobot, until: Callable[[], bool], most_s: float = 20.0) -
     raise AssertionError(f"not within {most_s} s")
 
 
-def watch(robot: SimulatedRobot, see: Callable[[], object]) -> list:
+def watch(robot, see):
     """What is seen at every tick of a move."""
     seen = []
     go(robot, lambda: seen.append(see()) or robot.move_done())
     return seen
 
 
-def stand(robot: SimulatedRobot, seconds: float) -> None:
+def stand(robot, seconds):
     for _ in range(round(seconds / TICK_S)):
         robot.step()
 
 
-def moved(robot: SimulatedRobot, *way: float) -> np.ndarray:
+def moved(robot, *way):
     """The pose a way [m] from where the robot is sent."""
     return robot.target_tcp_pose + np.array([*way, 0.0, 0.0, 0.0])
 
 
-def moving(*speed: float) -> np.ndarray:
+def moving(*speed):
     return np.array([*speed, 0.0, 0.0, 0.0])
 
 
-def press(robot: SimulatedRobot, force: float = 20.0, kind: int = 2) -> None:
+def press(robot, force=20.0, kind=2):
     robot.force_mode(robot.target_tcp_pose, DOWN, force * DOWN, kind, LIMITS)
 
 
-def push(robot: SimulatedRobot) -> float:
+def push(robot):
     return float(-robot.tcp_force[:3] @ Rotation.from_rotvec(robot.actual_tcp_pose[3:]).as_matrix()[:, 2])
 
 
@@ -285,7 +283,7 @@ def test_coriolis_torques_are_those_of_the_mass_matrix_and_inverse_kinematics_gi
     rng = np.random.default_rng(500)
     q, qd, h = robot.actual_q, rng.uniform(-1.0, 1.0, 6), 1e-5
 
-    def slope(way: np.ndarray) -> np.ndarray:
+    def slope(way):
         ahead, behind = (robot.mass_matrix(q + step * way, False) for step in (h, -h))
         return np.asarray((ahead - behind) / (2.0 * h))
 

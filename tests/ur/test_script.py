@@ -18,11 +18,11 @@ from polish_sim.ur.script.translate import translate
 from polish_sim.ur.script.values import Pose
 
 
-def calls_of_a_tick(machine: Machine, robot: FakeRobot) -> int:
+def calls_of_a_tick(machine, robot):
     """How many functions a robot's cycle calls; unlike its time, the same on every machine."""
     calls = 0
 
-    def count(_frame: object, event: str, _detail: object) -> None:
+    def count(_frame, event, _detail):
         nonlocal calls
         calls += event.endswith("call")
 
@@ -32,7 +32,7 @@ def calls_of_a_tick(machine: Machine, robot: FakeRobot) -> int:
     return calls
 
 
-def run(body: str, ticks: int = 20, robot: FakeRobot | None = None) -> tuple[FakeRobot, Notes, Machine]:
+def run(body, ticks=20, robot=None):
     robot, notes = robot or FakeRobot(), Notes()
     text = body if body.startswith(("def f():", "sec ")) else f"def f():\n{body}\nend\n"
     machine = Machine(translate(text), notes)

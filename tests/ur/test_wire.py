@@ -12,7 +12,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,6 @@ from polish_sim.log import PROCESS_PHASE
 from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Link, RobotController
 from polish_sim.ur.ports import answer
-from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import UNPROVEN, Started, ran, undrawn
 from tests.kept import plate_file
@@ -35,7 +33,7 @@ from tests.test_workers import until
 ADDRESS = "127.0.0.1"
 
 
-def loop(*before: str) -> bytes:
+def loop(*before):
     """A programme that reads a register for ever, after some lines."""
     head = "".join(f"  {line}\n" for line in before)
     loop = "  while True:\n    x = read_input_integer_register(0)\n    sync()\n  end\n"
@@ -43,7 +41,7 @@ def loop(*before: str) -> bytes:
 
 
 class Served:
-    def __init__(self, robot: SimulatedRobot, real_time: bool) -> None:
+    def __init__(self, robot, real_time):
         self.controller, self.robot, self._ended = RobotController(robot, "5.11"), robot, False
         for self.offset in range(1000 + os.getpid() % 1000, 30000, 997):
             with contextlib.suppress(InputError):
@@ -52,62 +50,62 @@ class Served:
         self.thread = threading.Thread(target=self.server.run, args=(lambda: self._ended,), daemon=True)
         self.thread.start()
 
-    def end(self) -> None:
+    def end(self):
         self._ended = True
         self.thread.join(20.0)
         assert not self.thread.is_alive()
         self.server.close()
 
-    def connect(self, port: int) -> socket.socket:
+    def connect(self, port):
         return socket.create_connection((ADDRESS, port + self.offset), 20.0)
 
-    def until(self, done: Callable[[], bool]) -> None:
+    def until(self, done):
         until(lambda: done() or not self.thread.is_alive())
         assert self.thread.is_alive()
 
 
 @pytest.fixture
-def served(build: Callable[[], SimulatedRobot]) -> Iterator[Served]:
+def served(build):
     it = Served(build(), True)
     yield it
     it.end()
 
 
 class Rtde:
-    def __init__(self, served: Served) -> None:
+    def __init__(self, served):
         self._socket = served.connect(RTDE)
         self._stream = self._socket.makefile("rb")
         assert self.ask(b"V", struct.pack(">H", 2)) == b"\1"
 
-    def close(self) -> None:
+    def close(self):
         self._stream.close()
         self._socket.close()
 
-    def outputs(self, hertz: float, names: bytes) -> bytes:
+    def outputs(self, hertz, names):
         return self.ask(b"O", struct.pack(">d", hertz) + names)
 
-    def ask(self, kind: bytes, body: bytes, answer: bytes = b"") -> bytes:
+    def ask(self, kind, body, answer=b""):
         self.send(kind, body)
         while True:
             found, data = self.read()
             if found == (answer or kind):
                 return data
 
-    def send(self, kind: bytes, body: bytes) -> None:
+    def send(self, kind, body):
         self._socket.sendall(struct.pack(">HB", 3 + len(body), kind[0]) + body)
 
-    def read(self) -> tuple[bytes, bytes]:
+    def read(self):
         size, kind = struct.unpack(">HB", self._stream.read(3))
         return bytes([kind]), self._stream.read(size - 3)
 
-    def data(self) -> bytes:
+    def data(self):
         """The next package of outputs."""
         while (package := self.read())[0] != b"U":
             pass
         return package[1]
 
 
-def lines(connection: socket.socket, *sent: str) -> list[str]:
+def lines(connection, *sent):
     stream = connection.makefile("rw", newline="\n")
     said = []
     for line in sent:
@@ -224,7 +222,7 @@ def test_the_robot_stops_when_the_client_of_its_programme_dies(served):
     served.until(served.robot.steady)
 
 
-def messages(connection: socket.socket, kind: int) -> Iterator[bytes]:
+def messages(connection, kind):
     """Bodies of the robot messages of a kind, as they come on the primary port; states are passed over."""
     stream = connection.makefile("rb")
     while True:
