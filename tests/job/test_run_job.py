@@ -18,7 +18,7 @@ from polish_sim.job.job_file import read_job
 from polish_sim.job.run_job import job_figures, programs, run_job
 from polish_sim.log import read_removal
 from polish_sim.row_file import locked
-from tests.cli.conftest import interrupted
+from tests.cli.conftest import Call, done, interrupted, refused
 from tests.kept import plate_file
 
 JOB = f"""
@@ -209,61 +209,55 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
     text = JOB.replace(str(plate_file()), str(part)).replace("0.02", "0.04")
 
-    def done(*words):
-        return execute(commands, ["job", str(file), "--out", str(out), *words])
+    def job(*words):
+        capfd.readouterr()
+        code = execute(commands, ["job", str(file), "--out", str(out), *words])
+        return Call(code, *capfd.readouterr())
 
     def seconds():
         return float(json.loads((out / "job.json").read_text())["contact_time_s"])
 
     shutil.copy(plate_file(), part)
     file.write_text(text)
-    assert done("--resume") == 2
-    err = capfd.readouterr().err
-    assert str(out) in err
-    assert "leave --resume out" in err
+    refused(job("--resume"), str(out), "leave --resume out")
     assert not out.exists()
-    assert done() == 0
-    said = capfd.readouterr()
+    said = done(job())
     assert "with bad figures" in " ".join(said.out.split())
     assert re.search("bad: setup_1/region_1/pass_1: .* are left out", said.err)
     assert not (out / ".lock").exists()
     first = seconds()
-    assert done() == done("--resume", "--overwrite") == 2
-    assert "--overwrite does it anew: give one" in capfd.readouterr().err
+    refused(job())
+    refused(job("--resume", "--overwrite"), "--overwrite does it anew: give one")
     piece = out / "setup_1/region_1/pass_1/pieces/0-1/000001.npz"
     (piece.parents[2] / "run").rename(tmp_path / "run")
     piece.parent.mkdir(parents=True)
     piece.touch()
-    assert done("--resume", "--check") == 1
-    assert "0 of 1 passes done, and 1 s of the next" in capfd.readouterr().err
+    refused(job("--resume", "--check"), "0 of 1 passes done, and 1 s of the next", code=1)
     with locked(out / ".lock", "job"):
-        assert done("--resume") == done("--overwrite") == 2
-        assert "another job is at work" in capfd.readouterr().err
+        for word in ("--resume", "--overwrite"):
+            refused(job(word), "another job is at work")
     (out / "job.toml").unlink()
     (out / "setup_notes").mkdir()
     file.write_text(text.replace("0.05", "0.1"))
-    assert done("--overwrite") == 0
+    done(job("--overwrite"))
     assert seconds() < 0.8 * first
     assert (out / "setup_notes").is_dir()
     # A job that cannot be planned or is interrupted leaves the one that was there, one that is killed no job.
     kept = content(out)
     file.write_text(text.replace("[cell]", "[cell]\npart.pose = [5.0, 0.0, 0.1, 0.0, 0.0, 0.0]"))
-    assert done("--overwrite") == 2
+    refused(job("--overwrite"))
     assert content(out) == kept
     file.write_text(text)
     with monkeypatch.context() as patch:
         patch.setattr("polish_sim.job.run_job._play", interrupted)
-        assert done("--overwrite") == 130
-        assert "stays" in capfd.readouterr().err
+        refused(job("--overwrite"), "stays", code=130)
         assert content(out) == kept
         patch.undo()
         patch.setattr("polish_sim.cli.job.put_file", interrupted)
-        assert done("--overwrite") == 130
+        refused(job("--overwrite"), code=130)
     assert not (out / "job.toml").exists()
     assert not (out / "job.json").exists()
-    assert done("--overwrite") == 0
+    done(job("--overwrite"))
     assert seconds() == first
     trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)
-    assert done("--resume") == 2
-    assert "made on another file" in (err := capfd.readouterr().err)
-    assert "Do the job anew with --overwrite" in err
+    refused(job("--resume"), "made on another file", "Do the job anew with --overwrite")
