@@ -18,7 +18,6 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 RUN_BLOCKS = runpy.run_path(str(ROOT / "docs" / "run_blocks.py"))
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), *RUN_BLOCKS["MIRRORED"]]
 
-
 # Command lines, in the blocks and in the sentences of pages, without `polish-sim` and comments.
 COMMAND = "polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )"
 COMMAND += r"(?! ?(?:EXPERIMENT|\.\.\.))[^`#\n|]*)"

@@ -25,6 +25,7 @@ def leaves(table, place=""):
             yield f"{place}{f.name}", value, f
 
 
+BASE = Scenario()
 UNITS = {
     "_m": "[m]", "_n": "[N]", "_s": "[s]", "_hz": "[Hz]", "_kg": "[kg]", "_rad": "[rad]", "_nm": "[N m]",
     "_m_s": "[m/s]", "_m_s2": "[m/s^2]", "_rad_s": "[rad/s]", "_rad_s2": "[rad/s^2]", "_n_m": "[N/m]",
@@ -54,9 +55,6 @@ def test_a_key_and_its_meaning_name_the_same_unit_and_the_file_holds_both():
         begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
         end = f"# {field.metadata['text']}"
         assert any(line.startswith(begin) and line.endswith(end) for line in text.splitlines()), key
-
-
-BASE = Scenario()
 
 
 def written(folder, text):
@@ -128,15 +126,13 @@ def test_a_bad_file_names_the_key_and_what_would_do(tmp_path, text, told):
 @pytest.mark.parametrize(
     ("assignment", "key", "value"),
     [
-        ("pad.friction=0.25", "pad.friction", 0.25),
-        ("pad.friction=1", "pad.friction", 1.0),
-        (" pad.friction = 1e-1 ", "pad.friction", 0.1),
+        ("pad.friction=0.25", "pad.friction", 0.25), ("pad.friction=1", "pad.friction", 1.0),
+        (" pad.friction = 1e-1 ", "pad.friction", 0.1), ("part.file=a=b.stl", "part.file", "a=b.stl"),
         ("controller.name=./mine.py:Mine", "controller.name", "./mine.py:Mine"),
         ("plan.region=point:1,2,3", "plan.region", "point:1,2,3"),
         ("part.pose=[0,-0.5,0.1,0,0,0]", "part.pose", (0.0, -0.5, 0.1, 0.0, 0.0, 0.0)),
-        ("part.file=a=b.stl", "part.file", "a=b.stl"),
     ],
-)
+)  # fmt: skip
 def test_set_changes_one_key(assignment, key, value):
     before, after = ({k: v for k, v, _ in leaves(s)} for s in (BASE, override(BASE, [assignment])))
     assert after[key] == value
@@ -147,14 +143,11 @@ def test_set_changes_one_key(assignment, key, value):
 @pytest.mark.parametrize(
     ("assignment", "told"),
     [
-        ("=3", "KEY=VALUE"),
-        ("sede=3", "'sede'"),
-        ("pad=0.02", "'pad'"),
-        ("pad.radius_m=", "'pad.radius_m'"),
+        ("=3", "KEY=VALUE"), ("sede=3", "'sede'"), ("pad=0.02", "'pad'"), ("pad.radius_m=", "'pad.radius_m'"),
         ("pad.radius_m=" + "9" * 400, "'pad.radius_m' = 9+\\.\\.\\. .400 characters. .* 0.001 to 0.2"),
         ("sensor.model=axia8", "mean 'axia80'.* axia80, external, hex"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_set_is_named(assignment, told):
     with pytest.raises(PolishSimError, match=told):
         override(BASE, [assignment])

@@ -144,8 +144,7 @@ def prediction():
 
 
 def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction):
-    """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source
-    shows. Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
+    """Sixty draws determine an rms to 5%; errors whitened by the prediction have mean 0 and variance 1."""
     draws = [draw_errors(TRIAL, number) for number in range(TRIAL.draws)]
     drawn = {name: np.stack([one[name] for one in draws]) for name in draws[0]}
     shares = budget.compare_shares(TRIAL, prediction.covariances, drawn)

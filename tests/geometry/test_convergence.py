@@ -1,5 +1,4 @@
-"""The fitted surface against closed forms: position, normal and curvature, and their order in the facet size;
-creases stay sharp, flat faces flat, the skin closed."""
+"""The fitted surface against closed forms; creases stay sharp, flat faces flat, the skin closed."""
 
 from functools import partial
 

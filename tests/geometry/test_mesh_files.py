@@ -1,5 +1,4 @@
-"""Parts from files and arrays: the same part whatever the format, its unit, clear refusals. Which side
-looks up: as named, or by the part; turn the part, and up and its region turn with it."""
+"""Parts from files and arrays: formats, units, the side that looks up, refusals."""
 
 import struct
 
@@ -261,7 +260,6 @@ def test_up_may_be_a_side_or_a_vector_and_by_itself_the_largest_face_slopes_incl
     for text in ("0,0,0", "1,2", "a,b,c", "nan,0,1", "1e400,0,0"):
         with pytest.raises(InputError, match="is not a direction"):
             part_of(BLOCK, text)
-    # A wedge: its slope is the largest face, whatever the size.
     wedge = trimesh.convex.convex_hull([[0, 0, 0], [9, 0, 0], [0, 6, 0], [9, 6, 0], [0, 0, 3], [0, 6, 3.0]])
     for size in (0.02, 1.5):
         part = part_from_arrays(np.array(wedge.vertices) * size / 9.0, np.array(wedge.faces))

@@ -60,8 +60,7 @@ def test_empty_double_and_flipped_facets_are_dropped_or_turned_so_that_bodies_lo
 
 
 def test_facets_without_height_tiny_gaps_and_t_junctions_are_mended_so_that_the_skin_is_closed():
-    """A T-junction bridged by a facet whose three corners lie on a line, as CAD systems write it: two walls
-    of a tetrahedron share an edge, divided on one side only."""
+    """At a T-junction bridged by a flat facet two walls share an edge that is divided on one side only."""
     a, b, left, right = np.array([[0, 0, 0], [60, 0, 0], [30, 50, 0], [30, 20, 40.0]])
     middle = 0.5 * (a + b)
     undivided, divided = [a, left, b], [[a, middle, right], [middle, b, right], [a, b, middle]]
@@ -153,8 +152,7 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
 
 
 def test_noise_is_found_on_a_scan_s_flat_base_not_on_exact_parts_and_leaves_creases_sharp():
-    """Walls and base, which are exact, have more vertices than the scan; thin facets along creases are no
-    needles."""
+    """Exact walls and base have more vertices than the scan; thin facets along creases are no needles."""
     points, faces = dome(0.00005)
     base = [np.column_stack([points[:, :2], np.full(len(points), height)]) for height in (0.0, 0.01)]
     below = np.concatenate([faces[:, ::-1] + len(points), faces + 2 * len(points)])
@@ -202,8 +200,7 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
 
 
 def test_broken_files_are_read_or_refused_without_traceback_hang_or_more_memory_than_whole_ones(tmp_path):
-    """One that lost a byte in the middle; triangles without neighbours; facets too many and corners wrong, so
-    that nearly every edge is a border with thousands of vertices near."""
+    """A byte lost in the middle; wrong corners, so that nearly every edge is a border; loose triangles."""
     file, rng, other = tmp_path / "broken.stl", np.random.default_rng(0), np.random.default_rng(1)
     ball = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
     whole = ball.export(file_type="stl")

@@ -18,7 +18,6 @@ INCH = "#11=(CONVERSION_BASED_UNIT('INCH',#15)LENGTH_UNIT()NAMED_UNIT(#14));"
 BALL = (Path(__file__).parent / "ball.step").read_text()
 """Written by hand: a ball of 50 mm radius about the origin."""
 
-
 installed = pytest.mark.skipif(importlib.util.find_spec("cascadio") is None, reason="needs polish-sim[cad]")
 ENDLESS = "import time; time.sleep(60)"
 GREEDY = "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (2**28, 2**28)); bytearray(2**30)"

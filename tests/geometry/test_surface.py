@@ -1,5 +1,4 @@
-"""The surface: closest points, exact signed distances and the trilinear field; properties looked for by
-hypothesis, which tries the same examples in every run."""
+"""The surface: closest points, exact signed distances, the trilinear field; properties by hypothesis."""
 
 from functools import cache
 

@@ -1,5 +1,4 @@
-"""Laws of hand guiding on plain arrays: one joint with known inertia, weight and friction; the arm with
-motors for hand guiding."""
+"""Laws of hand guiding: one joint with known inertia, weight and friction; the arm with motors."""
 
 import math
 from dataclasses import replace
@@ -138,7 +137,6 @@ def test_compensation_fades_towards_speed_limits_and_one_that_lends_too_much_ene
     ):
         assert laws.watch_guiding(limits(), belief, gains("gravity"), memory, tool, DT) == code
         assert laws.fade_out(limits(), memory.qd, tool) == pytest.approx(share)
-    # Compensating more than friction takes is counted.
     law = gains("classical", coulomb_share=1.5, viscous_share=1.5)
     watched, code = lend(belief, law, 1.0)
     assert code == 0

@@ -1,5 +1,4 @@
-"""Hand guiding: moves in every mode, and a path taught by dragging the tool. A recorded way becomes a path:
-tremor goes, the shape stays, points lie on the part."""
+"""Hand guiding: moves in every mode, and paths taught by dragging the tool."""
 
 from dataclasses import replace
 
@@ -78,7 +77,6 @@ def test_the_move_is_minimum_jerk_and_wander_and_tremor_have_the_size_and_band_a
         at = np.fft.rfftfreq(len(off), dt)
         assert power[(at >= low) & (at <= high)].sum() > 0.9 * power.sum()
         assert np.sqrt(np.mean(off**2)) == pytest.approx(size, rel=0.15)
-        # Meant is to go from end to end at the hand's speed.
         np.testing.assert_allclose(made.meant.positions[[0, -1], 0], [0.0, 1.0], atol=1e-9)
         assert made.meant.velocities[:, 0].max() == pytest.approx(DragConfig().speed_m_s, rel=1e-3)
         assert np.abs(np.diff(made.meant.velocities[:, 0])).max() / dt < 0.2

@@ -1,5 +1,4 @@
-"""Regressor and base parameters against the engine and the papers' counts; estimates at the Cramér-Rao bound,
-whose intervals hold the truth whatever the noise's colour. Bodies: parameters that can exist, payloads."""
+"""Regressor, base parameters, payloads: the papers' counts, the Cramér-Rao bound, intervals that hold."""
 
 import mujoco
 import numpy as np

@@ -30,11 +30,9 @@ TORQUE_LIMITS = [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
 
 # Solid cylinders along the tool axis: mass [kg], radius, both ends, distance from the axis along x [m].
 TOOL_MOUNT = [
-    (0.30, 0.040, 0.000, 0.040, 0.0),
-    (0.15, 0.040, 0.040, 0.052, 0.0),
-    (1.15, 0.032, 0.052, 0.160, 0.0),
+    (0.30, 0.040, 0.000, 0.040, 0.0), (0.15, 0.040, 0.040, 0.052, 0.0), (1.15, 0.032, 0.052, 0.160, 0.0),
     (0.10, 0.012, 0.060, 0.090, 0.040),
-]
+]  # fmt: skip
 SLIDING_HEAD = [(0.18, 0.010, 0.110, 0.196, 0.0), (0.12, 0.025, 0.196, 0.220, 0.0)]
 
 
@@ -65,8 +63,7 @@ def build_model():
     return model
 
 
-ARM = slice(0, 6)
-HEAD = 6
+ARM, HEAD = slice(0, 6), 6
 
 
 @pytest.fixture(scope="module")

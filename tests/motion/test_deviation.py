@@ -1,5 +1,4 @@
-"""Chains of way points and the torques of a serial chain. Deviations of smoothed motions from their polyline:
-closed forms of paper 4 against what is measured; the filtered box against exact rational arithmetic."""
+"""Chains of way points, their smoothed motions by closed forms (paper 4), torques of a serial chain."""
 
 import math
 from fractions import Fraction
@@ -184,8 +183,7 @@ def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12_from_nought_
 
 
 def test_no_profile_within_the_limits_is_shorter():
-    """Each limit is kept, and the profile is limited throughout; among symmetric jerk, acceleration and speed
-    plateaus from a grid of their times there is no shorter one."""
+    """Limits are kept and one is used; no symmetric profile on a grid of plateau times is shorter."""
     rng, grid = np.random.default_rng(7), np.geomspace(1e-4, 1.0, 60)
     for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (500, 4)):
         times = np.array(fir.stop_times(length, v, a, j))

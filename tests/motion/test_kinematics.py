@@ -1,5 +1,4 @@
-"""Kinematics of an arm by its table, forward and inverse; joints' derivatives along paths. Another make is
-another row, and a process can change between them."""
+"""Kinematics by an arm's table: forward, inverse, along paths; a process can change between makes."""
 
 from dataclasses import asdict
 from itertools import pairwise

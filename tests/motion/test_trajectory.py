@@ -1,5 +1,4 @@
-"""A path as a callable of arc length, against a helix whose every derivative is known; a motion over time, at
-the speed wanted, from rest to rest, its acceleration continuous."""
+"""A path as a callable of arc length and a motion over time, against a helix and a circle."""
 
 from collections import namedtuple
 

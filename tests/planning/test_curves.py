@@ -1,5 +1,4 @@
-"""Steps and offset curves keep their distance everywhere (paper 1, fig. 4, 5); the fine triangulation.
-Crossings of constructed paths, counted by hand: through, touching, along, over and under; then cut."""
+"""Steps and offset curves keep their distance (paper 1, fig. 4, 5); crossings are counted and cut."""
 
 from dataclasses import replace
 

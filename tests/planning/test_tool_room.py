@@ -1,5 +1,4 @@
-"""Nothing of the tool is in the part: held against solids of the robot's model, along whole plans; the pad's
-disc beside walls, on edges and on curved places."""
+"""Nothing of the tool is in the part, by solids of the robot's model and by the pad's disc."""
 
 import re
 from dataclasses import replace

@@ -55,11 +55,8 @@ def room_behind_pad() -> manifold3d.Manifold:
 
 
 def volumes_in_part(path, part: trimesh.Trimesh, pad_radius, yields, apart=4e-3) -> dict[str, float]:
-    """Largest volume each body of the tool shares with a part, a closed mesh in mm, along a path [mm^3].
-
-    The pad ``yields`` in contact [m], everywhere or at each point of the path (n,); places looked at are
-    ``apart`` [m].
-    """
+    """Largest volume each body of the tool shares with a part, a closed mesh in mm, along a path [mm^3]; the
+    pad ``yields`` in contact [m], everywhere or at each point (n,); places looked at are ``apart`` [m]."""
     shape = solid(part.copy().apply_scale(1e-3))
     worst = dict.fromkeys(("pad", *(name for name, _ in bodies_behind_pad())), 0.0)
     yields = np.broadcast_to(yields, len(path.s))

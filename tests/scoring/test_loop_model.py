@@ -1,5 +1,4 @@
-"""The linear force loop against closed forms, eigenvalues and the compiled laws; the pad pressed on a spring:
-the cell's borders of stability lie where the model has them, with a stiff and with an elastic arm."""
+"""The linear force loop by closed forms, and the cell's border of stability by the linear loop."""
 
 import json
 import math
@@ -57,10 +56,8 @@ class PiLaw(NamedTuple):
 
 
 def closed_loop(setup, law):
-    """One step of the closed loop as a matrix, its eigenvalues the poles, and what noise of the reading adds.
-
-    The state: plant, law, samples and commands under way, the newest first.
-    """
+    """One step of the closed loop as a matrix, its eigenvalues the poles, and what noise of the reading adds:
+    to plant, law, samples and commands under way, the newest first."""
     plant = loop_model.build_plant(setup)
     sizes = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
 
@@ -76,8 +73,7 @@ def closed_loop(setup, law):
 
 
 def _loop():
-    """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass) within its limits; the law's states
-    are the filtered reading and its sum."""
+    """The force loop of ``hybrid-pi`` (paper 1, eq. 5); its law's states: filtered reading and sum of it."""
     setup, gains = loop_model.setup_of(FORCE), FORCE.controller
     blend = 1.0 - math.exp(-2.0 * math.pi * gains.force_filter_hz * setup.dt)
     A = np.array([[1.0 - blend, 0.0], [setup.dt * (1.0 - blend), 1.0]])
@@ -236,11 +232,7 @@ def test_slow_motion_presses_head_and_arm_in_series_and_hysteresis_is_elastic_in
 
 @pytest.mark.parametrize(("name", "gain"), [("hybrid-pi", 1.4), ("hybrid-adaptive", 1.9)])
 def test_the_border_of_stability_is_where_the_linear_model_says_and_shipped_laws_keep_off_it(name, gain):
-    """Within 8% of gain, on springs alone: what hysteresis and friction damp is left out on both sides.
-
-    What swings is seen below the border, where it decays: beyond it the loop is at its limits, and ends in
-    one of two swings.
-    """
+    """Within 8% of gain, on springs alone; seen from below, where swings decay: beyond it limits end them."""
     named = f"controller.name={name}"
     scenario = override(ELASTIC, [*SPRINGS_ONLY, *HELD, named])
     response = linear_loop(scenario, swing=1.0)(loop_model.contour(0.001))

@@ -1,5 +1,4 @@
-"""Rows of the score: measured in the simulator, kept on disk, found again; its cases, and the bounds no
-controller can beat."""
+"""Rows of the score: measured, kept, found again; its cases, and bounds no controller can beat."""
 
 import json
 import math
@@ -148,7 +147,6 @@ def test_every_case_is_a_scenario_chosen_by_name_or_pattern_that_shares_its_set_
     names = [case.name for case in scoring.choose_cases(scoring.BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
     assert scoring.choose_cases(scoring.BATTERY, []) == scoring.BATTERY
-    # Rows share a set-up exactly when plan, part and seed agree.
     slow, fast = scoring.choose_cases(scoring.BATTERY, ["freeform-10", "freeform-30"])
     off = scoring.choose_cases(scoring.BATTERY, ["part-3mm"])[0]
     assert setup_key(Task(slow, PI, 1)) == setup_key(Task(fast, PI, 1))

@@ -16,7 +16,7 @@ from tests.kept import plate_file
 
 
 def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_its_run_repeats(tmp_path):
-    short = ["plan.stepover_m=0.04", "plan.edge_margin_m=0.03"]
+    short = ["plan.stepover_m=0.04", "plan.edge_margin_m=0.03", "process.max_feed_s=1"]
     entry, heard = user_entry("position", short), []
     rows = search_worst(entry, 3, Runner(Rows(tmp_path), Here(), lambda *at: heard.append(at[:2])))
     assert len(rows) == 3
@@ -47,12 +47,8 @@ class Planted:
         ends = [RANGES[name] for name in RANGES if not name.startswith(others)]
         off, turn, late, fast, fed = ((v - a) / (b - a) for v, (a, b) in zip(keys, ends, strict=True))
         miss = abs(late - 0.3) + abs(fed - 0.3) + abs(turn - 0.3)
-        return {
-            "largest_force_n": off + fast + late,
-            "contact_lost_s": max(0.0, fed - 0.8) * off,
-            "max_error_n": 2.0 - miss,
-            "duration": 2.0,
-        }
+        most, lost = off + fast + late, max(0.0, fed - 0.8) * off
+        return {"largest_force_n": most, "contact_lost_s": lost, "max_error_n": 2.0 - miss, "duration": 2.0}
 
 
 def test_a_search_finds_more_than_runs_spread_evenly_and_a_controller_no_run_starts_with_is_refused(tmp_path):
@@ -83,9 +79,9 @@ def test_the_ends_of_the_ranges_are_scenarios_and_a_setting_of_the_controller_s_
 
 def test_the_stiffest_springs_late_commands_and_a_fast_approach_do_not_make_the_shipped_laws_strike():
     x = np.array([most for _, most in RANGES.values()])
+    landing = [f"part.file={plate_file()}", "plan.edge_margin_m=0.06", "process.max_feed_s=0.3"]
     for controller in ("hybrid-pi", "hybrid-adaptive"):
-        landing = user_entry(controller, [f"part.file={plate_file()}", "plan.edge_margin_m=0.06"])
         for seed in (611, 612, 613):
-            drawn = drawn_task(landing, x).scenario
+            drawn = drawn_task(user_entry(controller, landing), x).scenario
             run = run_experiment(replace(drawn, seed=seed))
             assert run.figures["peak_force_n"] <= 25.0

@@ -34,7 +34,6 @@ def test_every_rule_is_played_whole_its_servos_follow_and_only_spline_keeps_the_
         largest = max(largest, errors.max())
     logged = np.abs(run.log["target_q_rad"] - run.log["q_rad"].astype(float)).max()
     assert logged == pytest.approx(largest, rel=0.05)
-    # The slowest rule is played at the equal time as before.
     slowest = max(times, key=lambda name: times[name])
     assert figures["equal_time_s"] == times[slowest]
     same = figures[f"{slowest}_tracking_error_max_rad_at_equal_time"]

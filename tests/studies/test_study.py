@@ -65,17 +65,14 @@ def test_samples_stay_in_their_ranges_and_come_again(sample):
 @pytest.mark.parametrize(
     ("axes", "more", "told"),
     [
-        ([f"{NOISE}=0.1,0.2", f"{NOISE}=0.3"], {}, "varied twice"),
-        ([f"{NOISE}=0.1:0.2"], {}, "a grid needs steps"),
-        ([f"{NOISE}=0.1:0.2"], {"sample": "sobol"}, "needs --count"),
-        ([f"{NOISE}=0.1"], {"count": 3}, "--count is for"),
+        ([f"{NOISE}=0.1,0.2", f"{NOISE}=0.3"], {}, "varied twice"), (["seed=1,2"], {}, "--seeds"),
+        ([f"{NOISE}=0.1:0.2"], {}, "a grid needs steps"), ([f"{NOISE}=0.1"], {"count": 3}, "--count is for"),
+        ([f"{NOISE}=0.1:0.2"], {"sample": "sobol"}, "needs --count"), ([f"{NOISE}=0.1,-3"], {}, "outside"),
         ([f"{NOISE}=0.1"], {"sample": "sobl", "count": 3}, "'sobol'"),
         (["sensor.force_nose_n=0.1"], {}, "'sensor.force_noise_n'"),
-        ([f"{NOISE}=0.1,-3"], {}, "outside"),
-        (["seed=1,2"], {}, "--seeds"),
         ([f"{NOISE}=0:1:lin100000"], {"seeds": 1000}, "more than"),
     ],
-)
+)  # fmt: skip
 def test_a_study_no_run_can_be_made_of_is_refused(axes, more, told):
     with pytest.raises(PolishSimError, match=told):
         study(*axes, **more).check()

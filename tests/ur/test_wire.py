@@ -381,7 +381,6 @@ def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_p
     try:
         until(lambda: said().count("serving") == 2 or process.poll() is not None)
         assert process.poll() is None, said()
-        # Where there is a wheel of ur_rtde.
         if polishes := importlib.util.find_spec("rtde_control") is not None:
             example = Path(__file__).parents[2] / "examples/ur_rtde_polish.py"
             client = [sys.executable, example, "PLAN/path.csv", "--seconds", "3", "--host", both[0]]
