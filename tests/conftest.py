@@ -18,27 +18,15 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 # What compiles longest comes first. The loops and the laws have most of their parts in common: they go to one
 # process, so that each part is inferred once; another compiles the planner meanwhile.
 LOOPS = (
-    "cell/test_statics.py",
-    "cell/test_scene.py",
-    "cell/test_sequence.py",
-    "cell/test_real_arm.py",
-    "cell/test_contact.py",
-    "cell/test_wrist_sensor.py",
-    "control/adaptive/test_adaptive_laws.py",
-    "control/adaptive/test_path_laws.py",
-    "dual/test_pair.py",
-    "envs/test_envs.py",
-    "hand_guiding/test_law.py",
-    "cli/test_run.py",
-)
+    "cell/test_statics.py", "cell/test_scene.py", "cell/test_sequence.py", "cell/test_real_arm.py",
+    "cell/test_contact.py", "cell/test_wrist_sensor.py", "control/adaptive/test_adaptive_laws.py",
+    "control/adaptive/test_path_laws.py", "dual/test_pair.py", "envs/test_envs.py",
+    "hand_guiding/test_law.py", "cli/test_run.py",
+)  # fmt: skip
 FIRST = (
-    *LOOPS,
-    "planning/test_plans.py",
-    "ur/test_wire.py",
-    "planning/test_tool_room.py",
-    "planning/test_inspection.py",
-    "ur/test_robot.py",
-)
+    *LOOPS, "planning/test_plans.py", "ur/test_wire.py", "planning/test_tool_room.py",
+    "planning/test_inspection.py", "ur/test_robot.py", "test_readme.py", "test_workers.py",
+)  # fmt: skip
 
 
 def keep_parts() -> None:

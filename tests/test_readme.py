@@ -12,6 +12,7 @@ import typer
 
 import polish_sim
 from polish_sim.cli.main import commands
+from tests.identification.known import design_once
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -93,6 +94,7 @@ PRINTS = {
 @pytest.mark.parametrize("name", PRINTS)
 def test_the_example_runs_and_prints_what_it_promises(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    design_once(monkeypatch, iterations=5)  # a third of what the example gives its search
     runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
     plt.close("all")
     assert re.search(PRINTS[name], capsys.readouterr().out)

@@ -32,7 +32,7 @@ from polish_sim.spatial import inverse
 AWAY = ("dual.standoff_m=0.005", "process.feed_m_s=0.05")
 FREE = (*AWAY, "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
 EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
-PRESSED_S = 2.5
+PRESSED_S = 1.5
 
 
 def dual(*changes):
@@ -189,7 +189,7 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within
 
 
 def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part():
-    even = ("plan.removal=even", "plan.stepover_m=0.015", "process.feed_m_s=0.04", "process.max_feed_s=4")
+    even = ("plan.removal=even", "plan.stepover_m=0.015", "process.feed_m_s=0.04", "process.max_feed_s=2")
     run = run_experiment(dual(*even))
     path, trace = run.path, run.trace
     assert run.figures["protective_stop"] is None
