@@ -21,6 +21,7 @@ from polish_sim.motion.serial_chain import SerialChain
 
 RATE, SIGMA = 250.0, np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
 RANGE, TORQUE = np.array([[-0.9, 0.9]] * 6) * np.pi, np.array([150.0] * 3 + [28.0] * 3)
+ODD = Path(__file__).with_name("odd.xml").read_text()
 LIMITS = excitation.MotionLimits(RANGE, np.full(6, 3.0), np.full(6, 12.0), TORQUE)
 
 
@@ -33,7 +34,7 @@ def arm_model() -> mujoco.MjModel:
 
 def odd_model() -> mujoco.MjModel:
     """Two joints on one body, a slide, tilted axes, a welded body, a joint that does not start at zero."""
-    return _bare(mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("odd.xml"))))
+    return _bare(mujoco.MjModel.from_xml_string(ODD))
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
