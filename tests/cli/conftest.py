@@ -172,9 +172,10 @@ def interrupted(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
-def done(call: Call) -> Call:
-    """A command that did what it was asked."""
+def done(call: Call, *facts: str) -> Call:
+    """A command that did what it was asked and says these facts."""
     assert call.code == 0, call.err
+    assert [fact for fact in facts if fact not in call.out + call.err] == [], call
     return call
 
 

@@ -26,7 +26,7 @@ DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_
 
 @pytest.mark.pictures
 def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim, tmp_path):
-    _, out, err = done(polish_sim(*FORCE))
+    _, out, err = done(polish_sim(*FORCE), "settling to")
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
     files = {file.name for file in folder.iterdir()}
     assert {"config.toml", "metrics.json", "log.npz", "force.png", "report.html"} <= files
@@ -36,7 +36,6 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim, 
     page = (folder / PAGE).read_text(encoding="utf-8")
     assert page.count("</script>") == 2
     assert "://" not in page
-    assert "settling to" in out
     assert set(read_log(folder / "log.npz").names) == set(COLUMNS)
     figures = metrics_of(folder)
     assert figures["protective_stop"] is None
@@ -55,9 +54,8 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     code, out, _ = polish_sim(*FORCE, *DEAF, "--check", "--out", "deaf")
     assert (code, " NO" in out) == (1, True)
     sluggish = ["--set", "robot.linear_acceleration_m_s2=0.05"]
-    out = done(polish_sim(*ARC, *sluggish, "--out", "run")).out
+    out = done(polish_sim(*ARC, *sluggish, "--out", "run"), "robot.linear_acceleration_m_s2 = 0.05 (1.2)").out
     assert " NO" not in out
-    assert "robot.linear_acceleration_m_s2 = 0.05 (1.2)" in out
     code, out, _ = polish_sim(*ARC, *sluggish, "--check", "--out", "checked")
     assert (code, " NO" in out) == (1, True)
     # Neither the pad of a plan nor what a named sensor stands for is one.
@@ -113,9 +111,7 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     for damaged in (whole.keys() - {Path("two/seed-0006/log.npz")}, {config}):
         for file in damaged:
             file.write_text(file.read_text().rpartition(" #")[0] + " # cut" if file == config else "")
-        call = done(polish_sim(*FORCE, *words))
-        assert "done again: " in call.err
-        assert "seed-0005" in call.err
+        call = done(polish_sim(*FORCE, *words), "done again: ", "seed-0005")
         assert "seed-0006" not in call.err
         assert {file: file.read_bytes() for file in whole} == whole
         assert config.read_text().endswith("\n")
@@ -185,7 +181,7 @@ def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim):
 @pytest.mark.pictures
 def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
     words = "--mode assist --direction x --duration 0.8 --set hand.off_s=2 --out out"
-    out = done(polish_sim("run", "teach", *words.split())).out
+    done(polish_sim("run", "teach", *words.split()), "hand force")
     files = {file.name for file in Path("out").iterdir()}
     assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= files
     metrics = metrics_of("out")
@@ -193,7 +189,6 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim):
     assert metrics["moves"] == ["assist_x_0p8s"]
     log = np.load("out/log.npz")
     assert log["hand_force_n"].shape == (len(log["time_s"]), 3)
-    assert "hand force" in out
     done(polish_sim("report", "out", "out", "--out", "beside"))
     Path("out/metrics.json").write_text(json.dumps(metrics | {"moves": [1]}))
     refused(polish_sim("report", "out", "--out", "edited"), "'moves'", "'out/metrics.json'")
