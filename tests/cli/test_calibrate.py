@@ -77,9 +77,7 @@ def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder, polis
     column = rows[0].index("fy_n")
     rows[3][column] = str(float(rows[3][column]) + 2.0)
     Path("touched.csv").write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
-    done(
-        polish_sim("calibrate", "payload", "--data", "touched.csv", "--out", "two"), "reading 3 does not fit"
-    )
+    done(polish_sim("calibrate", "payload", "--data", "touched.csv", "--out", "b"), "reading 3 does not fit")
     for row in rows[1 : 1 + len(rows) // 2]:  # half of the forces in kN
         first = rows[0].index("fx_n")
         row[first : first + 3] = [str(1e-3 * float(value)) for value in row[first : first + 3]]

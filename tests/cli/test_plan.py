@@ -79,9 +79,7 @@ def test_a_part_too_small_or_narrow_is_one_message_and_nothing_is_written(polish
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim):
     trimesh.creation.box((23.0, 23.0, 10.0)).export("small.stl")
-    done(
-        polish_sim("plan", "small.stl", *UNPROVEN, "--out", "plan"), "pad of 20 mm and step-over 3.2 mm, 3.4"
-    )
+    done(polish_sim("plan", "small.stl", *UNPROVEN, "--out", "plan"), "20 mm and step-over 3.2 mm, 3.4 mm")
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = metrics_of("plan")
     assert metrics["coverage"] > 0.99

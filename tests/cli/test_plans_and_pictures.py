@@ -158,9 +158,7 @@ def test_a_proven_plan_is_not_played_again(polish_sim, monkeypatch):
     assert np.allclose(metrics_of("far")["T_base_work"], from_pose(document["proof"]["pose"]), atol=1e-9)
     run = ("run", "surface", "--path", "plan")
     monkeypatch.setattr(proof_record, "drift_notes", lambda *_: ["the sensor drifts"])
-    whole = done(
-        polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole"), "the sensor drifts"
-    )
+    whole = done(polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole"), "sensor drifts")
     assert "prove in the cell" not in whole.err
     harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
     other = polish_sim(*run, *harder, "--out", "other")
