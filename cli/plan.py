@@ -194,8 +194,8 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
         observer.stage(f"{name}: {setup.scenario.part.up} up, {len(setup.patches)} of {search.count} patches")
         try:
             result, unreached = plan_once(setup.scenario, folder / name, wanted, observer, forced=False)
-        except PlanError as error:
-            search.refuse(setup, str(error), elsewhere=False)
+        except (PlanError, ReachError) as error:
+            search.refuse(setup, str(error), elsewhere=isinstance(error, ReachError))
             continue
         lost = next((note for note in result.notes if NO_WAY in note), "") if len(setup.patches) > 1 else ""
         if unreached or lost:
