@@ -136,12 +136,10 @@ def test_a_file_written_is_read_again_and_a_section_left_out_keeps_its_defaults(
         ("[tip]\nspeed_mm_s = 50\njerk_mm_s3 = 1", "'tip.acceleration_mm_s2' is missing"),
         ("[tip]\nspeed_mm_s = 0\nacceleration_mm_s2 = 1\njerk_mm_s3 = 1", "'tip.speed_mm_s' .* positive"),
         ("[tip]\nspeed_mm_s = nan\nacceleration_mm_s2 = 1\njerk_mm_s3 = 1", "positive number, got nan"),
-        ("[tip]\nspeed = 5", "unknown key 'tip.speed'"),
-        ("speed = 5", "'speed' .* no section"),
+        ("[tip]\nspeed = 5", "key 'tip.speed'"), ("speed = 5", "no section"), ("[tip", "not valid TOML"),
         ("[joint]\nspeed_deg_s = [1, 2]\nacceleration_deg_s2 = 1\njerk_deg_s3 = 1", "one number or six"),
-        ("[tip", "not valid TOML"),
     ],
-)
+)  # fmt: skip
 def test_limits_that_cannot_be_used_are_named(tmp_path, text, message):
     (tmp_path / "limits.toml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=message):

@@ -132,8 +132,8 @@ def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(monk
     solved, plan_law = [], law_module.plan_law
     monkeypatch.setattr(law_module, "plan_law", lambda k, *rest: solved.append(len(k)) or plan_law(k, *rest))
     rng, work = np.random.default_rng(5), []
-    steps = 0.002 * np.stack([np.ones(400), *0.15 * rng.normal(size=(2, 400))], axis=1)
-    for count in (100, 400):
+    steps = 0.002 * np.stack([np.ones(200), *0.15 * rng.normal(size=(2, 200))], axis=1)
+    for count in (50, 200):
         solved.clear()
         plan(*stroke(np.cumsum(steps[:count], axis=0), 0.02 * rng.normal(size=(count, 3))), 0.03)
         work.append(sum(solved))

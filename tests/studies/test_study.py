@@ -91,15 +91,13 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("experiment = 'arc'\nsed = 3", "'seeds'"),
-        ("experiment = 'ark'", "'arc'"),
+        ("experiment = 'arc'\nsed = 3", "'seeds'"), ("experiment = 'ark'", "'arc'"),
         ("experiment = 'arc'\nseeds = 'many'", "'seeds' in .* whole number"),
-        ("experiment = 'arc'\nvary = 3", "'vary' in .* section"),
+        ("experiment = 'arc'\nvary = 3", "'vary' in .* section"), ("experiment = ", "not valid TOML"),
         ("experiment = 'arc'\n[vary]\nsensor.force_noise_n = []", "must be a list"),
         ("experiment = 'arc'\n[settings]\nsensor.force_nose_n = 1", "'sensor.force_noise_n'"),
-        ("experiment = ", "not valid TOML"),
     ],
-)
+)  # fmt: skip
 def test_a_study_s_file_edited_wrongly_is_refused(tmp_path, text, told):
     (tmp_path / "study.toml").write_text(text)
     with pytest.raises(PolishSimError, match=told):

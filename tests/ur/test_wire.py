@@ -358,15 +358,12 @@ def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim, tmp_path):
 
 def test_addresses_and_versions_that_are_none_are_refused(polish_sim):
     for words, said in (
-        (("--address", "robot"), "is no IP address"),
-        (("--polyscope", "4.0"), "5.11"),
-        (("--speed", "fast"), "max"),
-        (("--address", ADDRESS, "--address", ADDRESS), "an address of its own"),
-        (("--score", "nothing"), "step-20"),
-        (("--score", "step-20", "--part", "plate"), "--part"),
-        (("--live", "--live-port", "8099", "--address", ADDRESS, "--address", "127.0.0.2"), "one robot"),
-    ):
-        code, _, err = polish_sim("serve", *words)
+        ("--address robot", "is no IP address"), ("--polyscope 4.0", "5.11"), ("--speed fast", "max"),
+        (f"--address {ADDRESS} --address {ADDRESS}", "an address of its own"),
+        ("--score nothing", "step-20"), ("--score step-20 --part plate", "--part"),
+        (f"--live --live-port 8099 --address {ADDRESS} --address 127.0.0.2", "one robot"),
+    ):  # fmt: skip
+        code, _, err = polish_sim("serve", *words.split())
         assert (code, said in err, err.count("\n")) == (2, True, 1), err
 
 
