@@ -222,25 +222,23 @@ def axes_of(*moves):
 @pytest.mark.parametrize(
     ("fit", "measured", "said"),
     [
-        (base_of, (arc(0), arc(0)), "nearly parallel"),
+        (base_of, (arc(0), arc(0)), "nearly parallel"), (base_of, (np.ones((9, 3)), arc(1)), "in one place"),
         (base_of, (arc(0)[:, [1, 0, 2]], arc(1)[:, [1, 0, 2]]), "left-handed"),
         (base_of, (arc(0), arc(1)[::-1]), "arc of axis 2 runs against"),
         (base_of, (arc(0), arc(3, sector=(-120.0, 0.0))), "axis 2 has a radius"),
         (base_of, (np.outer(np.arange(9.0), [1.0, 2.0, 3.0]), arc(1)), "on a line"),
-        (base_of, (np.ones((9, 3)), arc(1)), "in one place"),
         (base_of, (arc(0, sector=(0.0, 20.0)), arc(1)), "arc of 20 deg is too short"),
         (matched_points.check_matched, (CLOUD[:2], CLOUD[:2]), "2 points give no frame"),
         (matched_points.check_matched, ON_LINES, "lie on a line"),
         (matched_points.check_matched, (1e3 * CLOUD, CLOUD), "are units mixed"),
         (matched_points.check_matched, (CLOUD[:, [1, 0, 2]], CLOUD), "mirror image"),
-        (tip_of, (planned(3 + 1)[:3],), "3 touches cannot separate"),
+        (tip_of, (planned(4)[:3],), "3 touches cannot separate"), (tip_of, (coning(8, 1.0),), "the same way"),
         (tip_of, (SPUN.as_matrix(),), r"\(0.00, 0.00, 1.00\) .*the same way"),
-        (tip_of, (coning(8, 1.0),), "points the same way"),
         (tip_of, (np.tile(np.eye(3), (6, 1, 1)),), "stands nearly the same in all 6 touches"),
         (axes_of, ([0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]), "too short"),
         (axes_of, ([0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]), "nearly parallel"),
     ],
-)
+)  # fmt: skip
 def test_measurements_that_cannot_tell_are_refused_with_the_reason(fit, measured, said):
     with pytest.raises(CalibrationError, match=said):
         fit(*measured)

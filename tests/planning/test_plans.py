@@ -117,13 +117,11 @@ def told(result):
 @pytest.mark.parametrize(
     ("pattern", "name", "start", "within"),
     [
-        ("spiral", "sphere_100", (0.0497, 0.0154, 0.02), 2.0),
-        ("spiral", "plate", (0.09, 0.09, 0.02), 1.0),
-        ("contour", "sphere_100", (0.0, -0.05, 0.03), 2.0),
-        ("fermat", "freeform", (0.0, -0.1, 0.03), 5.0),
+        ("spiral", "sphere_100", (0.0497, 0.0154, 0.02), 2.0), ("spiral", "plate", (0.09, 0.09, 0.02), 1.0),
+        ("contour", "sphere_100", (0.0, -0.05, 0.03), 2.0), ("fermat", "freeform", (0.0, -0.1, 0.03), 5.0),
         ("raster", "cylinder", (0.07, 0.05, 0.022), 3.0),
     ],
-)
+)  # fmt: skip
 def test_a_path_begins_near_its_start_and_says_where_if_two_step_overs_off(pattern, name, start, within):
     """Also near a corner; of a spiral the first turn runs half a step-over inside the border."""
     plan = PlanConfig(pattern=pattern, stepover_m=0.012, start=start, raster_direction=(0.0, 1.0, 0.0))
