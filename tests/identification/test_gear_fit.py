@@ -53,7 +53,7 @@ def _one_motion():
 def planted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("planted") / "found"
     settings = [word for setting in PLANTED for word in ("--set", setting)]
-    ran("identify", "--periods", 2, "--seed", 2, *settings, "--out", folder)
+    ran("identify", "--periods", 1, "--seed", 2, *settings, "--out", folder)
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     rows = csv.DictReader((folder / "parameters.csv").read_text(encoding="utf-8").splitlines())
     return Planted(folder, figures, {row["name"]: row for row in rows})
