@@ -194,13 +194,11 @@ def test_an_undefined_figure_meets_no_bound_the_worst_seed_is_the_least_good_and
 @pytest.mark.parametrize(
     ("name", "changed"),
     [
-        ("arc", {"process": {"feed_m_s": 0.02}}),
-        ("force", {"part": {"file": "freeform"}}),
-        ("surface", {"process": {"contact_force_n": 12.0}}),
-        ("surface", {"plan": {"file": "mine.csv"}}),
+        ("arc", {"process": {"feed_m_s": 0.02}}), ("force", {"part": {"file": "freeform"}}),
+        ("surface", {"process": {"contact_force_n": 12.0}}), ("surface", {"plan": {"file": "mine.csv"}}),
         ("smooth", {"plan": {"file": "mine.csv"}}),
     ],
-)
+)  # fmt: skip
 def test_the_paper_s_figures_stand_beside_its_own_trial_only(name, changed):
     trial = default_scenario(name)
     other = merge(trial, changed, "")

@@ -1,5 +1,4 @@
-"""Every plot draws, labels its axes, and leaves matplotlib as it was. Figures of a removal map, its files and
-pictures from what was saved. Plans and inspected paths: what is drawn where, and what the part hides."""
+"""Every plot draws, labels its axes, leaves matplotlib as it was; removal maps, plans, inspected paths."""
 
 import math
 from dataclasses import replace

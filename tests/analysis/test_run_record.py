@@ -41,15 +41,12 @@ def test_a_run_reads_back_as_written_in_strict_json_with_null_for_an_undefined_f
     ("figure", "value"),
     [
         ("protective_stop_at", {"name": "x", "time_s": "1", "path_s_m": 0.1, "tool_m": [0, 0, 0]}),
-        ("protective_stop_at", {"name": "x", "time_s": 1.0}),
-        ("T_base_work", [[0.0] * 4] * 4),
-        ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]),
-        ("protective_stop", ["no text"]),
-        ("versions", "1.0"),
-        ("bad_figures", "x"),
+        ("protective_stop_at", {"name": "x", "time_s": 1.0}), ("T_base_work", [[0.0] * 4] * 4),
+        ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]), ("protective_stop", ["no text"]),
+        ("versions", "1.0"), ("bad_figures", "x"),
         ("seed", [1]),
     ],
-)
+)  # fmt: skip
 def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path, figure, value):
     run_record.write_record(tmp_path, replace(record, metrics={**record.metrics, figure: value}))
     with pytest.raises(InputError, match=rf"'{figure}' in '.*metrics.json'.*Delete the entry"):

@@ -97,8 +97,7 @@ def test_on_a_plane_the_force_is_k_d_harder_by_a_times_the_speed_and_the_part_ne
 
 
 def test_a_spinning_disc_feels_two_thirds_of_mu_f_r_and_little_against_its_feed_and_does_not_press():
-    """Points slide round faster than along: the drag against a feed v is mu F v / (w R). A head that turns
-    about its axis rubs like the spindle."""
+    """Points slide round faster than along: the drag against a feed v is mu F v / (w R)."""
     for sense in (1.0, -1.0):
         found = press(FLAT, CENTER, config=STILL, spin=sense * SPIN)
         expected = -sense * 2.0 / 3.0 * STILL.friction * FORCE * STILL.radius_m

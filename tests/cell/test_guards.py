@@ -75,8 +75,7 @@ def past_a_wall(field, y, z):
 
 
 def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot():
-    """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
-    left; or the arm is stretched."""
+    """The tool turns about its axis through more than the last joint has left; or the arm is stretched."""
     turns = [cells.tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
     turned = in_the_air(*turns, feed=0.005).run()
     assert "the end of its range" in str(turned.stop_reason)
@@ -87,8 +86,7 @@ def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robo
 
 
 def test_what_touches_a_shaft_or_housing_is_seen_whether_part_or_table():
-    """At a low wall before the housing is over it: between pad and housing there is only the shaft of 9 mm
-    radius."""
+    """At a low wall before the housing is over it: between pad and housing is the shaft of 9 mm radius."""
     assert past_a_wall(cells.wall(0.08), -0.2, 0.0).run().stop_reason is None
     low = past_a_wall(cells.wall(0.08, height=0.032), -0.5, 0.224).run()
     assert low.log["tcp_position_m"][cells.stopped_at(low), 0] == pytest.approx(0.08 - 0.009, abs=0.002)

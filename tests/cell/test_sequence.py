@@ -71,8 +71,7 @@ def test_the_feed_time_ends_the_feed_early():
 
 
 def test_a_tool_that_leans_and_stands_high_is_lifted_from_there_without_a_jolt():
-    """By the pad's moment a law leans the tool, here by 10 deg; stiff springs hold it 2 mm above its
-    target."""
+    """By the pad's moment a law leans the tool by 10 deg; stiff springs hold it 2 mm above its target."""
     stroke, sequence, target = cells.pressing_stroke(hold=0.0, lift=LIFT), build_sequence(), Target()
     end, planned, m = stroke.process.positions[-1], cells.TOUCH[:3, :3], Measurement(cycle=0.002)
     sequence.stage, target.rotation[:], target.position[:] = phases.FEEDING, planned, end

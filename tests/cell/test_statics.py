@@ -205,8 +205,7 @@ EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction
 
 
 def held(depth, *changes, tilt=0.0):
-    """A run that presses the tool, tilted about x, ``depth`` [m] in and holds it for a second; and the exact
-    contact force at the end [N]."""
+    """A run that presses the tool, tilted about x, ``depth`` [m] in; and the exact force at its end [N]."""
     touch = cells.tool_pose(0.0, -0.5, 0.2, (tilt, 0.0, 0.0))
     pressed = cells.pressing_stroke(cells.along_tool(touch, z=depth - 0.004), hold=1.5)
     deeper = {"process": pressed.process, "motion": pressed.motion, "depth": depth}

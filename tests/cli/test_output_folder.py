@@ -1,5 +1,4 @@
-"""The error boundary, the output folder, progress and Ctrl-C: codes, one line, nothing half-written, what was
-recorded is kept."""
+"""Errors, the output folder, progress and Ctrl-C: codes, one line, nothing half-written, records kept."""
 
 import ctypes
 import errno
@@ -48,14 +47,12 @@ def app_that(raises, returns=None):
 @pytest.mark.parametrize(
     ("error", "code"),
     [
-        (InputError(MESSAGE), 2),
-        (ProtectiveStop(MESSAGE), 3),
-        (KeyboardInterrupt(), 130),
-        (OSError(errno.ENOSPC, "No space left on device"), 2),
+        (InputError(MESSAGE), 2), (ProtectiveStop(MESSAGE), 3),
+        (KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "No space left on device"), 2),
         (OSError(errno.EROFS, "Read-only file system", "x"), 2),
         (OSError(errno.ENAMETOOLONG, "File name too long", "x"), 2),
     ],
-)
+)  # fmt: skip
 def test_an_error_is_one_line_on_stderr_with_its_code(error, code, capsys):
     assert execute(app_that(error), ["work"]) == code
     shown = capsys.readouterr()

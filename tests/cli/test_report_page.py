@@ -4,6 +4,7 @@ import itertools
 import shlex
 import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -33,7 +34,8 @@ from tests.planning.shapes import shipped_plan
 
 LARGEST = 4_000_000
 HOSTILE = "</script><script>document.title='taken'</script><b>&amp;@DATA@"
-SHORT_PATH = ["plan.stepover_m=0.03", "process.feed_m_s=0.06", "part.file=sphere_100"]
+SHORT_PATH = "plan.stepover_m=0.03", "process.feed_m_s=0.06", "part.file=sphere_100"
+HARDER = "process.contact_force_n=26", "seed=1"
 
 
 class Made(NamedTuple):
@@ -50,22 +52,13 @@ class Keep(Silent):
         self.model = model
 
 
+@cache
 def made(experiment, *changes):
     keep = Keep()
-    result = run_experiment(override(default_scenario(experiment), list(changes)), None, keep)
+    result = run_experiment(override(default_scenario(experiment), changes), None, keep)
     figures = {**result.figures, "versions": {"numpy": np.__version__}}
     made = RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal)
     return Made(made, keep.model)
-
-
-@pytest.fixture(scope="module")
-def surface():
-    return made("surface", *SHORT_PATH)
-
-
-@pytest.fixture(scope="module")
-def harder():
-    return made("surface", *SHORT_PATH, "process.contact_force_n=26", "seed=1")
 
 
 class Tab(NamedTuple):
@@ -155,7 +148,8 @@ def assert_follows_the_log(tab, run, arms):
 
 
 @in_browser
-def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_one_clicks(opened, surface):
+def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_one_clicks(opened):
+    surface = made("surface", *SHORT_PATH)
     scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
     figures = {**surface.record.metrics, "protective_stop": HOSTILE}
     record = replace(surface.record, scenario=scenario, metrics=figures)
@@ -243,7 +237,8 @@ def test_a_plan_plays_its_path_and_predicts_the_removal(opened):
 
 
 @in_browser
-def test_two_runs_lie_over_each_other(opened, surface, harder, tmp_path):
+def test_two_runs_lie_over_each_other(opened, tmp_path):
+    surface, harder = (made("surface", *SHORT_PATH, *other) for other in ((), HARDER))
     runs = [surface.record, replace(harder.record, name="harder")]
     for name, run in zip(("a", "b"), (surface, harder), strict=True):
         (tmp_path / name).mkdir()
@@ -280,7 +275,8 @@ def test_the_command_of_a_case_runs_its_very_scenario():
         assert override(usual, words[4::2]) == scenario
 
 
-def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(surface, tmp_path, harder):
+def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(tmp_path):
+    surface, harder = (made("surface", *SHORT_PATH, *other) for other in ((), HARDER))
     save_page(tmp_path, page_of(surface.record, surface.model))
     page = read_page(tmp_path / PAGE)
     log, removal = surface.record.log, surface.record.removal

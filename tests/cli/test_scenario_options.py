@@ -78,10 +78,8 @@ def test_set_beats_options_that_beat_the_file_and_a_zero_is_given_a_switch_that_
         ("--pad-diameter", 500.0, "--pad-diameter 500 .* 2 to 400 mm"),
         ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
         ("--raster-direction", "0,0,0", "not all zero"),
-        ("--part-pose", "1,2,3", "six numbers in mm and deg"),
-        ("--overlap", 100.0, r"step-over of 0 mm"),
-        ("--overlap", "nan", r"nan is outside 0 to 100\.$"),
-        ("--overlap", 99.9, r"step-over of 0\.05 mm"),
+        ("--part-pose", "1,2,3", "six numbers in mm and deg"), ("--overlap", 100.0, r"step-over of 0 mm"),
+        ("--overlap", "nan", r"nan is outside 0 to 100\.$"), ("--overlap", 99.9, r"step-over of 0\.05 mm"),
         ("--log-rate", "fast", "--log-rate 'fast' is not a number .*full"),
         ("--stepover", "8mm", r"'8mm' is not a number \(mm\)\. Write 8\."),
         ("--feed", "20.5 mm/s", r"mm/s or auto\)\. Write 20\.5\."),
@@ -90,7 +88,7 @@ def test_set_beats_options_that_beat_the_file_and_a_zero_is_given_a_switch_that_
         ("--seed", "1" * 400, r"--seed 1+\.\.\. \(400 digits\) .* 0 to"),
         ("--seed", "1.5", r"--seed '1\.5' is not a whole number"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_value_is_named_with_its_option(option, value, said):
     with pytest.raises(PolishSimError, match=said):
         built({option: value})

@@ -167,8 +167,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("run surface --region bottom", "bottom"),
-        ("identify --data none.csv", "there is no log 'none.csv'"),
+        ("run surface --region bottom", "bottom"), ("identify --data none.csv", "there is no log 'none.csv'"),
         ("identify --payload-data none.csv", "there is no log 'none.csv'"),
         ("run teach --duration 0.5", "joint_speed_limit_rad_s ... --duration 0.508 or longer"),
         ("run teach --follow gone.csv", "gone.csv"),
@@ -180,24 +179,21 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
         ("run force --config deep.toml", "'deep.toml' is not valid TOML: maximum recursion"),
         ("run force --set sensor.force_noise_n=" + 3000 * "[", "'sensor.force_noise_n' must be a number"),
         ("run force --config mine.toml", "force_noise_n' = -1.0 ... 0 to 20"),
-        ("calibrate tcp --data .", "Is a directory"),
-        ("plan /dev/null", "/dev/null: not a regular file"),
+        ("calibrate tcp --data .", "Is a directory"), ("plan /dev/null", "/dev/null: not a regular file"),
         ("inspect /dev/null --part plate", "'/dev/null': Not a regular file"),
         ("plan plate --region faces:/dev/null", "Not a regular file"),
         ("run force --config /dev/null", "Not a regular file"),
         ("calibrate tcp --data /dev/null", "Not a regular file"),
         ("run teach --set guide.model_file=/dev/null", "cannot read the robot model '/dev/null'"),
-        ("compare /dev/null", "Not a regular file"),
-        ("compare binary.csv", "is not a text file"),
-        ("compare other", "no whole ROS bag"),
-        ("calibrate tcp --data empty.csv", "holds no"),
+        ("compare /dev/null", "Not a regular file"), ("compare binary.csv", "is not a text file"),
+        ("compare other", "no whole ROS bag"), ("calibrate tcp --data empty.csv", "holds no"),
         ("calibrate tcp --data binary.csv", "is not a text file"),
         ("job init plate --out mine.toml/job.toml", "cannot write 'mine.toml/job.toml'"),
         ("sweep arc --out other", "holds something that is not a sweep"),
         ("score --out other", "is not a score"),
         ("sweep arc --vary nothing", "'--vary nothing' is not KEY=VALUES"),  # a folder that is no study
     ],
-)
+)  # fmt: skip
 def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_files_are_left_alone(polish_sim, words, said):
     Path("deep.toml").write_text("a = " + 5000 * "[" + 5000 * "]")
     Path("mine.toml").write_text("\ufeff[sensor]\nforce_noise_n = -1.0\n", encoding="utf-8")

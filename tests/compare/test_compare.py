@@ -171,16 +171,13 @@ def test_a_log_of_a_tool_that_pressed_is_replayed_without_the_force(logged, poli
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ("--set sensor.model=axia80", "robot.KEY"),
-        ("--payload-center 1,2", "X,Y,Z"),
-        ("--arm ur20", "ur10e"),
-        ("--payload-center 0,0,nan", "at most 1000"),
-        ("--payload-center 0,0,2000", "at most 1000"),
-        ("--asked 20", "--beside"),
+        ("--set sensor.model=axia80", "robot.KEY"), ("--payload-center 1,2", "X,Y,Z"),
+        ("--arm ur20", "ur10e"), ("--payload-center 0,0,nan", "at most 1000"),
+        ("--payload-center 0,0,2000", "at most 1000"), ("--asked 20", "--beside"),
         ("--beside nowhere", "nowhere"),
         ("--beside . --overwrite --out .", "--out '.' is read itself"),
         ("--to 0.0001", "fewer than two"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_done_is_one_message(log, polish_sim, words, what):
     assert_refused(polish_sim("compare", log, "--out", "out", *words.split()), what)

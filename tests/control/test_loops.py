@@ -1,5 +1,4 @@
-"""The loops against their closed forms: force and its low-pass, position, orientation. Which axis answers to
-what: force takes tool z, moment the turn about tool y; force-mode differs from hybrid-pi along z alone."""
+"""The loops against their closed forms, and which axis answers to what; force-mode beside hybrid-pi."""
 
 import cmath
 import math
@@ -249,8 +248,7 @@ def pressing(force=0.0, speed=0.0):
 
 
 def speeds(damping, force, speed, count=20):
-    """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in
-    place, no speed limit in the way."""
+    """Speed along tool z at every step under a constant force [N], the tool held in place, without a limit."""
     baselines = replace(signals.CONFIG.baselines, mode_damping=damping)
     law = signals.controller("force-mode", replace(signals.CONFIG, force_limit_m_s=1.0, baselines=baselines))
     m, t = pressing(force, speed)

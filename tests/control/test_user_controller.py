@@ -88,13 +88,11 @@ def tuned(file, **own):
 @pytest.mark.parametrize(
     ("own", "told"),
     [
-        ({"gian": 0.02}, "Did you mean 'gain'?"),
-        ({"gain": 0.2}, "gain' = 0.2 is outside 0.001 to 0.1"),
-        ({"sign": 0.5}, "own.sign' must be a whole number"),
-        ({"late": 1}, "own.late' must be true or false"),
+        ({"gian": 0.02}, "Did you mean 'gain'?"), ({"gain": 0.2}, "gain' = 0.2 is outside 0.001 to 0.1"),
+        ({"sign": 0.5}, "own.sign' must be a whole number"), ({"late": 1}, "own.late' must be true or false"),
         ({"mode": 3}, "own.mode' must be text"),
     ],
-)
+)  # fmt: skip
 def test_wrong_parameters_are_refused_by_name(file, own, told):
     with pytest.raises(PolishSimError, match=re.escape(told)):
         tuned(file, **own)
@@ -181,13 +179,11 @@ def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path, name, every):
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
-        ("np.full(6, np.nan)", "not finite"),
-        ("np.zeros((6, 1))", "shape (6, 1), expected (6,)"),
-        ("None", "returned None, expected (6,)"),
-        ("'fast'", "returned 'fast', expected (6,)"),
+        ("np.full(6, np.nan)", "not finite"), ("np.zeros((6, 1))", "shape (6, 1), expected (6,)"),
+        ("None", "returned None, expected (6,)"), ("'fast'", "returned 'fast', expected (6,)"),
         ("{}['gain']", "the controller raised an error: KeyError: 'gain' (mine.py, line "),
     ],
-)
+)  # fmt: skip
 def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path, answer, told):
     run = run_with(tmp_path, FAILS_LATE.format(answer=answer))
     assert told in str(run.stop_reason)

@@ -175,16 +175,14 @@ def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path):
 @pytest.mark.parametrize(
     ("kwargs", "words"),
     [
-        ({"action": "wrench"}, "force-and-feed"),
-        ({"rate_hz": 300}, "500 Hz"),
+        ({"action": "wrench"}, "force-and-feed"), ({"rate_hz": 300}, "500 Hz"),
         ({"ranges": {"part.file": (0, 1)}}, "part.file"),
         ({"ranges": {"sensor.force_noise_n": (0.1, 50.0)}}, "sensor.force_noise_n"),
         ({"ranges": {"sensor.force_noise_n": 0.1}}, "least, most"),
-        ({"settings": ("experiment=surface",)}, "surface"),
-        ({"bodies": 0}, "at least one"),
+        ({"settings": ("experiment=surface",)}, "surface"), ({"bodies": 0}, "at least one"),
         ({"force_steps": 1, "force_range_n": (10.0, 60.0)}, "safety.force_limit_n"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused(kwargs, words):
     with pytest.raises((InputError, ConfigError), match=words):
         make(**kwargs)

@@ -77,13 +77,11 @@ def test_points_axes_feeds_and_strokes_of_a_cam_file_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "metres", "m_s"),
     [
-        ("UNITS/INCHES\nFEDRAT/60", 0.0254, 0.0254),
-        ("UNITS/CM\nFEDRAT/60", 1e-2, 1e-2),
-        ("FEDRAT/MMPM,600", 1e-3, 0.01),
-        ("FEDRAT/10,IPM", 1e-3, 0.254 / 60.0),
+        ("UNITS/INCHES\nFEDRAT/60", 0.0254, 0.0254), ("UNITS/CM\nFEDRAT/60", 1e-2, 1e-2),
+        ("FEDRAT/MMPM,600", 1e-3, 0.01), ("FEDRAT/10,IPM", 1e-3, 0.254 / 60.0),
         ("FEDRAT/600,PERMIN", 1e-3, 0.01),
     ],
-)
+)  # fmt: skip
 def test_units_hold_for_lengths_and_feeds_and_a_feed_may_name_its_own(tmp_path, text, metres, m_s):
     path = read(tmp_path, f"{text}\nGOTO/1,2,3\nGOTO/4,2,3\n").path
     assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))

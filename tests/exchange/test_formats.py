@@ -1,5 +1,4 @@
-"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, ROS YAML;
-files to look at: PLY, glTF, HTML."""
+"""Exports: every format once, the same bytes for one plan; programs, ROS YAML, and files to look at."""
 
 import io
 import re

@@ -187,13 +187,11 @@ def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_r
 @pytest.mark.parametrize(
     ("experiment", "changes", "named"),
     [
-        ("arc", ("robot.compensation=trackr",), "tracker"),
-        ("arc", (KNOWN, "robot.arm=ideal"), "robot.arm"),
-        ("teach", (KNOWN,), "teach"),
-        ("dual", ("robot.compensation={file}",), "--calibration"),
+        ("arc", ("robot.compensation=trackr",), "tracker"), ("arc", (KNOWN, "robot.arm=ideal"), "robot.arm"),
+        ("teach", (KNOWN,), "teach"), ("dual", ("robot.compensation={file}",), "--calibration"),
         ("arc", ("robot.compensation={file}",), "compensation.toml"),
     ],
-)
+)  # fmt: skip
 def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, named, tmp_path):
     file = tmp_path / "other.toml"
     file.write_text('kind = "arm"\n', encoding="utf-8")

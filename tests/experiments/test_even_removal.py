@@ -71,8 +71,7 @@ def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
 
 
 def test_no_feed_nearby_is_better_and_force_by_turns_does_not_make_it_worse(plan):
-    """The optimum of a convex problem: small changes of the dwell at any knot lower neither deviation nor
-    time without raising the other by more."""
+    """No small change of the dwell at a knot lowers deviation or time without raising the other by more."""
     problem = _Problem(EVEN, plan)
     slowness = 1.0 / np.interp(problem.knot_s, plan.path.s, plan.path.feed)
     weights = problem.weights * problem.importance

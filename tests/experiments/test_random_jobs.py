@@ -48,18 +48,16 @@ def test_a_seed_draws_the_same_job_again_another_seed_another_and_every_body_is_
 @pytest.mark.parametrize(
     ("code", "text", "figures", "fault"),
     [
-        (0, "fine", {}, ""),
-        (70, "Traceback", {}, "exit 70"),
+        (0, "fine", {}, ""), (70, "Traceback", {}, "exit 70"),
         (0, "mean  nan N", {}, "no number: mean  nan N"),
         (0, "", {"peak_force_n": np.inf}, "no number: .peak_force_n"),
-        (0, "", {"polished_area_m2": 1.6}, "areas: "),
-        (0, "", {"contact_lost_s": 0.02}, "contact lost"),
+        (0, "", {"polished_area_m2": 1.6}, "areas: "), (0, "", {"contact_lost_s": 0.02}, "contact lost"),
         (3, "", {"protective_stop": "torque"}, "stopped: torque"),
         (1, " tangential error, max  mm  0.7  -  <= 0.65  NO ", {}, "its plan did not say: tangential error"),
         (1, "bad: 1 of 9 cm^2 are left out.", {}, "its plan did not say: bad"),
         (1, "", {}, "exit 1 without a reason"),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_with_a_run_is_found_and_nothing_else(tmp_path, code, text, figures, fault):
     plan = answer(tmp_path / "plan", 0, "", PLANNED)
     found = list(run_faults(answer(tmp_path / "run", code, text, {**GOOD, **figures}), plan))

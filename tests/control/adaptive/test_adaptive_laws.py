@@ -1,5 +1,4 @@
-"""Each law of hybrid-adaptive by itself, against what it should find; the composed law on a spring in closed
-form: it lands fast on any spring at any delay, follows a rise."""
+"""Each law of hybrid-adaptive by itself, and the composed law on a spring in closed form."""
 
 import math
 from dataclasses import replace
@@ -117,8 +116,7 @@ def test_an_arm_that_swings_by_more_than_it_presses_does_not_lose_contact_and_on
 
 
 def test_a_force_where_contact_was_taken_for_lost_is_not_learned_as_noise_of_the_air():
-    """It would be: the next contact is then missed up to a larger force, and the tool strikes harder each
-    time."""
+    """The next contact would be missed up to a larger force: the tool would strike harder each time."""
     rng, memory = np.random.default_rng(2), PressMemory()
     for _ in range(2000):
         landing.watch_air(memory, rng.normal(), DOWN, False, DT)
