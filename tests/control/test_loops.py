@@ -248,7 +248,7 @@ def pressing(force=0.0, speed=0.0):
 
 
 def speeds(damping, force, speed, count=20):
-    """Speed along tool z at every step under a constant force [N], the tool held in place, without a limit."""
+    """Speed along tool z at every step under a constant force [N], the tool held in place, no limit."""
     baselines = replace(signals.CONFIG.baselines, mode_damping=damping)
     law = signals.controller("force-mode", replace(signals.CONFIG, force_limit_m_s=1.0, baselines=baselines))
     m, t = pressing(force, speed)
