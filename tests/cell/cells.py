@@ -1,5 +1,4 @@
-"""Cells for tests: short strokes in free space or on parts with a formula; the sensor is exact by default.
-The parts' distance fields; a pad pressed on one by hand, and its wrench by quadrature: the known truth."""
+"""Cells for tests: short strokes, parts with a formula and their fields, and a pad pressed by hand."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -133,16 +132,6 @@ def stopped_at(run: CellRun) -> int:
 
 def phases(run: CellRun) -> list[int]:
     return [int(run.trace.phase[k]) for k in np.flatnonzero(np.diff(run.trace.phase, prepend=-1))]
-
-
-class Law:
-    """A controller from a function of measurement and target."""
-
-    def __init__(self, step: Callable[[Any, Any], Any]) -> None:
-        self.step = step
-
-    def reset(self, cycle_s: float) -> None:
-        self.cycle_s = cycle_s
 
 
 class EachStep(Silent):

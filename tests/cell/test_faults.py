@@ -46,7 +46,6 @@ def assert_it_ends_well(run):
         ("sensor-frozen@contact+1", guards.FROZEN, 0.016, 0.024),
         ("command-lost@contact+1", guards.SILENT_HOST, 0.102, 0.110),
         ("spindle-stop@contact+1", guards.SPINDLE, 0.096, 0.104),
-        # The surface falls away under the pad, or seems to.
         ("part-low@contact+1", guards.FALLEN, 0.0, 12.0),
         ("part-missing@contact+1", guards.FALLEN, 0.0, 12.0),
         ("sensor-drift@contact+1", guards.FALLEN, 0.0, 12.0),

@@ -97,7 +97,6 @@ def test_what_touches_a_shaft_or_housing_is_seen_whether_part_or_table():
     housing = cells.meshes_of(cell.model, "tool_mount")
     deepest = max(cells.drawn_vertices(cell.model, cell.data, k)[:, 0].max() for k in housing) - 0.08
     assert -0.001 < deepest < 0.005
-    # The tool goes down beside the part, its housing onto the table.
     part, runs = no_part()._replace(position=np.array([-0.3, -0.6, 0.1])), []
     model = build_scene(cells.ideal("arc", cells.EVERY_STEP), Drawn(load_part(part_path("plate")), part))
     for look_every_s in (5.0, 0.003):

@@ -173,11 +173,9 @@ def test_a_part_lies_where_it_is_placed_as_drawn_or_bent_as_the_form_error_of_it
     R = T_BASE_WORK[:3, :3] @ DOWN
     # Deeper than half a thin sheet the pad is pushed out the way it came; half over the edge it feels half.
     for x, depth, force, off in (
-        (0.01, -0.0005, 0.0, 0.0),
-        (0.01, 0.002, 40.0, 1e-3),
-        (0.0, 0.9 * THICKNESS, 54.0, 0.01),
-        (0.05, 0.001, 10.0, 0.5),
-    ):
+        (0.01, -0.0005, 0.0, 0.0), (0.01, 0.002, 40.0, 1e-3),
+        (0.0, 0.9 * THICKNESS, 54.0, 0.01), (0.05, 0.001, 10.0, 0.5),
+    ):  # fmt: skip
         center = apply(T_BASE_WORK, np.array([[x, 0.005, -depth]]))[0]
         pushed = T_BASE_WORK[:3, :3].T @ press(part, center, R).force
         np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)

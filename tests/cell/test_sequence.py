@@ -28,14 +28,12 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     assert force[phase == APPROACH_PHASE].max() <= 0.5 < force[phase == TOUCH_PHASE][0]
     assert 0.0 < (place[phase == TOUCH_PHASE][0] - cells.TOUCH[:3, 3]) @ down < 2e-4
     assert phases.TOUCH_DOWN_TIME < np.ptp(time[phase == TOUCH_PHASE]) < phases.TOUCH_DOWN_TIME + 0.1
-    # The feed goes from the first process point to the last at its speed.
     path_s = run.trace.path_s_m[run.trace.fed]
     np.testing.assert_allclose(path_s[[0, -1]], [0.0, SLIDE], atol=1e-6)
     assert np.all(np.diff(path_s) >= 0.0)
     assert np.diff(path_s).max() == pytest.approx(0.01 * 0.001, rel=1e-6)
     slid = place[run.trace.fed]
     assert cells.TOUCH[:3, 0] @ (slid[-1] - slid[0]) == pytest.approx(SLIDE, abs=2e-4)
-    # The retract lifts straight off; the run ends as the target arrives.
     lifted = place[phase == RETRACT_PHASE]
     np.testing.assert_allclose(lifted[-1] - cells.TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
@@ -119,8 +117,7 @@ def test_two_strokes_follow_each_other_through_free_space_and_the_sensor_is_zero
 
 
 def contact_time(reading, floor=0.0):
-    """When a reading [N] by the time in the air [s] counts as contact, from 8 mm up [s]; infinite: never. The
-    sensor's noise comes to ``floor`` [N]."""
+    """When a reading [N] by the time in the air [s] is contact [s], if ever; ``floor``: the noise [N]."""
     stroke, sequence, target = cells.pressing_stroke(height=0.008), build_sequence(), Target()
     sequence.floor = floor
     t, m = -(phases.TARE_START + phases.TARE_TIME), Measurement(cycle=0.001)

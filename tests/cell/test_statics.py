@@ -199,9 +199,8 @@ def test_the_tare_takes_the_bias_out_and_a_wrong_tool_mass_shows_by_how_far_the_
 STROKE_M = 0.034
 FLANGE = [
     "controller.name=position", "head.stiffness_n_m=12000", "head.mass_kg=1.5", f"head.travel_m={STROKE_M}",
-    "head.flange.bandwidth_hz=20",
+    "head.flange.bandwidth_hz=20", "head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0",
 ]  # fmt: skip
-EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0"]
 
 
 def held(depth, *changes, tilt=0.0):
@@ -210,7 +209,7 @@ def held(depth, *changes, tilt=0.0):
     pressed = cells.pressing_stroke(cells.along_tool(touch, z=depth - 0.004), hold=1.5)
     deeper = {"process": pressed.process, "motion": pressed.motion, "depth": depth}
     stroke = cells.pressing_stroke(touch, hold=1.5, **deeper)
-    scenario = cells.ideal("force", cells.EVERY_STEP, *FLANGE, *EXACT, *changes)
+    scenario = cells.ideal("force", cells.EVERY_STEP, *FLANGE, *changes)
     run = cells.cell_for(scenario, stroke, part=cells.part_under(touch)).run()
     return run, float(run.trace.normal_force_n[-100:].mean())
 

@@ -153,8 +153,7 @@ class Call(NamedTuple):
 
 
 def assert_refused(call: Call, said: str, *there: str) -> None:
-    """One error with code 2 and the facts that are said, in this order (" ... " between them); the current
-    folder holds nothing but what was there."""
+    """One error with code 2 that says facts in order, " ... " between them; the folder holds nothing new."""
     assert (call.code, call.out) == (2, ""), call.err
     (error,) = [line for line in call.err.splitlines() if line.startswith("error: ")]
     assert re.search(".*".join(map(re.escape, said.split(" ... "))), error), error

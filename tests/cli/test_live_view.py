@@ -96,16 +96,12 @@ def test_this_computer_alone_is_served_unless_an_address_is_named_and_only_to_it
     with pytest.raises(InputError, match=r"no page can be served at '192\.0\.2\.1'"):
         free_address(Address("192.0.2.1"))
     for origin, host, may in (
-        ("http://127.0.0.1:8080", "127.0.0.1:8080", True),
-        ("http://localhost:8080", "localhost:8080", True),
-        ("http://[::1]:8080", "[::1]:8080", True),
-        (None, "127.0.0.1:8080", True),
-        ("http://127.0.0.1:9090", "127.0.0.1:8080", False),
-        ("null", "127.0.0.1:8080", False),
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", True), ("http://localhost:8080", "localhost:8080", True),
+        ("http://[::1]:8080", "[::1]:8080", True), (None, "127.0.0.1:8080", True),
+        ("http://127.0.0.1:9090", "127.0.0.1:8080", False), ("null", "127.0.0.1:8080", False),
         ("http://rebound.example:8080", "rebound.example:8080", False),
-        (None, "rebound.example:8080", False),
-        (None, "", False),
-    ):
+        (None, "rebound.example:8080", False), (None, "", False),
+    ):  # fmt: skip
         assert allowed(origin, host) is may, (origin, host)
 
 

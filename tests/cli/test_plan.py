@@ -105,7 +105,6 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert metrics_of("plan") == metrics
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
     seen = metrics_of("seen")
-    # All of the region counts, also the margin that was chosen with the pad.
     same = "region_area_m2", "polished_area_m2", "coverage_stepover", "stepover_mean_m"
     assert [seen[name] for name in same] == pytest.approx([metrics[name] for name in same], rel=1e-9)
 

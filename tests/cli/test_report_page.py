@@ -90,14 +90,6 @@ class Tab(NamedTuple):
         return np.array(pixels, dtype=float).reshape(48, 64, 4)[:, :, :3]
 
 
-def until_drawn(tab):
-    """Ask from outside: waiting inside would need the `eval` that the page's policy forbids."""
-    end = time.monotonic() + 30
-    while not tab.evaluate("Boolean(window.page && window.page.data.ready)"):
-        assert time.monotonic() < end, "the page is not ready after 30 s"
-        time.sleep(0.01)
-
-
 @pytest.fixture(scope="module")
 def opened(browser, tmp_path_factory):
     """Open a page, or that of a run, from its file, on a screen as large as one likes."""
@@ -115,7 +107,10 @@ def opened(browser, tmp_path_factory):
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         tab.goto((folder / PAGE).as_uri())
-        until_drawn(tab)
+        end = time.monotonic() + 30  # asked from outside: inside it would need `eval`, which the page forbids
+        while not tab.evaluate("Boolean(window.page && window.page.data.ready)"):
+            assert time.monotonic() < end, "the page is not ready after 30 s"
+            time.sleep(0.01)
         return Tab(tab, requests, errors, (folder / PAGE).stat().st_size)
 
     yield open_page

@@ -105,7 +105,6 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim):
     assert times[0] != times[1]
     assert figures["worst"]["settling_time_3n_s"] == max(times)
     assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)
-    # A seed's folder that is damaged is filled again, those that are whole stay.
     whole = {file: file.read_bytes() for file in Path("two").glob("seed-*/log.npz")}
     config = Path("two/seed-0005/config.toml")
     for damaged in (whole.keys() - {Path("two/seed-0006/log.npz")}, {config}):

@@ -1,5 +1,4 @@
-"""Measurements and targets for the laws; plants in closed form: late commands, the tool an integrator, a late
-and noisy sensor, and a spring whose ground is at rest, rises evenly, or along a track the tool is fed on."""
+"""Measurements and targets for the laws; plants in closed form: late commands, a late sensor, a spring."""
 
 import math
 from collections import deque

@@ -83,7 +83,6 @@ def test_an_episode_ends_by_its_time_settled_and_a_command_of_two_newtons_presse
     row = info["figures"][0]
     assert row["stable"]
     assert row["settling_1n_s"] <= 0.6
-    # What the figures say of the whole trace, the truth of its last step says too.
     assert abs(info["privileged"]["normal_force_n"] - 20.0) <= row["max_error_n"]
     assert all(0.0 <= reward <= 1.0 for _, reward, *_ in steps)
     steps, info = play(env, TWO_NEWTON)

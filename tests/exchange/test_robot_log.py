@@ -127,12 +127,10 @@ def test_npz_with_runs_and_mapped_columns_and_units_are_read_and_wrong_maps_refu
     check(read, "q_rad")
     np.testing.assert_allclose(read.values["force_n"], odd["q_rad"][:, :1], atol=1e-9)
     for text, what in (
-        ("[columns]\nq_grad = 'a'\n", "q_rad"),
-        ("[units]\nq_rad = 'turns'\n", "deg"),
-        ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"),
-        ("columns = 3\n", "are sections"),
+        ("[columns]\nq_grad = 'a'\n", "q_rad"), ("[units]\nq_rad = 'turns'\n", "deg"),
+        ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"), ("columns = 3\n", "are sections"),
         ("[units]\nq_rad = ['deg']\n", "are sections"),
-    ):
+    ):  # fmt: skip
         mapping.write_text(text)
         with pytest.raises(InputError, match=what):
             read_column_map(mapping)

@@ -188,8 +188,6 @@ def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
         check_experiment(asked)
 
 
-# Several stretches in contact become several strokes: travel in the air, a way down, the stretch, a lift.
-
 LIFT = PlanConfig().clearance_m
 PLACE = np.array([0.0, -0.5, 0.08])
 REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)

@@ -378,13 +378,11 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     assert max(shares.values()) <= 0.8
     there = override(proven.scenario, [f"part.pose={list(proof['pose'])}"])
     for changes, named in (
-        ("seed=77", ""),
-        ("part.displacement_m=0.004", "part.displacement_m"),
+        ("seed=77", ""), ("part.displacement_m=0.004", "part.displacement_m"),
         ("part.pose=[0.4, -0.4, 0.1, 0, 0, 0]", "another pose"),
-        ("process.feed_m_s=0.04", "process.feed_m_s"),
-        ("robot.arm=ideal", "robot.arm"),
+        ("process.feed_m_s=0.04", "process.feed_m_s"), ("robot.arm=ideal", "robot.arm"),
         ("safety.proof='2'", "--proof 1"),
-    ):
+    ):  # fmt: skip
         doubt = why_not_proven(override(there, [changes]), path, proof)
         assert named in doubt
         assert bool(doubt) == bool(named)

@@ -28,11 +28,9 @@ def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_i
     # Eight seconds at 10 mm/s, less the ramps.
     contact = np.ptp(freeform.path.s[freeform.path.process])
     assert freeform.figures["path_done"] * contact == pytest.approx(0.079, abs=0.001)
-    # The tool's axis is the planned one but for the moment loop.
     tilt = freeform.trace.orientation_error_rad[freeform.trace.fed].max()
     assert tilt < freeform.scenario.controller.moment_tilt_limit_rad + 0.005
-    # No loop makes the elastic arm swing: with both filters at 10 Hz the force loop feeds the mode at 26 Hz,
-    # 53 um rms instead of 6.
+    # With both filters at 10 Hz the force loop feeds the mode at 26 Hz: 53 um rms instead of 6.
     feeding = freeform.log.fed
     off = (freeform.log["tcp_position_m"][feeding] - freeform.log["target_position_m"][feeding])[250:]
     band = butter(4, [8.0, 60.0], "band", fs=250.0, output="sos")

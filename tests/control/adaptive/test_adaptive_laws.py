@@ -150,8 +150,7 @@ def test_the_loop_is_as_fast_as_delay_inertia_and_noise_allow_and_knows_the_forc
         assert 2.0 * pace.crossover * pace.observer * mass / stiffness <= 0.5 + 1e-12
     assert force_loop.pace_of(GAINS, 5000.0, 0.03, 0.25, 1.0).crossover <= 0.5 / 0.03
     assert force_loop.pace_of(GAINS, 5000.0, 0.012, 1.0, 1.0).observer < 0.5 * usual.observer
-    # The tool presses by travel alone; the reading is 4 ms late, the estimate is not. It is four times
-    # as quick at first touch; its rate, which would overshoot, is not.
+    # The reading is 4 ms late, the estimate is not; at first touch it is four times as quick, not its rate.
     memory, k, rates = PressMemory(), 5000.0, []
     force_loop.begin_contact(memory, k, 0.0, 0.0)
     for n in range(1000):
