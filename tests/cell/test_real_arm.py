@@ -45,7 +45,6 @@ def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
 def test_the_first_resonance_and_its_decay_are_those_of_the_linear_model(q):
     joints = joints_at(q, *SPRINGS_ONLY)
     value, shape = first_mode(joints)
-    # Released in the shape of that vibration, with its speeds.
     shape *= 1e-5 / np.abs(shape).max()
     data, arm, moving = joints.data, joints.arm, (value * shape).real
     data.qpos[:] += shape[:7].real

@@ -21,10 +21,8 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     place, speed, down = run.trace.tcp_position_m, run.trace.tcp_speed_m_s, cells.TOUCH[:3, 2]
     assert run.stop_reason is None
     assert cells.phases(run) == [0, 1, 2, 3]
-    # It stands still while the sensor is tared, then approaches at 5 mm/s.
     assert np.linalg.norm(place[time < 0.39] - place[0], axis=1).max() < 2e-5
     np.testing.assert_allclose(speed[(phase == APPROACH_PHASE) & (time > 1.0)], 0.005, atol=1e-4)
-    # Touch-down begins at half a newton, 0.1 mm deep, and lasts half a second.
     assert force[phase == APPROACH_PHASE].max() <= 0.5 < force[phase == TOUCH_PHASE][0]
     assert 0.0 < (place[phase == TOUCH_PHASE][0] - cells.TOUCH[:3, 3]) @ down < 2e-4
     assert phases.TOUCH_DOWN_TIME < np.ptp(time[phase == TOUCH_PHASE]) < phases.TOUCH_DOWN_TIME + 0.1

@@ -92,7 +92,6 @@ def test_a_folder_that_cannot_be_made_is_refused_and_without_out_a_dated_one_mad
         with pytest.raises(InputError, match=said), claimed(options, "run-force"):
             pytest.fail("the work must not start")
     assert files(tmp_path) == {"out", "taken"}
-    # Without --out files appear at the end.
     finals = set()
     for _ in range(3):
         with claimed(asked(None), "run-force") as folder:

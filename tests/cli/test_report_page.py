@@ -308,7 +308,6 @@ def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim
     motion, pressing = page.motion, page.motion.force > 0.0
     assert motion.time[-1] == pytest.approx(figures["cycle_time_s"], abs=1e-3)
     assert (np.diff(motion.time) > 0.0).all()
-    # The joints hold the pad where the page says it is, and in contact that is on the path.
     tips = forward(motion.joints[:, :6]) @ tool_on_flange()
     pads = tips[:, :3, 3] - motion.joints[:, 6:] * tips[:, :3, 2]
     assert np.linalg.norm(pads - motion.pad, axis=1).max() < 3e-4

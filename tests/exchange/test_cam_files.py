@@ -225,7 +225,6 @@ def test_unknown_words_can_be_left_out_but_never_a_motion(tmp_path):
     notes = []
     found = read(tmp_path, HEAD + "X1 U12 G123\nX#1 Y2\nG4 X9\n", "nc", unknown=notes.append)
     assert 1e3 * found.path.positions_work == pytest.approx(np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0]]))
-    # The time of a dwell is no coordinate.
     for word, note in zip(("U12", "G123", "X#1", "G4"), notes, strict=True):
         assert word in str(note)
     with pytest.raises(InputError, match=r"an arc.*--lenient"):

@@ -59,7 +59,6 @@ def test_feed_makes_a_plate_even_within_its_limits(plan, monkeypatch):
     problem = _Problem(EVEN, plan)
     assert problem.depths.max() < 1.2 * problem.deepest  # the pad does not sink
     assert problem.deepest == pytest.approx(0.0025)
-    # At the edge time is saved for little.
     monkeypatch.setattr(even_removal, "QUICK", 0.0)
     slow = even_out(EVEN, plan)
     spent = [np.sum(np.diff(p.path.s) / p.path.feed[1:], where=p.path.process[1:]) for p in (plan, slow)]

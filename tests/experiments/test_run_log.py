@@ -70,7 +70,6 @@ def test_the_traces_errors_are_those_of_the_log_whose_wrenches_differ_by_weight_
     np.testing.assert_allclose(trace.orientation_error_rad[rows], angle, atol=1e-6)
     np.testing.assert_allclose(trace.path_s_m[rows], column(freeform, "path_s_m"), atol=1e-6)
     np.testing.assert_array_equal(trace.tcp_position_m[rows], freeform.log["tcp_position_m"])
-    # The pad's travel carries the force through the head's spring; the turn of the path is counted.
     fed = freeform.log.fed
     travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
     assert travel.mean() * 20000.0 / 3.0 == pytest.approx(force.mean(), rel=0.01)
