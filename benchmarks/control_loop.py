@@ -78,11 +78,11 @@ def measure_pair() -> Iterator[Row]:
     arms = pair.real_arm, pair.master_arm, pair.host_arm
 
     def step_one() -> None:
-        advance(one, single.real_arm, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)
+        advance(one, single.real_arm, lone, single.rng.standard_normal((CHUNK, 12)), CHUNK)
 
     def step_both() -> None:
         draws = pair.rng.standard_normal((CHUNK, 12))
-        advance_pair(pair.kernel, *arms, pair.master, both_of, pair.law, draws, CHUNK)
+        advance_pair(pair.kernel, *arms, pair.master, both_of, draws, CHUNK)
 
     for _ in range(PAIR_START // CHUNK):
         step_both()
@@ -158,7 +158,7 @@ def _interleaved(cell: Cell, other: Cell | None = None) -> tuple[float, float, f
             spent.append(time.perf_counter() - begin)
         begin = time.perf_counter()
         for _ in range(STEPS // CHUNK):
-            advance(kernel, cell.real_arm, recorder, cell.law, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
+            advance(kernel, cell.real_arm, recorder, cell.rng.standard_normal((CHUNK, 12)), CHUNK)
         loop.append(time.perf_counter() - begin)
     if kernel.state.status.stop or not kernel.state.wrench[2] > 1.0:
         raise RuntimeError("the benchmark's cell lost contact: the figure would mean nothing")

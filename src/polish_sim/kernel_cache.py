@@ -61,6 +61,7 @@ def check_numba(version: str) -> None:
 check_numba(numba.__version__)
 
 import numba.experimental.function_type  # registers functions as arguments of kernels
+from numba.core import cgutils, types
 from numba.core import event as event  # used by the command line
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
@@ -71,7 +72,15 @@ from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
 from numba.core.types import Dispatcher
 from numba.core.types.misc import unliteral
-from numba.experimental import structref as structref  # used by envs
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+    unbox,
+)
 
 try:
     import fcntl
@@ -154,6 +163,48 @@ def kernels_under(kernel: Any) -> set[Any]:
         waiting += called - found
         found |= called
     return {kernel for kernel in found if kernel.targetoptions.get("inline") != "always"}
+
+
+class BundleType(types.Type):  # type: ignore[misc]
+    """A `Bundle` in kernels: the address of its words of 8 bytes.
+
+    Each field is what numba passes of it; ``fields``: type and first word by name.
+    """
+
+    def __init__(self, name: str, fields: dict[str, tuple[Any, int]]) -> None:
+        self.fields = fields
+        super().__init__(f"{name}({fields})")
+
+    @property
+    def mangling_args(self) -> tuple[str, tuple[int]]:
+        """A short name within those of kernels."""
+        return "Bundle", (self._code,)  # type: ignore[attr-defined]
+
+
+register_model(BundleType)(models.OpaqueModel)
+
+
+@infer_getattr
+class _BundleFields(AttributeTemplate):  # type: ignore[misc]
+    key = BundleType
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        return kind.fields.get(name, (None,))[0]
+
+
+@lower_getattr_generic(BundleType)
+def _load_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
+    field, first = kind.fields[name]
+    form = context.get_value_type(field).as_pointer()
+    return builder.load(cgutils.pointer_add(builder, address, 8 * first, form))
+
+
+@unbox(BundleType)
+def _unbox_bundle(kind: Any, bundle: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(bundle, "address")
+    value = c.pyapi.long_as_voidptr(address)
+    c.pyapi.decref(address)
+    return NativeValue(value, is_error=c.pyapi.c_api_error())
 
 
 class _Locator:

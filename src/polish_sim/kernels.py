@@ -7,13 +7,16 @@ NamedTuples.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.kernel_cache import njit
+from polish_sim.kernel_cache import BundleType, njit
 
 Vector2 = Annotated[Array, (2,)]
 Vector3 = Annotated[Array, (3,)]
@@ -81,6 +84,46 @@ def _format(hint: Any) -> Any:
 def memory_of(record: Any) -> NDArray[np.uint8]:
     """The bytes of a record, the same memory, shape (size,): for compiled code that takes an address."""
     return np.asarray(record).reshape(1).view(np.uint8)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False)
+class Bundle:
+    """Base of what kernels get as one address: numbers, arrays, records and bundles, fixed once it is made.
+
+    Annotate a subclass as a NamedTuple; kernels read its fields and cannot make one. An array that a kernel
+    takes out of a bundle lives as long as the bundle.
+    """
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, eq=False)(cls)
+
+    def __post_init__(self) -> None:
+        values = dict(vars(self))
+        words = [_words(value) for value in values.values()]
+        starts = accumulate(map(len, words), initial=0)
+        fields = {name: (typeof(values[name]), start) for name, start in zip(values, starts, strict=False)}
+        held = np.concatenate(words)
+        kind = BundleType(type(self).__name__, fields)
+        vars(self).update(_values=values, _held=held, address=held.ctypes.data, _numba_type_=kind)
+
+    def __reduce__(self) -> Any:
+        return type(self), tuple(vars(self)["_values"].values())
+
+    def _replace(self, **changed: Any) -> Self:
+        return type(self)(**vars(self)["_values"] | changed)
+
+
+def _words(value: Any) -> Array:
+    """What numba passes of a value; of a function its address and where other addresses would be."""
+    if isinstance(value, np.ndarray):
+        sizes = value.size, value.itemsize
+        return np.array([0, 0, *sizes, value.ctypes.data, *value.shape, *value.strides])
+    if hasattr(value, "address"):
+        return np.array([value.address, 0, 0])
+    if isinstance(value, np.void):
+        return np.array([memory_of(value).ctypes.data])
+    numbers = np.atleast_1d(value)
+    return numbers.view(np.int64) if numbers.dtype == float else numbers.astype(np.int64)
 
 
 # Vectors by value. In go arrays (3,), the first three elements of longer ones, or tuples; out come tuples, so

@@ -114,7 +114,7 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, 
     above, below = cells.along_tool(T_base_touch, z=-0.005), cells.along_tool(T_base_touch, z=depth)
     stroke = cells.free_stroke(above, below, feed=0.01, hold=2.5)
     cell = cells.cell_for(cells.ideal("force", "controller.name=position"), stroke, model=model)
-    advance(cell.kernel, cell.real_arm, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
+    advance(cell.kernel, cell.real_arm, build_recorder(steps, 4), np.zeros((steps, 12)), steps)
     mujoco.mj_forward(model, cell.data)
     assert cell.state.status.stop == NO_STOP
     on_part, part = np.zeros(3), model.geom("part").id

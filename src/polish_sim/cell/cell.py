@@ -230,15 +230,11 @@ class Cell:
             raise InputError(
                 f"the controller's {doing} failed: {tell_error(error, file_of(controller))}."
             ) from error
-        self.law: object
+        law: dict[str, Any] = {"call": PythonLaw(controller, self.state)}
         if isinstance(controller, CompiledController):
-            # Compiled here: where compiled code asks for its address, Ctrl-C would be lost.
-            self.law, _ = controller.law, controller.law.address
-            context = memory_of(controller.context)
-            law = self.kernel.law._replace(context=context, course=controller.course.view(np.uint8))
-            self.kernel = self.kernel._replace(law=law)
-        else:
-            self.law = PythonLaw(controller, self.state)
+            law = {"call": controller.law, "context": memory_of(controller.context)}
+            law["course"] = controller.course.view(np.uint8)
+        self.kernel = self.kernel._replace(law=self.kernel.law._replace(**law))
 
     @property
     def state(self) -> CellState:
@@ -391,8 +387,8 @@ class Cell:
         k = self.kernel
         return [
             *map(memory_of, (k.state, k.pad.material, self.recorder.filled, self.real_arm)), k.samples,
-            *k.requests, k.part.position, k.part.rotation, k.engine.speeds_before, k.engine.sensordata,
-            k.engine.dof_damping,
+            k.requests.twists, k.requests.numbers, k.part.position, k.part.rotation,
+            k.engine.speeds_before, k.engine.sensordata, k.engine.dof_damping,
         ]  # fmt: skip
 
     def _set_joints(self, q_start: Array) -> None:
@@ -405,21 +401,21 @@ class Cell:
         return build_real_arm(real, seed, self.model, self.data, q_start, self._known.host)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
-        advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)
+        advance(self.kernel, self.real_arm, recorder, draws, steps)
 
     def _log(self, rows: Array) -> RunLog:
         return from_rows(rows)
 
     def _was_interrupted(self) -> bool:
-        return isinstance(self.law, PythonLaw) and isinstance(self.law.error, KeyboardInterrupt)
+        return isinstance(getattr(self.kernel.law.call, "error", None), KeyboardInterrupt)
 
     def _stop_reason(self) -> str | None:
         """Why the robot stopped; an interrupt within a controller is no stop."""
         code = int(self.state.status.stop)
         if code == NO_STOP or self._was_interrupted():
             return None
-        if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
-            return f"{self.reasons[code]}: {self.law.message}"
+        if code == CONTROLLER_ERROR:
+            return f"{self.reasons[code]}: {self.kernel.law.call.message}"
         return f"{self.reasons[code]} ({self.touched} touch)" if self.touched else self.reasons[code]
 
     def _tangential_mass(self) -> float:
@@ -457,7 +453,7 @@ class Cell:
             self._crash_points,
             build_sample_line(state.sensor),
             build_request_line(state.speedl),
-            LawMemory(nothing, nothing, *map(memory_of, (state.measurement, state.target, state.answer))),
+            LawMemory(0, nothing, nothing, *map(memory_of, (state.measurement, state.target, state.answer))),
             self.lesson,
             scenario.simulation.control_every,
             state,

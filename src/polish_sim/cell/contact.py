@@ -9,7 +9,6 @@ chatters or is slow and knows no area of contact.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from polish_sim.config import HeadConfig, PadConfig, SpindleConfig
 from polish_sim.control.loops import low_pass_share
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record, kernel, matvec, minus, set_to
+from polish_sim.kernels import Bundle, Record, kernel, matvec, minus, set_to
 from polish_sim.spatial import GRAVITY
 
 
@@ -33,7 +32,7 @@ class PadMaterial(Record):
     smoothing: float  #: Sliding speed v_s of the smoothed Coulomb law v / sqrt(v^2 + v_s^2) [m/s]
 
 
-class Pad(NamedTuple):
+class Pad(Bundle):
     """The disc, sampled; the pad frame has its origin at the face's centre and z out of the tool."""
 
     material: PadMaterial
@@ -44,7 +43,7 @@ class Pad(NamedTuple):
     motion: Array  #: Work array: the pad's axes, velocities and the sums in the work frame, shape (7, 3)
 
 
-class RealPart(NamedTuple):
+class RealPart(Bundle):
     """The part as it really lies in the cell."""
 
     field: DistanceField  #: Signed distance where the pad can touch, work frame, form error included

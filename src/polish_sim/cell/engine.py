@@ -6,20 +6,19 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 from numba import types
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import add_symbol
-from polish_sim.kernels import add_to, cross, kernel, matvec, minus, plus, plus_cross, scaled
+from polish_sim.kernels import Bundle, add_to, cross, kernel, matvec, minus, plus, plus_cross, scaled
 
 HEAD = 6  # the head's slide comes after the joints of the arm with the tool
 ARM_JOINTS = HEAD + 1
 
 
-class EngineViews(NamedTuple):
+class EngineViews(Bundle):
     """Addresses and live views of the engine's model and data, taken once."""
 
     model: int
@@ -76,7 +75,7 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
         "root_body": int(model.body_rootid[head]),
     }
     return EngineViews(
-        **own, **{name: getattr(data, name) for name in EngineViews._fields if name not in own}
+        **own, **{name: getattr(data, name) for name in EngineViews.__annotations__ if name not in own}
     )
 
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.kernel import CellState, CrashPoints, Guards
+from polish_sim.cell.kernel import CellKernel, CellState, CrashPoints, Guards
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
 from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.control.loops import low_pass_share
@@ -245,22 +245,9 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
 
 
 @kernel
-def check_guards(
-    e: EngineViews,
-    state: CellState,
-    part: RealPart,
-    fixture: RealPart,
-    crash: CrashPoints,
-    on_part: bool,
-    planned: float,
-    early: float,
-    count: int,
-) -> int:
-    """Code of the first condition that is met after ``count`` steps, 0 if none; see ``REASONS``.
-
-    ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m],
-    ``early`` how far above it the rim of a leaning pad touches [m].
-    """
+def check_guards(cell: CellKernel, count: int) -> int:
+    """Code of the first condition that is met after ``count`` steps, 0 if none; see ``REASONS``."""
+    e, state, crash, fixture = cell.engine, cell.state, cell.crash_points, cell.fixture
     guards = state.guards
     dt = e.dt
     robot = state.speedl
@@ -281,7 +268,7 @@ def check_guards(
         if robot.age >= robot.timeout:
             return SILENT_HOST
     spindle = state.spindle
-    if on_part and spindle.commanded > 0.0:
+    if cell.stroke.contact and spindle.commanded > 0.0:
         guards.found = spindle.speed / spindle.commanded
         _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE), t)
         if guards.found < SPINDLE_SHARE:
@@ -291,14 +278,14 @@ def check_guards(
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE
-    moved = _check_surface(state, planned, early, dt, t)
+    moved = _check_surface(state, cell.stroke.depth, cell.stroke.early, dt, t)
     if moved != NO_STOP:
         return moved
     guards.lost = guards.lost + dt if target.contact and w[2] < 0.1 * target.force else 0.0
     if _exceeds(state, LOST, guards.lost, guards.contact_lost, t):
         return LOST
     first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
-    if _crashed(crash, first, rim, part, part.coarse, e):
+    if _crashed(crash, first, rim, cell.part, cell.part.coarse, e):
         return CRASH
     if fixture.coarse.table.size > 1 and (
         _crashed(crash, first, rim, fixture, fixture.coarse, e)

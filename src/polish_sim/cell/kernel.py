@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from polish_sim.cell.stroke import Sequence, Stroke
 from polish_sim.cell.wrist_sensor import Payload, WristSensor
 from polish_sim.config import ProcessConfig
 from polish_sim.control.signals import Answer, Measurement, Target
-from polish_sim.kernels import Matrix6, Record, Vector3, Vector6
+from polish_sim.kernels import Bundle, Matrix6, Record, Vector3, Vector6
 
 
 class Status(Record):
@@ -100,7 +100,7 @@ class CellState(Record):
     scratch: Annotated[Array, (5, 3)]  #: Work array
 
 
-class Lesson(NamedTuple):
+class Lesson(Bundle):
     """What an earlier run along the same path learned."""
 
     slope: Array  #: Change of the tool's depth per arc length, at equal steps of it, shape (n,) [-]
@@ -109,8 +109,10 @@ class Lesson(NamedTuple):
     runs: int  #: Runs before this one, each learned from the one before
 
 
-class LawMemory(NamedTuple):
-    """What a control law gets pointers to, as bytes."""
+class LawMemory(Bundle):
+    """A control law and what it gets pointers to, as bytes."""
+
+    call: Any  #: See ``LAW_SIGNATURE``; 0 before there is one
 
     context: NDArray[np.uint8]  #: Gains and memory
     course: NDArray[np.uint8]  #: What lies ahead on the path, for laws that prepare for it
@@ -119,7 +121,7 @@ class LawMemory(NamedTuple):
     answer: NDArray[np.uint8]
 
 
-class CrashPoints(NamedTuple):
+class CrashPoints(Bundle):
     """Points on shaft, spindle, sensor, wrist and forearm that must stay out of part and fixture."""
 
     points: Array  #: In their bodies' frames [m], shape (k, 3)
@@ -127,7 +129,7 @@ class CrashPoints(NamedTuple):
     pad: int  #: How many of them, the last ones, are on the pad's rim: it may touch the part
 
 
-class CellKernel(NamedTuple):
+class CellKernel(Bundle):
     """Everything the compiled loop works on."""
 
     engine: EngineViews

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array
 from polish_sim.cell import guards
-from polish_sim.cell.contact import Pad, RealPart, hold_force, press_pad, pull_of_imbalance, turn_spindle
+from polish_sim.cell.contact import hold_force, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import (
     EngineViews,
     correct_reading,
@@ -28,13 +28,12 @@ from polish_sim.cell.gears import (
     host_hears,
     read_encoders,
 )
-from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson, Status
+from polish_sim.cell.kernel import CellKernel, CellState, Lesson, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
 from polish_sim.cell.robot import (
     SENT,
     STANDING,
-    RequestLine,
     limit_acceleration,
     pass_request,
     resolve_joints,
@@ -50,7 +49,6 @@ from polish_sim.cell.stroke import (
     TARE_START,
     TOUCH_DOWN,
     TRAVEL,
-    Stroke,
     advance_sequence,
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
@@ -64,15 +62,13 @@ FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 
 # Without reference counts: nothing is allocated in the loop, and counting the tuples' arrays cost half of it.
 @njit(nogil=True, _nrt=False)
-def advance(  # type: ignore[no-untyped-def]
-    cell: CellKernel, arm: RealArm, recorder: Recorder, law, draws: Array, steps: int
-) -> None:
+def advance(cell: CellKernel, arm: RealArm, recorder: Recorder, draws: Array, steps: int) -> None:
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
     That is when the stroke is done, a guard has tripped, the robot stands after a stop, at first contact if
     it is waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its
-    joints. The recorder holds at least ``steps`` steps; ``law``
-    is a compiled law, see ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape (steps, 12).
+    joints. The recorder holds at least ``steps`` steps; ``draws`` are standard normal numbers, shape
+    (steps, 12).
     """
     e, state = cell.engine, cell.state
     status = state.status
@@ -84,38 +80,38 @@ def advance(  # type: ignore[no-untyped-def]
             mj_step1(e.model, e.data)
             if cell.stroke.contact:
                 move_part(state.motion, t, e.dt, cell.part.position)
-                press_on_part(e, state, cell.pad, cell.part)
+                press_on_part(cell)
                 if state.flange.share > 0.0:
                     hold_force(state.flange, e, state.target.force)
             see_as_host(arm, state, e)
-            read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+            read_sensor(cell, t, draws[k])
             due, waited = host_is_due(arm, status, cell.control_every)
             if due:
-                move_target(state, cell.stroke, e.dt * waited, t)
+                move_target(cell, waited, t)
                 status.waiting = 0 < status.wait_from <= status.steps
                 if status.waiting:
                     return
         status.waiting = False
         if due:
-            ask_law(state, cell.law, law, t)
+            ask_law(cell, t)
             feed_learned(state, cell.lesson)
-        command(state, cell.requests, e.ctrl, e.dt, t)
-        finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        command(cell, t)
+        finish_step(cell, arm, None, recorder, t)
         if is_over(cell, 0, t):
             return
 
 
-# The steps of the loop; a loop of two robots has them as well. Each gets only what it uses: to compile a call
-# that passes the whole cell takes a second.
+# The steps of the loop; a loop of two robots has them as well.
 
 
 @kernel
-def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) -> None:
+def press_on_part(cell: CellKernel) -> None:
     """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact
     wrench.
 
     Force and torque of the part on the pad about the pad's centre, base frame, are left in ``scratch[1:3]``.
     """
+    e, state, part = cell.engine, cell.state, cell.part
     scratch = state.scratch
     wrench = state.wrench
     moving = state.motion.velocity
@@ -130,7 +126,7 @@ def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) ->
     spin = state.motion.turning
     set_to(velocity, minus(gliding, cross(spin, minus(center, part.position))))
     set_to(turning_on, minus(turning, spin))
-    press_pad(pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
+    press_pad(cell.pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
     applied = e.xfrc_applied[head]
     set_to(applied, force)
     moment_at(force, torque, center, e.xipos[head], applied[3:6])
@@ -188,13 +184,14 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
 
 
 @kernel
-def read_sensor(state: CellState, samples: Array, exact: Array, dt: float, t: float, draws: Array) -> None:
+def read_sensor(cell: CellKernel, t: float, draws: Array) -> None:
     """The wrench as the host has it, and whether the reading can be trusted; arguments as of
     ``sample_sensor``."""
-    sample_sensor(state.sensor, samples, t, exact, draws)
+    state = cell.state
+    sample_sensor(state.sensor, cell.samples, t, cell.engine.sensordata, draws)
     tool_wrench(state.payload, state.sensor, state.measurement.rotation, state.measurement.wrench)
     if state.status.stop == guards.NO_STOP:
-        trip(state.status, guards.check_reading(state, dt, t), t)
+        trip(state.status, guards.check_reading(state, cell.engine.dt, t), t)
 
 
 @kernel
@@ -215,17 +212,18 @@ def trip(status: Status, code: int, t: float) -> None:
 
 
 @kernel
-def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
-    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle ``dt``
-    [s]."""
+def move_target(cell: CellKernel, steps: int, t: float) -> None:
+    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle of so
+    many ``steps``."""
+    state = cell.state
     m, sequence = state.measurement, state.sequence
-    m.time, m.cycle = t, dt
+    m.time, m.cycle = t, cell.engine.dt * steps
     if sequence.stage == TARE:
         if sequence.time >= TARE_START:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    if not advance_sequence(stroke, sequence, m, state.answer.feed, state.target, state.guards.offset):
+    if not advance_sequence(cell.stroke, sequence, m, state.answer.feed, state.target, state.guards.offset):
         trip(state.status, guards.MISSING, t)
 
 
@@ -243,10 +241,11 @@ def _tare(state: CellState, wrench: Array) -> None:
 
 
 @kernel
-def ask_law(state: CellState, memory: LawMemory, law, t: float) -> None:  # type: ignore[no-untyped-def]
+def ask_law(cell: CellKernel, t: float) -> None:
     """Call the control law, and send its answer unless it is not finite or the host has fallen silent."""
+    state, memory = cell.state, cell.law
     status, answer = state.status, state.answer
-    law(
+    memory.call(
         memory.context.ctypes, memory.course.ctypes, memory.measurement.ctypes, memory.target.ctypes,
         memory.answer.ctypes,
     )  # fmt: skip
@@ -274,14 +273,15 @@ def feed_learned(state: CellState, lesson: Lesson) -> None:
 
 
 @kernel
-def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: float) -> None:
+def command(cell: CellKernel, t: float) -> None:
     """The robot's part: the request that arrives now, or the protective stop; down to the joint servos."""
+    state, ctrl, dt = cell.state, cell.engine.ctrl, cell.engine.dt
     status = state.status
     robot = state.speedl
     stop = state.stop
     firmness = 1.0
     if status.stop == guards.NO_STOP or stop.stage == SENT:
-        pass_request(robot, requests, state.answer.twist, status.requests, dt)
+        pass_request(robot, cell.requests, state.answer.twist, status.requests, dt)
     if status.stop != guards.NO_STOP:
         firmness = steer_stop(stop, robot, state.measurement, not status.blocked, t - status.stop_time, t, dt)
     limit_acceleration(robot, dt, firmness)
@@ -294,20 +294,12 @@ def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: 
 
 
 @kernel
-def finish_step(  # type: ignore[no-untyped-def]
-    e: EngineViews,
-    state: CellState,
-    arm: RealArm,
-    other: RealArm | None,
-    recorder: Recorder,
-    part_position: Array,
-    turns: Ints,
-    t: float,
-) -> None:
-    """Note contact, record this instant and let the engine move on; arguments as of ``record_state``.
+def finish_step(cell: CellKernel, arm: RealArm, other: RealArm | None, recorder: Recorder, t: float) -> None:
+    """Note contact, record this instant ``t`` [s] and let the engine move on.
 
     ``arm`` and ``other``: joints of one robot and of a second, if there is one.
     """
+    e, state = cell.engine, cell.state
     status, stage = state.status, state.sequence.stage
     if stage == TRAVEL:
         status.touched = False
@@ -316,7 +308,7 @@ def finish_step(  # type: ignore[no-untyped-def]
         if status.contact_time == 0.0:
             status.contact_time = t
     phase = RETRACT_PHASE if status.stop != guards.NO_STOP else _phase(stage, status.touched)
-    record_state(recorder, e, state, part_position, turns, t, phase)
+    record_state(recorder, cell, t, phase)
     keep_speeds(e)
     if arm.elastic:
         drive_joints(arm, e, t)
@@ -358,21 +350,7 @@ def is_over(cell: CellKernel, free_body: int, t: float) -> bool:
     elif status.stop == guards.NO_STOP and count % LOOK_EVERY == 0 and links_touch(e, e.head_body, free_body):
         trip(status, guards.ENGINE_CONTACT, t)
     elif status.stop == guards.NO_STOP:
-        trip(
-            status,
-            guards.check_guards(
-                e,
-                state,
-                cell.part,
-                cell.fixture,
-                cell.crash_points,
-                cell.stroke.contact,
-                cell.stroke.depth,
-                cell.stroke.early,
-                count,
-            ),
-            t,
-        )
+        trip(status, guards.check_guards(cell, count), t)
     if status.stop != guards.NO_STOP:
         status.ended = status.ended or state.stop.stage == STANDING
     elif state.sequence.stage == DONE:

@@ -162,8 +162,10 @@ def _numbers(answer: Any) -> Array:
     return numbers
 
 
-class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
+class PythonLaw:
     """Calls ``controller.step`` on the loop's own arrays; what it raises stops the run and is kept."""
+
+    _numba_type_ = types.FunctionType(LAW_SIGNATURE)
 
     def __init__(self, controller: Controller, state: CellState) -> None:
         self.error: BaseException | None = None
@@ -172,19 +174,12 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         self._measurement, self._target = _locked(state.measurement), _locked(state.target)
         self._answer = memory_of(state.answer).view(np.float64)
         self._callback = CALL(self._call)
-
-    def __wrapper_address__(self) -> int:
-        """Address of the C function."""
-        return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
+        self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     @property
     def message(self) -> str:
         """What the controller raised, in one line, with the line of its file."""
         return "" if self.error is None else tell_error(self.error, file_of(self._controller))
-
-    def signature(self) -> Any:
-        """Numba's signature of a law."""
-        return LAW_SIGNATURE
 
     def _call(self, *_pointers: int) -> None:
         self._answer[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.kernel import CellState
+from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.stroke import depth_below
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, dot, kernel, minus, set_to
+from polish_sim.kernels import Bundle, Record, Vector2, Vector3, dot, kernel, minus, set_to
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
@@ -53,10 +52,11 @@ class Filled(Record):
 
     rows: int
     steps: int
+    first: int  #: Step of the trace at which the chunk begins
     force_range: Vector2  #: Least and largest force since the last row [N]
 
 
-class Recorder(NamedTuple):
+class Recorder(Bundle):
     """Buffers of one chunk of steps."""
 
     rows: Array  #: Packed log rows and what a branch adds behind each, shape (k, ROW_WIDTH + extra)
@@ -81,21 +81,13 @@ def put(row: Array, start: int, values: Array, count: int) -> None:
 
 
 @kernel
-def record_state(
-    recorder: Recorder,
-    e: EngineViews,
-    state: CellState,
-    part_position: Array,
-    turns: Ints,
-    t: float,
-    phase: int,
-) -> None:
+def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> None:
     """Record the instant ``t`` [s], before the engine moves on; the sensor's raw reading follows in
     ``record_reading``.
 
-    ``part_position`` (3,) [m] is the origin of the part's frame, ``turns`` (n,) the turn of the path at the
-    rows of the process table, ``phase`` as in ``log.PHASES``.
+    ``phase`` as in ``log.PHASES``.
     """
+    e, state = cell.engine, cell.state
     filled = recorder.filled
     m = state.measurement
     target = state.target
@@ -104,11 +96,11 @@ def record_state(
     filled.force_range[1] = max(filled.force_range[1], force)
     speed = math.sqrt(dot(m.twist, m.twist))
     position, travel = e.site_xpos[e.tool_site], e.qpos[6]
-    step = recorder.trace[filled.steps]
+    step = recorder.trace[filled.first + filled.steps]
     step.time_s, step.phase, step.normal_force_n = t, phase, force
     step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.s, travel
     step.spindle_rad_s = state.spindle.speed
-    set_to(step.part_shift_m, minus(part_position, state.motion.rest))
+    set_to(step.part_shift_m, minus(cell.part.position, state.motion.rest))
     set_to(step.tcp_position_m, position)
     set_to(step.tool_on_part_m, state.tool_on_part)
     _trace_errors(step, m.position, m.rotation, target)
@@ -130,7 +122,7 @@ def record_state(
     put(row, _TRUE, state.wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
     row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.s, phase
-    row[_PASS] = turns[state.sequence.row]
+    row[_PASS] = cell.stroke.process.pass_index[state.sequence.row]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1
 
@@ -139,11 +131,12 @@ def record_state(
 def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: float) -> None:
     """Replace what ``record_state`` took from the host's measurement in the step just done; exact ``speed``
     [m/s]."""
-    step = recorder.trace[recorder.filled.steps - 1]
+    filled = recorder.filled
+    step = recorder.trace[filled.first + filled.steps - 1]
     step.tcp_speed_m_s = speed
     _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3)), state.target)
     if (state.status.steps - 1) % recorder.every == 0:
-        recorder.rows[recorder.filled.rows - 1, _SPEED] = speed
+        recorder.rows[filled.rows - 1, _SPEED] = speed
 
 
 @kernel

@@ -10,7 +10,6 @@ direction is kept.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, add_to, dot, kernel, minus, scaled
+from polish_sim.kernels import Bundle, Matrix6, Record, Vector3, Vector6, add_to, dot, kernel, minus, scaled
 from polish_sim.motion import JOINT_LIMITS
 
 SPARE = 200  # steps the latency can grow by while running
@@ -49,7 +48,7 @@ class Speedl(Record):
     solution: Vector6  #: Work array
 
 
-class RequestLine(NamedTuple):
+class RequestLine(Bundle):
     """Requests on their way to the robot, one a step."""
 
     twists: Array  #: Shape (latency + SPARE + 1, 6)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, chord_lengths, running_sums
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.kernels import Record, Vector2, Vector3, Vector4, dot, kernel, matvec, minus
+from polish_sim.kernels import Bundle, Record, Vector2, Vector3, Vector4, dot, kernel, matvec, minus
 from polish_sim.motion.trajectory import (
     Pace,
     PathTable,
@@ -32,7 +31,7 @@ RETRACT_SPEED = 0.02  # [m/s]
 LIFT_ACCELERATION = 0.4  # at both ends of the retract [m/s^2]
 
 
-class Stroke(NamedTuple):
+class Stroke(Bundle):
     """One stroke, from free space to free space; tables in the base frame."""
 
     travel: TimedPath  #: From where the last stroke ended to where this one starts, in free space

@@ -24,6 +24,7 @@ from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Target
 from polish_sim.kernels import (
+    Bundle,
     Matrix3,
     Record,
     Vector2,
@@ -166,7 +167,7 @@ class Carrier(Record):
     work: Annotated[Array, (6, 3)]  #: Work array
 
 
-class Master(NamedTuple):
+class Master(Bundle):
     """The master in the loop, and its tables."""
 
     state: Carrier

@@ -125,7 +125,7 @@ class PairCell(Cell):
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         arms = self.real_arm, self.master_arm, self.host_arm
-        advance_pair(self.kernel, *arms, self.master, recorder, self.law, draws, steps)
+        advance_pair(self.kernel, *arms, self.master, recorder, draws, steps)
 
     def memory(self) -> list[NDArray[Any]]:
         """Those of the cell, and the master's."""
@@ -137,9 +137,9 @@ class PairCell(Cell):
 
 
 @njit(_nrt=False)
-def advance_pair(  # type: ignore[no-untyped-def]
+def advance_pair(
     cell: CellKernel, arm: RealArm, other: RealArm, host_arm: HostArm, master: Master,
-    recorder: Recorder, law, draws: Array, steps: int
+    recorder: Recorder, draws: Array, steps: int
 ) -> None:  # fmt: skip
     """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
 
@@ -153,26 +153,26 @@ def advance_pair(  # type: ignore[no-untyped-def]
         mj_step1(e.model, e.data)
         _place_part(e, state, cell.part, master, other, t)
         if cell.stroke.contact:
-            press_on_part(e, state, cell.pad, cell.part)
+            press_on_part(cell)
             _push_back(e, state, master.state.part_body)
         if arm.elastic:
             see_as_host(arm, state, e)
         else:
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
-        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+        read_sensor(cell, t, draws[k])
         due, waited = host_is_due(arm, state.status, cell.control_every)
         if due:
-            move_target(state, cell.stroke, e.dt * waited, t)
+            move_target(cell, waited, t)
             carry_target(master.state, state.target)
-            ask_law(state, cell.law, law, t)
-        command(state, cell.requests, e.ctrl, e.dt, t)
+            ask_law(cell, t)
+        command(cell, t)
         # The stop reaches both robots at once, by its own line.
         stopping = state.status.stop != 0 and state.stop.stage != SENT
         drive_master(master, state.sequence.stage == FEEDING, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
-        finish_step(e, state, arm, other, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(cell, arm, other, recorder, t)
         if master.state.halted:
             trip(state.status, MASTER_HALTED, t)
         elif master.state.silence > master.state.timeout:

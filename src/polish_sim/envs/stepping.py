@@ -1,7 +1,6 @@
 """Step cells from Python: actions, observations and rewards in compiled code.
 
-Calling the compiled loop from Python costs four physics steps, because numba unpacks every array. Here the
-arguments are unpacked once an episode and held in a structure of numba's; a step passes a reference to it.
+What a step works on is put together once an episode; a step passes its address.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -23,8 +21,8 @@ from polish_sim.cell.recorder import Recorder, TraceStep
 from polish_sim.cell.stroke import FEEDING, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
-from polish_sim.kernel_cache import cfunc, njit, structref
-from polish_sim.kernels import Record, Vector3, Vector6, kernel, matvec, minus, set_to
+from polish_sim.kernel_cache import cfunc, njit
+from polish_sim.kernels import Bundle, Record, Vector3, Vector6, kernel, matvec, minus, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE
 
 if TYPE_CHECKING:
@@ -190,8 +188,8 @@ class EnvState(Record):
     eventful: bool  #: Faults are planned
 
 
-class Kept(NamedTuple):
-    """Everything a step works on but the law, which numba would take a millisecond to unpack here."""
+class Kept(Bundle):
+    """Everything a step works on."""
 
     cell: CellKernel
     arm: RealArm
@@ -229,8 +227,8 @@ def _reward(trace: NDArray[np.void], steps: int, force: float, turn: EnvState, s
     return total / max(steps, 1)
 
 
-@kernel
-def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
+@njit
+def _take_step(k: Kept) -> StepEnd:
     state = k.cell.state
     turn = k.turn
     status = k.cell.state.status
@@ -244,51 +242,28 @@ def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
     start, force = status.steps, state.target.force
     turn.due += turn.every
     status.wait_from = turn.due
-    recorder = Recorder(k.recorder.rows, k.recorder.trace[start:], k.recorder.every, k.recorder.filled)
+    trace = k.recorder.trace[start:]
+    k.recorder.filled.first = start
     draws = k.draws[start - turn.drawn_from :]
-    advance(k.cell, k.arm, recorder, law, draws, min(len(draws), len(recorder.trace)))
+    advance(k.cell, k.arm, k.recorder, draws, min(len(draws), len(trace)))
     done = status.steps - start
     share = 1.0
     if turn.moving:
         share = min(state.target.speed / turn.feed, 1.0)
-    reward = _reward(recorder.trace, done, force, turn, share)
+    reward = _reward(trace, done, force, turn, share)
     lifted = turn.last_stroke and state.sequence.stage >= RETRACT
     asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
     left = len(k.draws) - (status.steps - turn.drawn_from)
     held = state.sequence.time if state.sequence.stage == FEEDING else 0.0
     needs = turn.eventful or left < turn.every + SPARE or held >= turn.force_after
     if done > 0:
-        k.truth[0] = recorder.trace[done - 1]
+        k.truth[0] = trace[done - 1]
     observe(state.measurement, state.target, k.context)
     for i in range(SEEN):
         k.seen[i] = k.context.seen[i]
     for i in range(sizes):
         k.seen[SEEN + i] = k.action[i]
     return StepEnd(reward, asks, needs)
-
-
-class _HeldType(types.StructRef):  # type: ignore[misc]
-    """Numba's type of `_Held`."""
-
-
-class _Held(structref.StructRefProxy):  # type: ignore[misc]
-    """`Kept` and the law as compiled code has them, behind one reference."""
-
-
-structref.register(_HeldType)
-structref.define_constructor(_Held, _HeldType, ["kept", "law"])
-structref.define_attributes(_HeldType)
-structref.define_boxing(_HeldType, _Held)
-
-
-@njit
-def _hold(kept, law):  # type: ignore[no-untyped-def]
-    return _Held(kept, law)
-
-
-@njit
-def _step_held(held):  # type: ignore[no-untyped-def]
-    return _take_step(held.kept, held.law)
 
 
 class SteppedCell:
@@ -302,7 +277,6 @@ class SteppedCell:
         self.truth = np.zeros(1, TraceStep.dtype)  #: The last physics step
         self._kind, self._moving = action, moving
         self._kept: Kept
-        self._held: Any
 
     def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: EnvState) -> None:
         """Take up a cell at its start."""
@@ -315,7 +289,6 @@ class SteppedCell:
         self.action[:] = 0.0
         if self._moving:
             self.action[-1] = 1.0
-        # Records are held by their address alone: `_kept` keeps their memory.
         self._kept = Kept(
             cell.kernel,
             cell.real_arm,
@@ -327,14 +300,12 @@ class SteppedCell:
             self.seen,
             self.truth,
         )
-        self._held = _hold(self._kept, cell.law)
 
     def go_on(self, cell: Cell) -> None:
         """Take up what has changed of the cell: its next stroke."""
         self._kept = self._kept._replace(cell=cell.kernel)
-        self._held = _hold(self._kept, cell.law)
 
     def step(self) -> StepEnd:
         """Command the action until the next one is due."""
-        end: StepEnd = _step_held(self._held)
+        end: StepEnd = _take_step(self._kept)
         return end

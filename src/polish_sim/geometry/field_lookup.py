@@ -6,14 +6,12 @@ principal curvatures k1, k2, and of order h at creases.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import Bundle, kernel
 
 CELLS = 8  #: Cells of a brick along each axis
 NODES = CELLS + 1  #: Nodes of a brick along each axis; neighbouring bricks share their outer ones
@@ -22,7 +20,7 @@ _THREE, _SEVEN, _NODES = np.uint64(3), np.uint64(7), np.uint64(NODES)
 _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)
 
 
-class DistanceField(NamedTuple):
+class DistanceField(Bundle):
     """Signed distance near a surface, positive outside; see :func:`field_distance`."""
 
     origin: Array  #: Lowest corner of the grid [m], shape (3,)

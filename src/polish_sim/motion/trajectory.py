@@ -20,14 +20,14 @@ from polish_sim.arrays import (
     unit,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import Bundle, kernel
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import wxyz
 
 
-class PathTable(NamedTuple):
+class PathTable(Bundle):
     """Poses along a path at equal steps of arc length, base frame."""
 
     spacing: float  #: Arc length between rows [m]
@@ -209,7 +209,7 @@ ROW_S = 0.005  # between rows; short against a jerk-limited corner [s]
 MOST_ROWS = 400_000  # longer motions get longer rows
 
 
-class TimedPath(NamedTuple):
+class TimedPath(Bundle):
     """Poses and velocities at equal steps of a motion's own time, base frame.
 
     Who plays it may let that time pass at any ``rate`` from 0 to 1: velocities then shrink by the rate.

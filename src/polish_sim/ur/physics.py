@@ -76,9 +76,9 @@ def follow(  # type: ignore[no-untyped-def]
         t = state.status.steps * e.dt
         mj_step1(e.model, e.data)
         move_part(state.motion, t, e.dt, cell.part.position)
-        press_on_part(e, state, cell.pad, cell.part)
+        press_on_part(cell)
         see_as_host(arm, state, e)
-        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+        read_sensor(cell, t, draws[k])
         state.sequence.stage = FEEDING if state.wrench[2] > FIRST_CONTACT_N else APPROACH
         for j in range(6):
             order.read[j] = arm.read[j] if arm.elastic else e.qpos[j]
@@ -97,7 +97,7 @@ def follow(  # type: ignore[no-untyped-def]
                     arm.correction[j] = -arm.link_rate * (place - arm.read[j]) if arm.on_link else 0.0
             e.ctrl[2 * j] = place
             e.ctrl[2 * j + 1] = speed
-        finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        finish_step(cell, arm, None, recorder, t)
         is_over(cell, 0, t)
         for j in range(6):
             order.felt[j] = e.qfrc_actuator[j]
