@@ -171,12 +171,12 @@ class BundleType(types.Type):  # type: ignore[misc]
     Each field is what numba passes of it; ``fields``: type and first word by name.
     """
 
-    def __init__(self, name: str, fields: dict[str, tuple[Any, int]]) -> None:
+    def __init__(self, name: str, fields: dict[str, Any]) -> None:
         self.fields = fields
         super().__init__(f"{name}({fields})")
 
     @property
-    def mangling_args(self) -> tuple[str, tuple[int]]:
+    def mangling_args(self) -> Any:
         """A short name within those of kernels."""
         return "Bundle", (self._code,)  # type: ignore[attr-defined]
 
@@ -193,14 +193,14 @@ class _BundleFields(AttributeTemplate):  # type: ignore[misc]
 
 
 @lower_getattr_generic(BundleType)
-def _load_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
-    field, first = kind.fields[name]
+def _load_field(context, builder, kind, address, name):  # type: ignore[no-untyped-def]
+    field, word = kind.fields[name]
     form = context.get_value_type(field).as_pointer()
-    return builder.load(cgutils.pointer_add(builder, address, 8 * first, form))
+    return builder.load(cgutils.pointer_add(builder, address, 8 * word, form))
 
 
 @unbox(BundleType)
-def _unbox_bundle(kind: Any, bundle: Any, c: Any) -> Any:
+def _unbox_bundle(_, bundle, c):  # type: ignore[no-untyped-def]
     address = c.pyapi.object_getattr_string(bundle, "address")
     value = c.pyapi.long_as_voidptr(address)
     c.pyapi.decref(address)

@@ -2,13 +2,12 @@
 
 State is one numpy record per struct: named fields, integers, booleans and nested arrays that Python and
 compiled code change in place. Constants and arrays whose length is not known beforehand travel beside it in
-NamedTuples.
+bundles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -99,10 +98,12 @@ class Bundle:
 
     def __post_init__(self) -> None:
         values = dict(vars(self))
-        words = [_words(value) for value in values.values()]
-        starts = accumulate(map(len, words), initial=0)
-        fields = {name: (typeof(values[name]), start) for name, start in zip(values, starts, strict=False)}
-        held = np.concatenate(words)
+        fields: dict[str, Any] = {}
+        words: list[int] = []
+        for name, value in values.items():
+            fields[name] = typeof(value), len(words)
+            words += _words(value)
+        held = np.array(words)
         kind = BundleType(type(self).__name__, fields)
         vars(self).update(_values=values, _held=held, address=held.ctypes.data, _numba_type_=kind)
 
@@ -113,17 +114,16 @@ class Bundle:
         return type(self)(**vars(self)["_values"] | changed)
 
 
-def _words(value: Any) -> Array:
-    """What numba passes of a value; of a function its address and where other addresses would be."""
+def _words(value: Any) -> list[int]:
+    """What numba passes of a value, in words of 8 bytes; of a function its address and room for two more."""
     if isinstance(value, np.ndarray):
-        sizes = value.size, value.itemsize
-        return np.array([0, 0, *sizes, value.ctypes.data, *value.shape, *value.strides])
-    if hasattr(value, "address"):
-        return np.array([value.address, 0, 0])
+        return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
     if isinstance(value, np.void):
-        return np.array([memory_of(value).ctypes.data])
+        return [memory_of(value).ctypes.data]
+    if hasattr(value, "address"):
+        return [value.address, 0, 0]
     numbers = np.atleast_1d(value)
-    return numbers.view(np.int64) if numbers.dtype == float else numbers.astype(np.int64)
+    return list(numbers.view(np.int64) if numbers.dtype == float else numbers)
 
 
 # Vectors by value. In go arrays (3,), the first three elements of longer ones, or tuples; out come tuples, so

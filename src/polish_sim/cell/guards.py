@@ -278,7 +278,7 @@ def check_guards(cell: CellKernel, count: int) -> int:
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE
-    moved = _check_surface(state, cell.stroke.depth, cell.stroke.early, dt, t)
+    moved = _check_surface(cell, dt, t)
     if moved != NO_STOP:
         return moved
     guards.lost = guards.lost + dt if target.contact and w[2] < 0.1 * target.force else 0.0
@@ -296,16 +296,17 @@ def check_guards(cell: CellKernel, count: int) -> int:
 
 
 @kernel
-def _check_surface(state: CellState, planned: float, early: float, dt: float, t: float) -> int:
+def _check_surface(cell: CellKernel, dt: float, t: float) -> int:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
     How far the springs are pressed in is only known once the force is held in the process; from there on the
     surface is off the plan by the tool's offset and by what the springs gave way since, as they are planned
-    (``planned`` [m] under the force wanted): a force that is missing is surface that has gone. Until then the
+    (``planned`` under the force wanted): a force that is missing is surface that has gone. Until then the
     tool may go as deep as springs five times softer than planned need, but not above where it found contact.
-    A pad that leans finds it with its rim, up to ``early`` [m] above the surface.
+    A pad that leans finds it with its rim, up to ``stroke.early`` above the surface.
     An active flange measures by its travel where the surface is.
     """
+    state, planned = cell.state, cell.stroke.depth
     guards = state.guards
     sequence = state.sequence
     m = state.measurement
@@ -319,7 +320,7 @@ def _check_surface(state: CellState, planned: float, early: float, dt: float, t:
     depth = offset + (sequence.depth if landing else planned) - state.flange.travel
     if landing and sequence.time == 0.0:
         guards.depth = depth
-        code, off = (LOW, depth) if depth > 0.0 else (HIGH, -depth - early)
+        code, off = (LOW, depth) if depth > 0.0 else (HIGH, -depth - cell.stroke.early)
         if _exceeds(state, code, off, guards.offset, t):
             return code
     room = guards.offset
