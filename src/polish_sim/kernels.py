@@ -119,7 +119,7 @@ def _words(value: Any) -> list[int]:
     if isinstance(value, np.ndarray):
         return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
     if isinstance(value, np.void):
-        return [memory_of(value).ctypes.data]
+        return [np.frombuffer(value, np.uint8).ctypes.data]  # its own memory, of an unpickled one, too
     if hasattr(value, "address"):
         return [value.address, 0, 0]
     numbers = np.atleast_1d(value)
