@@ -114,7 +114,7 @@ def press_pad(
         for i in range(3):
             force[i] = torque[i] = 0.0
         return
-    _sum_pressure(pad, spin)
+    _sum_pressure(pad.material, pad.x, pad.y, pad.depth, pad.slope, w, spin)
     set_to(force, matvec(R, w[5]))
     set_to(torque, matvec(R, w[6]))
 
@@ -141,27 +141,28 @@ def _measure_depths(pad: Pad, field: DistanceField) -> float:
 
 
 @njit(fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _sum_pressure(pad: Pad, spin: float) -> None:
+def _sum_pressure(
+    material: PadMaterial, x: Array, y: Array, depths: Array, slope: Array, w: Array, spin: float
+) -> None:
     """Sum pressure and friction over the points; without branches, so that the compiler can vectorise.
 
-    The products stand here in full: those of other kernels are not ``fastmath``.
+    Arguments as the fields of `Pad`. The products stand here in full: those of other kernels are not
+    ``fastmath``.
     """
-    w = pad.motion
     xx, xy, xz = w[1, 0], w[1, 1], w[1, 2]
     yx, yy, yz = w[2, 0], w[2, 1], w[2, 2]
     ux, uy, uz = w[3, 0], w[3, 1], w[3, 2]
     ox, oy, oz = w[4, 0], w[4, 1], w[4, 2]
     # The spindle turns the points within the face; only the head's motion presses them in.
     sx, sy, sz = spin * (xy * yz - xz * yy), spin * (xz * yx - xx * yz), spin * (xx * yy - xy * yx)
-    depths, slope_x, slope_y, slope_z = pad.depth, pad.slope[0], pad.slope[1], pad.slope[2]
-    material = pad.material
+    slope_x, slope_y, slope_z = slope[0], slope[1], slope[2]
     k = material.stiffness
     hardening = material.damping
     friction = material.friction
     smoothing = material.smoothing**2
     fx = fy = fz = tx = ty = tz = 0.0
-    for i in range(pad.x.shape[0]):
-        a, b = pad.x[i], pad.y[i]
+    for i in range(x.shape[0]):
+        a, b = x[i], y[i]
         gx, gy, gz = slope_x[i], slope_y[i], slope_z[i]
         size = 1.0 / math.sqrt(gx * gx + gy * gy + gz * gz + 1e-30)
         nx, ny, nz = gx * size, gy * size, gz * size
