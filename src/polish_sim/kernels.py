@@ -101,8 +101,9 @@ class Bundle:
         fields: dict[str, Any] = {}
         words: list[int] = []
         for name, value in values.items():
-            fields[name] = typeof(value), len(words)
+            first = len(words)
             words += _words(value)
+            fields[name] = typeof(value), first
         held = np.array(words)
         kind = BundleType(type(self).__name__, fields)
         vars(self).update(_values=values, _held=held, address=held.ctypes.data, _numba_type_=kind)
