@@ -1,9 +1,11 @@
 """Rotations, transforms, vectors and their kernels against their definitions."""
 
 import math
+import pickle
 from types import GenericAlias
-from typing import Annotated
+from typing import Annotated, Any
 
+import numba
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -95,3 +97,42 @@ def test_turns_are_those_of_rotation_vectors_and_derivatives_of_vectors_that_tur
     x, turns = np.array([1.0, 0.0, 0.0]), [np.array([0.0, 0.0, rate]) for rate in (w, e, f)]
     np.testing.assert_allclose(kernels.second_by_turning(*turns[:2], x), (-(w**2), e, 0.0), atol=1e-14)
     np.testing.assert_allclose(kernels.third_by_turning(*turns, x), (-3.0 * w * e, f - w**3, 0.0), atol=1e-14)
+
+
+class Level(kernels.Record):
+    height: float
+
+
+class Inner(kernels.Bundle):
+    columns: Any
+    factor: float = 2.0
+
+
+class Outer(kernels.Bundle):
+    inner: Inner
+    level: Level
+    rows: arrays.Array
+    count: int
+    raised: bool
+    normal: tuple[float, float, float] = (0.0, 0.5, 0.25)
+
+
+@numba.njit
+def sum_of_fields(outer, row):
+    outer.level.height += 1.0
+    outer.rows[0, 0] = -1.0
+    total = outer.normal[1] + outer.count + len(outer.rows) + (0.125 if outer.raised else 0.0)
+    return total + outer.inner.factor * outer.inner.columns[row, 1] + outer.rows[row, 2]
+
+
+def test_a_kernel_reads_and_writes_in_place_what_a_bundle_holds_and_a_copy_has_its_own_address():
+    rows = np.arange(12.0).reshape(4, 3)
+    for columns in (rows.T, rows[::2], np.arange(8).reshape(4, 2)):
+        outer = Outer(Inner(columns), Level(height=7.0), rows.copy(), 3, True)
+        for same in (outer, pickle.loads(pickle.dumps(outer)), outer._replace(count=3)):
+            height = float(same.level.height)
+            assert sum_of_fields(same, 1) == 0.5 + 3 + 4 + 0.125 + 2.0 * columns[1, 1] + rows[1, 2]
+            assert (same.level.height, same.rows[0, 0]) == (height + 1.0, -1.0)
+            assert sum_of_fields.py_func(same, 1) == sum_of_fields(same, 1)
+        assert outer._replace(count=4).address != outer.address
+    assert sum_of_fields(outer._replace(raised=False, inner=Inner(rows, 0.5)), 3) == 0.5 + 3 + 4 + 5.0 + 11.0
