@@ -213,8 +213,8 @@ def trip(status: Status, code: int, t: float) -> None:
 
 @kernel
 def move_target(cell: CellKernel, steps: int, t: float) -> None:
-    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle of so
-    many ``steps``."""
+    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle, which
+    takes ``steps``."""
     state = cell.state
     m, sequence = state.measurement, state.sequence
     m.time, m.cycle = t, cell.engine.dt * steps
