@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 ROWS = "rows.jsonl"
 METRICS = "metrics.json"
+QUICK_PNG = {"compress_type": zlib.Z_RLE}  #: A picture is written in half the time, at most a fifth larger
 VERSIONED = ("polish-sim", "mujoco", "numpy", "scipy", "numba", "trimesh")
 Row = dict[str, Any]
 Metrics = Mapping[str, Any]  #: By name, as in metrics.json; an undefined one is None or NaN
@@ -129,7 +130,7 @@ def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
         with whole_file(folder / name) as draft, warnings.catch_warnings():
             # A name in a script that no installed font has is drawn as boxes.
             warnings.filterwarnings("ignore", message="Glyph")
-            figure.savefig(draft)
+            figure.savefig(draft, pil_kwargs=QUICK_PNG)
 
 
 # Rows.
