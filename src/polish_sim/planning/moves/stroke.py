@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import (
     Array,
@@ -25,7 +24,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.planning.moves.leads import LEADS, choose_leads, with_leads
 from polish_sim.planning.moves.travel import AirSpace, Move, move_in, move_of, path_of, travel
-from polish_sim.planning.patterns.run import SurfaceRun
+from polish_sim.planning.patterns.run import SurfaceRun, averaged
 from polish_sim.planning.quality.access import Leaning, too_near
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.located import ground_under
@@ -102,9 +101,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
 
 def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
     """Means of vectors (n, 3) given at ``s`` (n,) over ``even`` evenly spaced places, at ``s`` again."""
-    return interpolate(
-        s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest")
-    )
+    return interpolate(s, even, averaged(interpolate(even, s, vectors), window))
 
 
 CREASE_REACH = 0.5  #: The tool axis turns over a crease within this many step-overs on either side

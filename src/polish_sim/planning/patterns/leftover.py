@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, diagonal_of, joined, norms, unit
 from polish_sim.planning.ground import Triangulation
-from polish_sim.planning.patterns.run import Run, dense, numbered
+from polish_sim.planning.patterns.run import Run, averaged, dense, numbered
 from polish_sim.planning.quality.coverage import STRICT
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.planning.turns import Turn, distance_to
@@ -126,7 +125,7 @@ def _middle_line(mesh: Triangulation, place: Bools, distance: Array, stepover: f
         return points[deepest][None]
     even = dense(ordered, TRACE * stepover)
     window = min(21, len(even) // 2 * 2 - 1)
-    return uniform_filter1d(even, window, axis=0, mode="nearest")
+    return averaged(even, window)
 
 
 def _length(line: Array) -> float:

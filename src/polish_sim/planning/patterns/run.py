@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.config import PlanConfig
@@ -81,6 +79,8 @@ def dense(positions: Array, spacing: float, least: int = 0) -> Array:
 def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     """Round the corners over half a step-over [m], space the points for equal chord error, put them on the
     surface."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]
@@ -112,13 +112,19 @@ def _moving_average(points: Array, window: int) -> Array:
     size = window | 1
     pad = min(size, len(points) - 1)
     longer = np.pad(points, ((pad, pad), (0, 0)), mode="reflect", reflect_type="odd")
-    averaged = uniform_filter1d(longer, size, axis=0, mode="nearest")
-    return averaged[pad : pad + len(points)]
+    return averaged(longer, size)[pad : pad + len(points)]
 
 
 def averaged_twice(values: Array, window: int, mode: str) -> Array:
     """Mean weighted by a triangle of twice the window along the first axis; ``mode`` continues the ends."""
-    return uniform_filter1d(uniform_filter1d(values, window, 0, mode=mode), window, 0, mode=mode)
+    return averaged(averaged(values, window, mode), window, mode)
+
+
+def averaged(values: Array, window: int, mode: str = "nearest") -> Array:
+    """Mean over a window along the first axis; ``mode`` continues the ends."""
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
+    return uniform_filter1d(values, window, 0, mode=mode)
 
 
 # What a pattern is asked to cover (region and plan -> pattern).

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, crosses, dots, foot_on_chord, unit
@@ -72,6 +71,8 @@ def along(path: RunSamples) -> Array:
 
 def _corners(path: RunSamples) -> Bools:
     """Points within half a step-over of a place where the path turns by more than 60 deg within one."""
+    from scipy.ndimage import binary_dilation  # slow to import
+
     half = SAMPLES // 2
     index = np.arange(len(path.run))
     low, high = path.first[path.run], path.first[path.run + 1] - 1
