@@ -63,9 +63,7 @@ SETTINGS = {
 }  # fmt: skip
 """Options that set a key of section dual."""
 
-calibrate = typer.Typer(
-    name="calibrate", help="Calibrate the cell: payload, tcp, base, arm, budget.", rich_markup_mode=None
-)
+calibrate = typer.Typer(name="calibrate", add_completion=False, rich_markup_mode=None)
 
 
 @calibrate.callback()

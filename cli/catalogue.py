@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
+import typer
 from typer.core import TyperCommand
 
 from polish_sim.cli import console
@@ -42,6 +43,17 @@ class PanelledCommand(TyperCommand):
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
+
+
+def as_command(name: str, work: Any, text: str, cls: type[PanelledCommand] = PanelledCommand) -> Any:
+    """A function, or a Typer with several, as a command, with a short ``text`` for the list of all."""
+    app = work
+    if not isinstance(work, typer.Typer):
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(name, cls=cls)(work)
+    command: Any = typer.main.get_command(app)
+    command.short_help = text
+    return command
 
 
 def _shown(argument: Any) -> str:

@@ -1,4 +1,4 @@
-"""The `polish-sim` command: one Typer app, its commands gathered from one file each.
+"""The `polish-sim` command: one Typer app whose commands, a file each, load when they are asked for.
 
 Heavy libraries are imported inside the commands that need them, so that `--help` answers at once.
 """
@@ -11,31 +11,63 @@ import signal
 import sys
 from contextlib import suppress
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from polish_sim import __version__
 from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
-from polish_sim.cli.calibrate import calibrate
-from polish_sim.cli.catalogue import PanelledCommand, config, list_names
-from polish_sim.cli.compare import compare
-from polish_sim.cli.identify import identify
-from polish_sim.cli.inspect import inspect
-from polish_sim.cli.job import job
-from polish_sim.cli.plan import plan
-from polish_sim.cli.report import report
-from polish_sim.cli.run import RunGroup, demo
-from polish_sim.cli.score import score
-from polish_sim.cli.serve import serve
-from polish_sim.cli.smooth import smooth
-from polish_sim.cli.sweep import sweep
-from polish_sim.cli.tune import tune
-from polish_sim.cli.view import view
+from polish_sim.cli.catalogue import as_command
+from polish_sim.experiments.registry import load
+
+COMMANDS = {
+    "demo": "The whole main job on a shipped part.",
+    "plan": "A tool path on a part.",
+    "inspect": "The quality of any tool path on a part.",
+    "job": "Setups, regions and passes from one file.",
+    "smooth": "Jerk-limited motion along any tool path.",
+    "score": "Score a controller by a fixed battery of cases.",
+    "serve": "A simulated UR controller for your own programme.",
+    "sweep": "Many runs over settings and seeds, in one table.",
+    "tune": "Search a controller's parameters.",
+    "identify": "A robot's dynamics from its own motion.",
+    "compare": "A robot's log beside the simulation.",
+    "report": "Plots and tables again from saved runs.",
+    "view": "A saved run in the browser, in 3D and over time.",
+    "config": "The full default config as TOML.",
+    "list": "What ships with the package.",
+    "run": "Simulate arc, force, surface, smooth, teach or dual.",
+    "calibrate": "Calibrate the cell: payload, tcp, base, arm, budget.",
+}
+"""What each command is for; it has its name in the file of that name."""
+ELSEWHERE = {
+    "demo": "run:demo",
+    "run": "run:runs",
+    "config": "catalogue:config",
+    "list": "catalogue:list_names",
+}
+
+
+class CommandGroup(TyperGroup):
+    """The commands by name; a file is imported when its command is asked for."""
+
+    def __init__(self, **named: Any) -> None:
+        super().__init__(**named)
+        self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command, None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        place = ELSEWHERE.get(cmd_name, f"{cmd_name}:{cmd_name}")
+        return as_command(cmd_name, load(f"polish_sim.cli.{place}"), COMMANDS[cmd_name])
+
 
 commands = typer.Typer(
     name="polish-sim",
+    cls=CommandGroup,
     help="Force-controlled robotic polishing in MuJoCo: from a part's mesh to a scored run. "
     "Lengths are in mm, angles in deg, forces in N, speeds in mm/s.",
     add_completion=False,
@@ -61,38 +93,6 @@ def _every_command(
     ] = False,
 ) -> None:
     """Take the options that stand before the command; the boundary reads --debug itself."""
-
-
-runs = typer.Typer(cls=RunGroup, rich_markup_mode=None)
-
-
-@runs.callback()
-def _every_run() -> None:
-    """Simulate an experiment of the papers; 'polish-sim run EXPERIMENT --help' shows its options."""
-
-
-for _name, _command, _text in (
-    ("demo", demo, "The whole main job on a shipped part."),
-    ("plan", plan, "A tool path on a part."),
-    ("inspect", inspect, "The quality of any tool path on a part."),
-    ("job", job, "Setups, regions and passes from one file."),
-    ("smooth", smooth, "Jerk-limited motion along any tool path."),
-    ("score", score, "Score a controller by a fixed battery of cases."),
-    ("serve", serve, "A simulated UR controller for your own programme."),
-    ("sweep", sweep, "Many runs over settings and seeds, in one table."),
-    ("tune", tune, "Search a controller's parameters."),
-    ("identify", identify, "A robot's dynamics from its own motion."),
-    ("compare", compare, "A robot's log beside the simulation."),
-    ("report", report, "Plots and tables again from saved runs."),
-    ("view", view, "A saved run in the browser, in 3D and over time."),
-    ("config", config, "The full default config as TOML."),
-    ("list", list_names, "What ships with the package."),
-):
-    commands.command(_name, cls=PanelledCommand, short_help=_text)(_command)
-commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
-commands.add_typer(
-    calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget."
-)
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, Outcome
-from polish_sim.cli.catalogue import PanelledCommand
+from polish_sim.cli.catalogue import PanelledCommand, as_command
 from polish_sim.cli.inspect import take_plan
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
@@ -74,9 +74,7 @@ class RunGroup(TyperGroup):
             InputError: There is no such experiment.
         """
         row = experiment(cmd_name)
-        app = typer.Typer(add_completion=False, rich_markup_mode=None)
-        app.command(cmd_name, cls=ExperimentCommand, short_help=row.text)(_command_of(row))
-        return typer.main.get_command(app)
+        return as_command(cmd_name, _command_of(row), row.text, ExperimentCommand)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Write what stands behind `run`."""
@@ -91,6 +89,14 @@ class RunGroup(TyperGroup):
         elif not args:
             raise InputError(f"Missing EXPERIMENT: {', '.join(ROWS)}. See 'polish-sim run --help'.")
         return super().parse_args(ctx, args)
+
+
+runs = typer.Typer(name="run", cls=RunGroup, add_completion=False, rich_markup_mode=None)
+
+
+@runs.callback()
+def _every_run() -> None:
+    """Simulate an experiment of the papers; 'polish-sim run EXPERIMENT --help' shows its options."""
 
 
 class ExperimentCommand(PanelledCommand):

@@ -45,7 +45,7 @@ def test_every_command_line_names_existing_commands_and_options():
     assert len(TYPED) > 100
     for line in sorted(TYPED):
         name, *words = line.split()
-        command = typer.main.get_command(commands).commands[name]
+        command = typer.main.get_command(commands).get_command(None, name)
         if hasattr(command, "get_command"):  # a group: the next word names the command
             command = command.get_command(None, words[0])
         options = {option for parameter in command.params for option in parameter.opts}
