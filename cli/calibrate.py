@@ -63,7 +63,7 @@ SETTINGS = {
 }  # fmt: skip
 """Options that set a key of section dual."""
 
-calibrate = typer.Typer(name="calibrate", add_completion=False, rich_markup_mode=None)
+calibrate = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
 @calibrate.callback()

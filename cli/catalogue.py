@@ -51,7 +51,7 @@ def as_command(name: str, work: Any, text: str, cls: type[PanelledCommand] = Pan
     if not isinstance(work, typer.Typer):
         app = typer.Typer(add_completion=False, rich_markup_mode=None)
         app.command(name, cls=cls)(work)
-    command: Any = typer.main.get_command(app)
+    command = typer.main.get_command(app)
     command.short_help = text
     return command
 

@@ -68,7 +68,6 @@ CROSS = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR = "#E00020"
 CELL = PictureSize(1080, 960, 2048)  #: As drawn
 FINER = 1.5  #: Times drawn larger than kept: smooth edges in half the time of several samples per pixel
-MOST_GEOMS = 1000  #: That a picture shows; room for ten times as many takes 15 ms to make
 PAD_WIDTH = 840  #: As drawn, of the picture of the pad on the part, from near
 LOOK_AT = (0.0, -0.32, 0.28)
 DISTANCE, PAIR_DISTANCE = 1.36, 1.82  #: From the cell, of one or two robots, over its extent
@@ -116,7 +115,8 @@ class Picture:
         model.vis.quality.shadowsize = size.shadow
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a missing display is reported by who catches the error
-            self._renderer = mujoco.Renderer(model, size.height, size.width, MOST_GEOMS)
+            # Room for ten thousand geoms, as by default, takes 15 ms to make.
+            self._renderer = mujoco.Renderer(model, size.height, size.width, 1000)
         # Without a window the floor shows no reflection; it would be drawn all the same.
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         self._camera = mujoco.MjvCamera()
@@ -160,7 +160,6 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     import mujoco
     import numpy as np
     from PIL import Image as Pillow
-    from PIL import ImageDraw
 
     from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import stop_mark
@@ -184,8 +183,10 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     images = [picture.render(data, pad), picture.render(data, pad, near=True)[:, cut : cut + PAD_WIDTH]]
     picture.close()
     drawn = Pillow.fromarray(np.hstack(images))
-    whole = drawn.resize((int(drawn.width / FINER), int(drawn.height / FINER)), Pillow.Resampling.BILINEAR)
+    whole = drawn.resize((int(drawn.width / FINER), int(drawn.height / FINER)))
     if stop:
+        from PIL import ImageDraw  # slow to import
+
         draw = ImageDraw.Draw(whole)
         x = (CELL.width + PAD_WIDTH // 2) / FINER
         y = CELL.height / 2 / FINER

@@ -91,7 +91,7 @@ class RunGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-runs = typer.Typer(name="run", cls=RunGroup, add_completion=False, rich_markup_mode=None)
+runs = typer.Typer(cls=RunGroup, add_completion=False, rich_markup_mode=None)
 
 
 @runs.callback()

@@ -272,7 +272,9 @@ def on_flange(data: mujoco.MjData, site: str) -> Array:
 @cache
 def tool_on_flange() -> Array:
     """Pose of the tool frame on the flange, read from the compiled robot, shape (4, 4)."""
-    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    spec.compiler.discardvisual = True  # reading the drawn meshes takes longer than all else
+    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     T_flange_tool = on_flange(data, "tool")

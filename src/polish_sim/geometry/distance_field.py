@@ -18,7 +18,6 @@ from polish_sim.geometry.closest import BoxTree, SearchRoom, closest_in_tree
 from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
-from polish_sim.geometry.topology import label_within
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, part, plus
 
@@ -198,19 +197,14 @@ def _mark_boxes(first, last, marked):  # type: ignore[no-untyped-def]
 
 
 def _sign_empty_bricks(skin: SkinArrays, table: Ints, origin: Array, side: float) -> None:
-    """Mark the empty bricks inside a closed surface; each connected group is on one side."""
-    number = np.arange(table.size).reshape(table.shape)
-    links = [
-        np.column_stack([np.delete(number, end, axis).ravel() for end in (-1, 0)])
-        for axis in range(table.ndim)
-    ]
-    count, labels = label_within(np.concatenate(links), table.ravel() < 0)
-    groups = labels.reshape(table.shape)
-    for group in range(count):
-        place = np.unravel_index(np.argmax(groups == group), table.shape)
-        x, y, z = origin + side * (np.array(place) + 0.5)
-        if signed_distance(skin, (x, y, z), -1, np.inf)[0] < 0.0:
-            table[groups == group] = INSIDE
+    """Mark the empty bricks inside a closed surface; neighbours in a row are on one side."""
+    empty = table < 0
+    begins = empty & np.diff(empty, axis=2, prepend=False)
+    distances, _ = _signed_distances(
+        skin, np.ascontiguousarray(origin + side * (np.argwhere(begins) + 0.5)), np.inf
+    )
+    inside = distances[np.cumsum(begins)[empty.ravel()] - 1] < 0.0
+    table[empty] = np.where(inside, INSIDE, OUTSIDE)
 
 
 @njit
