@@ -82,10 +82,11 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     tilt = _widest_tilt_around(vertices, faces, corners, links)
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     bent = ~corners.flat & ~lonely
-    jumps = np.zeros(len(size), dtype=bool)
 
-    def swept(normals: Array, known: Bools, which: Bools) -> tuple[Array, Bools]:
-        """Normals of ``which`` vertices after the sweeps, and the vertices whose normal is known then."""
+    def swept(
+        normals: Array, known: Bools, which: Bools, jumps: Bools
+    ) -> tuple[Array, Bools, Array, HeightFits]:
+        """Normals after the sweeps over ``which`` vertices, where one is known, frames and fits."""
         chosen = _chosen(links, which[links.here])
         for _ in range(SWEEPS if which.any() else 0):
             frames = tangent_frames(normals)
@@ -95,20 +96,18 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
             able &= norms(tilted - corners.normals) <= room
             normals = np.where(able[:, None], tilted, normals)
             known = known | able
-        return normals, known
+        frames = tangent_frames(normals)
+        return normals, known, frames, _fit_heights(links, normals, frames, ~lonely, jumps)
 
-    normals, known = swept(corners.normals, trusted, bent)
-    frames = tangent_frames(normals)
-    fits = _fit_heights(links, normals, frames, ~lonely, jumps)
+    nowhere = np.zeros(len(size), dtype=bool)
+    normals, known, frames, fits = swept(corners.normals, trusted, bent, nowhere)
     jumps = bent & (fits.left_over > _JUMPS * tilt)
     if jumps.any():
         # A rim beside them keeps the mean of its facets: what it had continued was as far off.
         beside = jumps.copy()
         beside[links.here[jumps[links.there]]] = True
-        normals = np.where(beside[:, None], corners.normals, normals)
-        normals, _ = swept(normals, known, beside & bent & trusted)
-        frames = tangent_frames(normals)
-        fits = _fit_heights(links, normals, frames, ~lonely, jumps)
+        again = np.where(beside[:, None], corners.normals, normals)
+        normals, _, frames, fits = swept(again, known, beside & bent & trusted, jumps)
     fitted = fits.fitted
     # none where there is no neighbour
     shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])
