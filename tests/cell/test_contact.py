@@ -58,15 +58,7 @@ def below_plane(points):
         (plane(), below_plane, 0.0, 0.002, [0.0, 10.0, 0.0], 0.005, 0.0),
         (sphere(0.3), below_sphere(0.3), 0.004, cells.working_depth(0.3), [0.0, 0.0, 0.0], 0.02, 1e-4),
         (sphere(0.1), below_sphere(0.1), 0.0, cells.working_depth(0.1), [0.0, 0.0, 0.0], 0.02, 1e-4),
-        (
-            sphere(0.05),
-            below_sphere(0.05),
-            0.008,
-            cells.working_depth(0.05),
-            [0.0, 0.0, 0.0],
-            0.02,
-            1e-4,
-        ),
+        (sphere(0.05), below_sphere(0.05), 0.008, cells.working_depth(0.05), [0.0, 0.0, 0.0], 0.02, 1e-4),
     ],
 )
 def test_on_a_tilted_plane_and_spheres_it_is_the_integral(field, below, x, depth, turn, share, off_nm):

@@ -3,7 +3,7 @@
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ import trimesh
 
 from polish_sim.cell import Silent
 from polish_sim.cli.plan import plan_setups
-from polish_sim.config import Scenario
 from polish_sim.errors import PlanError, ReachError
 from tests.cli.conftest import UNPROVEN, assert_refused, done, metrics_of, refused
 from tests.planning.test_fixture import asked, wall
@@ -222,22 +221,12 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim, cube)
 
 
 def test_a_setup_the_arm_cannot_do_once_its_path_was_cut_is_looked_for_elsewhere(tmp_path, monkeypatch):
-    def fails(*_, **named):
-        raise ReachError("out of reach")
-
-    monkeypatch.setattr("polish_sim.cli.plan.plan_once", fails)
-    refused_setups = []
-    setup = SimpleNamespace(scenario=Scenario(), patches=(1, 2))
-    search = SimpleNamespace(
-        next=iter([setup, None]).__next__,
-        refuse=lambda *told, elsewhere: refused_setups.append((*told, elsewhere)),
-        count=2,
-        left=[setup],
-        given_up=[],
-    )
+    monkeypatch.setattr("polish_sim.cli.plan.plan_once", Mock(side_effect=ReachError("out of reach")))
+    setup = Mock(patches=(1, 2))
+    search = Mock(next=Mock(side_effect=[setup, None]), left=[setup], given_up=[])
     with pytest.raises(PlanError, match="no setup reaches anything"):
         plan_setups(search, tmp_path, None, Silent())
-    assert refused_setups == [(setup, "out of reach", True)]
+    search.refuse.assert_called_once_with(setup, "out of reach", elsewhere=True)
 
 
 def test_a_setup_is_planned_again_from_its_own_words_and_narrow_walls_left_out_by_name(polish_sim, cube):

@@ -206,8 +206,7 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
 
 
 def test_the_rest_of_a_path_is_clear_of_what_its_whole_force_presses(tmp_path):
-    """A ledge of 0.7 mm under the pad's rim: pressed with 20 N the pad yields 1 mm, half of it where it lands
-    anew."""
+    """A ledge of 0.7 mm under the pad's rim: at 20 N the pad yields 1 mm, half of it where it lands anew."""
     profile = np.array([[-60.0, 0.0], [60.0, 0.0], [60.0, 10.7], [10.0, 10.7], [10.0, 10.0], [-60.0, 10.0]])
     prism(profile, 200.0).export(tmp_path / "ledge.stl")
     part = PartConfig(file=str(tmp_path / "ledge.stl"), unit="mm", up="z")

@@ -75,10 +75,7 @@ def test_a_frame_is_tilted_about_its_own_x_and_y_also_in_place():
 
 
 def test_the_type_of_a_field_is_read_from_either_way_to_write_an_array():
-    for array in (
-        arrays.Array,
-        GenericAlias(np.ndarray, (np.float64,)),
-    ):  # here and in numpy 2.5
+    for array in (arrays.Array, GenericAlias(np.ndarray, (np.float64,))):  # here and in numpy 2.5
         state = type("State", (kernels.Record,), {"__annotations__": {"p": Annotated[array, (3,)], "n": int}})
         assert state.dtype["p"] == np.dtype((np.float64, (3,)))
         assert state.dtype["n"] == np.int64
