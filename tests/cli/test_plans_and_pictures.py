@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import imageio_ffmpeg
 import numpy as np
@@ -121,11 +122,8 @@ def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch
     ],
 )
 def test_what_cannot_be_shown_is_refused_before_the_run(polish_sim, monkeypatch, option, missing, said):
-    def no_renderer(*_):
-        raise RuntimeError("no display")
-
     monkeypatch.setitem(sys.modules, missing, None)
-    monkeypatch.setattr("mujoco.Renderer", no_renderer)
+    monkeypatch.setattr("mujoco.Renderer", Mock(side_effect=RuntimeError("no display")))
     call = polish_sim("run", "arc", option, "--out", "run")
     assert_refused(call, said)
     assert call.err.count("\n") == 1

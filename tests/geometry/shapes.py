@@ -68,7 +68,7 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
     return faces.reshape(-1, 3).astype(np.int32)
 
 
-def at_middles(surface: Surface, facets: NDArray[np.int32] | None = None) -> SurfacePoints:
+def at_middle(surface: Surface, facets: NDArray[np.int32] | None = None) -> SurfacePoints:
     """Positions and normals of a surface at the middles of facets, of all if none are named."""
     facets = np.arange(len(surface.faces)) if facets is None else facets
     return surface.evaluate(facets, np.full((len(facets), 3), 1.0 / 3.0))

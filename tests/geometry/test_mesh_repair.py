@@ -10,7 +10,7 @@ from benchmarks.fuzz import LARGEST, run_apart, try_files
 from benchmarks.rounded_parts import draw_turned_part
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
-from tests.geometry.shapes import BLOCK, at_middles, grid_faces, memory_to_load, stl_bytes
+from tests.geometry.shapes import BLOCK, at_middle, grid_faces, memory_to_load, stl_bytes
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
 
@@ -143,7 +143,7 @@ def test_scanned_noise_is_measured_smoothed_and_said(noise):
     radius = np.linalg.norm(surface.vertices[inside], axis=1)
     assert np.sqrt(np.mean((radius - 0.1) ** 2)) < 0.35 * noise
     facets = np.flatnonzero(inside[surface.faces].all(axis=1)).astype(np.int32)
-    points, normals = at_middles(surface, facets)
+    points, normals = at_middle(surface, facets)
     tilt = np.arccos(np.clip((normals * points).sum(axis=1) / np.linalg.norm(points, axis=1), -1.0, 1.0))
     assert np.degrees(np.sqrt(np.mean(tilt**2))) < 0.4 * noise / 0.00005
     assert part.noise.slope == pytest.approx(np.sqrt(np.mean(tilt**2)), rel=0.35)
@@ -193,7 +193,7 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
     part = part_from_arrays(np.array(points), np.array(faces), unit="mm")
     assert said(part, "flipped the long edge of 60 needles", "the first at (")
     assert as_trimesh(part).is_watertight
-    positions, normals = at_middles(fit_surface(part))
+    positions, normals = at_middle(fit_surface(part))
     radius = np.linalg.norm(positions, axis=1)
     assert np.abs(radius - 0.04).max() < 1e-6
     assert np.degrees(np.arccos((normals * positions).sum(axis=1) / radius)).max() < 0.02

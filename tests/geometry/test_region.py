@@ -11,17 +11,7 @@ from polish_sim.errors import InputError, PlanError
 from polish_sim.geometry import fit_surface, select_region
 from polish_sim.geometry.orientation import UP_CONE
 from tests.geometry import shapes
-from tests.geometry.shapes import (
-    BALL,
-    BLOCK,
-    FINE_BALL,
-    RING,
-    at_middles,
-    enclosed,
-    part_of,
-    prism,
-    region_of,
-)
+from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, at_middle, enclosed, part_of, prism, region_of
 
 
 @pytest.fixture
@@ -81,7 +71,7 @@ def test_a_ring_has_its_outer_border_first_and_all_of_a_block_is_its_six_faces_t
     for face in faces:
         assert len(face.boundary_loops) == 1
         # A face is looked at from outside: from above, or along its own normal.
-        assert at_middles(face.surface).normals[0] == pytest.approx(face.up)
+        assert at_middle(face.surface).normals[0] == pytest.approx(face.up)
     assert len(region.boundary_loops) == 6
 
 
@@ -147,7 +137,7 @@ def test_a_box_over_two_steps_takes_both_the_larger_first_and_leaves_out_slivers
     for piece, long, high in zip(region.components(), (70.0, 50.0), (0.02, 0.03), strict=True):
         assert piece.area_m2 == pytest.approx(long * 30.0 * 1e-6)
         assert piece.surface.bounds[:, 2] == pytest.approx([high, high])
-        middle = at_middles(piece.surface).positions
+        middle = at_middle(piece.surface).positions
         assert np.abs(whole.restrict(piece.facets).closest(middle).positions - middle).max() < 1e-9
     # The box reaches 0.02 mm over the edge of the lower step.
     region = region_of(steps, "box:0,0,1,60.02,40,100")
@@ -169,7 +159,7 @@ def test_a_polygon_cuts_what_lies_under_it_along_straight_lines(up):
     region = select_region(fit_surface(part), part, f"polygon:{text}")
     x, y = shape.T
     flat = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) * 1e-6
-    seen = region.surface.facet_areas @ (at_middles(region.surface).normals @ part.up)
+    seen = region.surface.facet_areas @ (at_middle(region.surface).normals @ part.up)
     assert seen == pytest.approx(flat, rel=1e-9 if up != "1,0,2" else 1e-6)
 
 
@@ -192,7 +182,7 @@ def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_
     assert region.area_m2 == pytest.approx(float(fit_surface(part_of(mesh)).facet_areas.sum()), rel=1e-6)
     for piece in pieces:
         # No farther from its own axis than the corner of a cube.
-        assert (at_middles(piece.surface).normals @ piece.up).min() > np.cos(np.radians(56.0))
+        assert (at_middle(piece.surface).normals @ piece.up).min() > np.cos(np.radians(56.0))
         assert enclosed(piece.boundary_loops[0], piece.up) > 0.0
 
 

@@ -146,7 +146,7 @@ def test_a_bridged_hole_is_flat_in_a_plate_and_follows_a_sphere():
     # A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat.
     region = region_of("sphere_100")
     surface = region.surface
-    middles = geometry.at_middles(surface).positions
+    middles = geometry.at_middle(surface).positions
     holed = surface.restrict(np.flatnonzero(np.linalg.norm(middles[:, :2], axis=1) > 0.008))
     bridged = bridge_holes(replace(region, surface=holed, boundary_loops=boundary_loops(holed)), 0.03)
     assert bridged.holes == 1
