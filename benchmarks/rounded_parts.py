@@ -108,11 +108,12 @@ def draw_turned_part(seed: int) -> RoundedPart:
     return RoundedPart(*mesh, distance, min(map(len, left[1::2])))
 
 
-def draw_rounded_box(seed: int) -> RoundedPart:
-    """The box of a seed: a ball cut into octants that are moved apart."""
+def draw_rounded_box(seed: int, across: int = 0) -> RoundedPart:
+    """The box of a seed: a ball cut into octants that are moved apart, ``across`` facets each way if
+    given."""
     rng = np.random.default_rng(seed)
     half = rng.uniform(10.0, 40.0, 3)
-    radius, across = rng.uniform(2.0, 0.8 * half.min()), int(rng.integers(4, 10))
+    radius, across = rng.uniform(2.0, 0.8 * half.min()), across or int(rng.integers(4, 10))
     octant = 0.5 * math.pi * np.arange(across + 1) / across
     turn = np.concatenate([octant + 0.5 * math.pi * quadrant for quadrant in range(4)])
     signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], across + 1, axis=0)

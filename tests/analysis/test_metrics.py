@@ -137,8 +137,7 @@ def test_a_path_taught_two_millimetres_high_and_too_short():
     x = np.arange(0.0, 0.1 + 1e-9, 0.001)
     meant = path_through(np.column_stack([x, 0.0 * x, 0.0 * x]), (0.0, 0.0, 1.0))
     points = np.column_stack([x, 0.0 * x, 0.0 * x + 0.002])[:91]
-    taught = path_through(points, (0.0, np.sin(0.1), np.cos(0.1)))
-    figures = measure_taught(points, taught, meant)
+    figures = measure_taught(points, path_through(points, (0.0, np.sin(0.1), np.cos(0.1))), meant)
     assert figures["taught_deviation_max_m"] == pytest.approx(0.002)
     assert figures["recorded_deviation_rms_m"] == pytest.approx(0.002)
     assert figures["taught_missed_max_m"] == pytest.approx(np.hypot(0.01, 0.002))

@@ -97,8 +97,7 @@ def test_the_last_wrist_is_stable_behind_its_stiffest_slope():
     assert alone < 0.0018
     assert 7100.0 * dt**2 > 4.0 * alone  # explicit steps would run away
     joints.data.qvel[5] = 0.5
-    rows = joints.go(2.0)
-    twist = np.abs(rows["twist"][:, 5])
+    twist = np.abs(joints.go(2.0)["twist"][:, 5])
     assert twist.max() < 1.5 * 0.5 * math.sqrt(alone / 7100.0) + 2e-6
     assert twist[-100:].max() < 1e-6
 

@@ -282,7 +282,6 @@ def test_arms_with_gears_hold_the_force_and_err_by_their_gears_and_rigid_ones_ar
     # Rigid gears without error and an exact table: rotors, friction and encoder steps are left.
     rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]
     exact = ("robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]")
-    table = "robot.real.kinematics=exact"
-    task = prepare_dual(dual("robot.arm=ur5e", *EXACT, *rigid, *exact, table))
+    task = prepare_dual(dual("robot.arm=ur5e", *EXACT, *rigid, *exact, "robot.real.kinematics=exact"))
     for believed, true in zip(task.frames.believed, task.frames.true, strict=True):
         np.testing.assert_allclose(believed, true, atol=2e-5)

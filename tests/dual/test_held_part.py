@@ -203,8 +203,7 @@ def test_pad_and_part_may_touch_housing_and_part_not_and_arms_keep_their_drawn_c
     assert {name[:16] for name in found.split(" and ")} == {"follower_spindle", "master_part"}
     near = base_distance_for(CLEARANCES.arms - 0.002)
     q = ELBOW_AHEAD[None]
-    found = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q)
-    one, two = found.split(" and ")
+    one, two = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q).split(" and ")
     assert {one.partition("_link_")[0], two.partition("_link_")[0]} == {"follower", "master"}
     touching = Clearances(0.0, 0.0)
     assert PairContacts(scene(facing(near), touching), touching).first(q, q) == ""
@@ -216,8 +215,7 @@ def test_the_run_stops_when_the_pad_is_driven_into_the_gripper():
     T = T_follower_master @ forward(Q_MASTER) @ ON_GRIPPER
     rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))
     down = free_stroke(TOOL, along_tool(TOOL, z=0.02), feed=0.02)
-    cell = pair_cell(ideal("arc", EVERY_STEP), scene(T_follower_master, None), rest, down)
-    run = cell.run()
+    run = pair_cell(ideal("arc", EVERY_STEP), scene(T_follower_master, None), rest, down).run()
     assert "follower_head_pad" in str(run.stop_reason)
     assert "master_gripper" in str(run.stop_reason)
     deepest = (run.log["tcp_position_m"].astype(float) @ TOOL[:3, 2]).max() - TOOL[:3, 3] @ TOOL[:3, 2]

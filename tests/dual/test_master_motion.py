@@ -275,8 +275,7 @@ def test_above_the_part_corners_are_slowed_for_and_passed_within_the_tolerance()
 
 @pytest.mark.parametrize("standoff", [0.0, 0.005])
 def test_what_is_not_come_to_before_the_feed_ends_is_not_planned(standoff):
-    changes = ("process.max_feed_s=1", f"dual.standoff_m={standoff}")
-    motion = motion_of_square(*changes)
+    motion = motion_of_square("process.max_feed_s=1", f"dual.standoff_m={standoff}")
     assert 1.0 * FEED + 0.02 < motion.places[-1] < 2.0 * FEED + 0.003
     # As far as it is fed it is the motion along all of the path.
     whole = motion_of_square(f"dual.standoff_m={standoff}")

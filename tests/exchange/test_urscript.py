@@ -158,8 +158,7 @@ def test_moves_in_contact_run_through_the_unpressed_path_in_force_mode_and_nothi
     assert np.linalg.norm(feed_frames(sphere().path)[:, :, 0].mean(axis=0)) < 0.2
     for machine, result in ((ball, sphere()), (plate, holes())):
         free = in_work([motion.T_base_tool for motion in machine.motions if not motion.pressing])[:, :3, 3]
-        height = np.linalg.norm(result.surface.closest(free).positions - free, axis=1)
-        assert height.min() > 0.9e-3
+        assert np.linalg.norm(result.surface.closest(free).positions - free, axis=1).min() > 0.9e-3
     first_pressed = next(k for k, motion in enumerate(ball.motions) if motion.pressing)
     landing = in_work([motion.T_base_tool for motion in ball.motions[:first_pressed]])[:, :3, 3]
     height = np.linalg.norm(landing - MIDDLE, axis=1) - 0.1

@@ -24,6 +24,8 @@ from polish_sim.arrays import (
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
+#: Three facets across a rounding bend by 30 deg each, at a rounded corner by up to 30.5 [rad]
+ROUNDED = np.radians(1.0)
 #: Facets are coplanar if they deviate by less than this share of the size (float32 noise)
 FLAT_TOLERANCE = 5e-7
 #: At a vertex a flat face this many times larger than what it blends into keeps its own normal
@@ -54,9 +56,9 @@ def facet_cross(corners: Array) -> Array:
 
 
 def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
-    """Find which edges bend less than the feature angle, shape (m, 3); borders do not count as smooth."""
+    """Find which edges bend no more than the feature angle, shape (m, 3); borders do not count as smooth."""
     cosine = np.einsum("mj,mej->me", normals, normals[adjacency.facets])
-    return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle))
+    return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle + ROUNDED))
 
 
 def smooth_corners(

@@ -73,13 +73,14 @@ def bulge_notes(mesh: PartMesh, surface: Surface, feature_angle: float) -> list[
     """What the user should know where patches fitted with a ``feature_angle`` [rad] are much larger than
     their facets."""
     _, flat = facet_normals(mesh.vertices, mesh.faces)
-    more = (surface.facet_areas - flat)[surface.facet_areas > (1.0 + BULGES) * flat].sum()
-    if more < WORTH_SAYING * flat.sum():
+    more = surface.facet_areas - flat
+    if more[more > BULGES * flat].sum() < WORTH_SAYING * flat.sum():
         return []
     return [
-        f"the fitted surface bulges: it has {1e4 * more:.3g} cm^2 more than the {1e4 * flat.sum():.4g} cm^2 "
-        "of its facets. Long facets bend beside edges that bend by less than --feature-angle "
-        f"{np.degrees(feature_angle):.3g}: set a smaller angle, or mesh the part finer"
+        f"the fitted surface bulges: it has {1e4 * more.sum():.3g} cm^2 more than the "
+        f"{1e4 * flat.sum():.4g} cm^2 of its facets. Long facets bend beside edges that bend by less than "
+        f"--feature-angle {np.degrees(feature_angle):.3g}: set a smaller angle where these are edges, a "
+        "larger one where they are a rounding, or mesh the part finer"
     ]
 
 
