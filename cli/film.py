@@ -35,7 +35,7 @@ SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
 CELL = PictureSize(800, 720, 1024)
 PAD = PictureSize(480, 360, 1024)
 CURVE_INCH, DPI = (4.8, 3.6), 100
-GROWS = "grows"  #: Mark of what of a plot grows with time
+GROWS = "grows"  #: Mark of the lines of a plot that grow with time
 
 
 def check_film() -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from polish_sim.identification.regressor import States
 
 PANEL = "Identification"
-FOUND = ("unit", "value", "std", "true")  #: Headings of what was identified
+FOUND = ("unit", "value", "std", "true")  #: Headings of the table of identified parameters
 FULL_PERIODS = 5
 #: A joint is noted if the model explains less than this share of its torque's variance
 LITTLE_EXPLAINED = 0.5

@@ -156,7 +156,7 @@ def _folder(copy: bytes, given: Given) -> Path:
 
 
 def _replace(folder: Path, draft: Path, first: str) -> None:
-    """Put the first pass of a job in the place of what another job did; what no job writes stays.
+    """Put the first pass of a job in the place of the passes of another one; other files stay.
 
     Killed halfway it leaves a folder that is no job's: the copy of the job's file goes first.
     """

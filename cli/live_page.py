@@ -102,7 +102,7 @@ class Worked:
         self._cloud.colors = self._colors()
 
     def _colors(self) -> Any:
-        """From grey over blue to yellow at twice the mean of what was worked on, shape (n, 3)."""
+        """From grey over blue to yellow at twice the mean over the worked places, shape (n, 3)."""
         worked = self._done[self._done > 0.0]
         share = self._done / (2.0 * worked.mean()) if len(worked) else self._done
         at = np.linspace(0.0, 1.0, len(MARKS))

@@ -58,7 +58,7 @@ class CommandGroup(TyperGroup):
         self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command, None if there is none of that name."""
+        """A command by its name; None for an unknown one."""
         if cmd_name not in COMMANDS:
             return None
         place = ELSEWHERE.get(cmd_name, f"{cmd_name}:{cmd_name}")

@@ -59,8 +59,8 @@ def filled(
     begin: Mapping[str, str] | None = None,
     begun: Metrics | None = None,
 ) -> Iterator[tuple[Path, T]]:
-    """The folder of the rows of what is ``asked``, by name, and what some work makes of them; an interrupt
-    that left rows out is raised behind the block.
+    """The folder of the rows ``asked`` for, by name, and what some work makes of them; an interrupt that left
+    rows out is raised behind the block.
 
     Args:
         given: ``--out``, ``--workers``, ``--on``, and ``--overwrite`` where the command has that: without,

@@ -156,7 +156,7 @@ def announce(study: Study, missing: int, total: int, given: Given, run_s: float 
 
 
 def time_first(study: Study, missing: Sequence[StudyTask]) -> Row | None:
-    """Do the first run that is missing here: its row; None if there is none."""
+    """Do the first run that is missing here and return its row; None if no run is missing."""
     from polish_sim.studies.table import run_row
 
     if not missing:

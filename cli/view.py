@@ -62,7 +62,7 @@ def free_address(asked: Address) -> Address:
     """An address that can be listened on: the port asked for, else the first free one.
 
     Raises:
-        InputError: There is none.
+        InputError: All of them are taken.
     """
     ports = [asked.port] if asked.port else list(range(PORT, PORT + PORTS))
     problem = ""

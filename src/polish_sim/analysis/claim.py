@@ -38,7 +38,7 @@ class Claim(NamedTuple):
         return not self.bounded or self.low <= value <= self.high
 
     def worst_of(self, values: Sequence[float]) -> float:
-        """The least good value, or NaN if there is none, or a value is undefined."""
+        """The least good value; NaN without values, or where one is undefined."""
         if not values or self.is_mean or any(map(math.isnan, values)):
             return math.nan
         return min(values) if self.more_is_better else max(values)

@@ -90,7 +90,7 @@ CONTACT_N = 0.5  #: The tool is in contact when the exact normal force is above 
 
 
 def first_contact(force: Array) -> int | None:
-    """Index of the first sample in contact, or None when there is none; ``force`` [N], shape (n,)."""
+    """Index of the first sample in contact; None without contact; ``force`` [N], shape (n,)."""
     touching = force > CONTACT_N
     return int(touching.argmax()) if touching.any() else None
 

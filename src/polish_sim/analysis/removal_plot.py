@@ -115,8 +115,7 @@ def _of(record: RunRecord) -> RemovalMap:
 
 
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
-    """The map from the front, with outlines of what is under and over polished: both ends of the colours are
-    dark."""
+    """The map from the front, under- and overpolished places outlined: both ends of the colours are dark."""
     seen = seen_triangles(removal.vertices, removal.normals, removal.triangles, views)
     # What was not touched at all lies below the scale.
     shown = np.where(removal.exposure > 0.0, removal.relative, -1.0)

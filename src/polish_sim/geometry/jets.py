@@ -6,7 +6,8 @@ borders. Here every vertex fits a cubic height function to its neighbours' posit
 Goldfeather and Interrante (2004), with its own slope free as well, and all vertices repeat this a few times.
 
 Where a cone runs into a rounding the curvature jumps, and no cubic fits both: the long facets of the cone
-would bend. Such a vertex shows by what its fit leaves over; it fits anew, its nearest neighbours first.
+would bend. Such a vertex shows by the slopes its fit misses; it is fitted again with more weight on its
+nearest neighbours.
 """
 
 from __future__ import annotations
