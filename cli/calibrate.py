@@ -193,19 +193,18 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Metrics], folder: Path) ->
 
     with console.progress() as observer:
         observer.stage("predict by covariances")
-        prediction = predict(trial)
-    covariances = prediction.covariances
+        covariances = predict(trial).covariances
     errors = {name: np.array([one[name] for one in drawn]) for name in covariances}
     shares = compare_shares(trial, covariances, errors)
     limits = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     asked = limits["relative_error_rms_m"], limits["relative_error_p95_m"]
-    predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], asked[0])
+    predicted, figures = budget_figures(trial, shares, errors[TOGETHER], asked[0])
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
     write_metrics(folder, record)
-    figure = plot_budget(trial, shares, errors[TOGETHER], covariances[TOGETHER], asked)
+    figure = plot_budget(trial, shares, errors[TOGETHER], asked)
     save_plots(folder, {"budget.png": figure})
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
@@ -222,7 +221,6 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
         "rms, analysis",
         "rms, drawn",
         "±",
-        "95%, analysis",
         "95%, drawn",
         "along tool axis",
     ]
@@ -230,7 +228,7 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
         [
             name,
             INSTRUMENTS.get(name, "all"),
-            *(f"{1e3 * value:.4f}" for value in share[:5]),
+            *(f"{1e3 * value:.4f}" for value in share[:4]),
             f"{100.0 * share.drawn_axial_share:.0f}%",
         ]
         for name, share in shares.items()

@@ -170,9 +170,9 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
 
 def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits: Sequence[Asked]) -> None:
     from polish_sim.page.page import Page
-    from polish_sim.scoring import ablation_ratios, about_score, markdown, score_notes, score_tables
+    from polish_sim.scoring import about_score, markdown, score_notes, score_tables
     from polish_sim.scoring.figures import DEFINITIONS
-    from polish_sim.scoring.plot import plot_ablation, plot_score
+    from polish_sim.scoring.plot import plot_score
 
     facts = _facts(score)
     asked = {
@@ -203,10 +203,7 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
     page = Page.of(f"score: {named}", about_score(score), [*tables, _worst_runs(score)], score_notes(score))
     save_page(folder, page)
     moving = {case.name: case.moving for case in score.cases}
-    save_plots(folder, {
-        "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
-        else plot_score(score.rows, moving, limits)
-    })  # fmt: skip
+    save_plots(folder, {"score.png": plot_score(score.rows, moving, limits)})
 
 
 def _seeds_of(seeds: range) -> dict[str, int]:

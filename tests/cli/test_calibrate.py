@@ -54,9 +54,9 @@ def test_a_calibration_leaves_files_that_agree_and_give_the_same_tool_again(fold
 @pytest.mark.parametrize(
     ("columns", "scales", "said"),
     [
-        ("fy_n fx_n fz_n", (1.0, 1.0, 1.0), "read as fy, fx, fz: columns are swapped"),
-        ("fx_n fy_n fz_n", (1.0, 1.0, -1.0), "if they are read as fx, fy, -fz"),
-        ("tx_nm tz_nm ty_nm", (1.0, 1.0, 1.0), "if they are read as tx, tz, ty"),
+        ("fy_n fx_n fz_n", (1.0, 1.0, 1.0), "the forces do not follow a tool's weight"),
+        ("fx_n fy_n fz_n", (1.0, 1.0, -1.0), "the forces do not follow a tool's weight"),
+        ("tx_nm tz_nm ty_nm", (1.0, 1.0, 1.0), "the torques do not follow a tool's weight"),
         ("tx_nm ty_nm tz_nm", (1e3, 1e3, 1e3), "are the torques in N m"),
         ("fx_n fy_n fz_n", (-1.0, -1.0, -1.0), "the readings have the opposite sign"),
     ],

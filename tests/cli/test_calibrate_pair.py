@@ -102,8 +102,8 @@ def exchanged(rows):
 
 METRES = {"x_mm": "x_m", "y_mm": "y_m", "z_mm": "z_m"}
 BAD = [
-    ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "columns are swapped"),
-    ("tcp", lambda r: renamed(r, qx="qy", qy="qx"), "as qw, qy, qx, qz: columns are swapped"),
+    ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "columns swapped"),
+    ("tcp", lambda r: renamed(r, qx="qy", qy="qx"), "columns swapped"),
     ("tcp", lambda r: renamed(r, x_mm="x_m"), "mixes units"),
     ("tcp", lambda r: renamed(r, z_mm="height"), "lacks the column z_mm"),
     ("tcp", lambda r: renamed(r, **METRES), "Are these numbers in m, as the header"),

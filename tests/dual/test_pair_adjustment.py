@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi
 
 from polish_sim.calibration.matched_points import moved_frame
 from polish_sim.config import DualConfig
@@ -117,27 +116,6 @@ def test_errors_are_the_cramer_rao_bound_and_each_source_adds_its_share():
     np.testing.assert_allclose(shares, exact.covariance, rtol=1e-6, atol=1e-18)
 
 
-@pytest.mark.parametrize("variances", [(1, 1, 1), (1, 1, 0), (0, 1, 0), (0, 0, 0)])
-def test_errors_alike_in_some_directions_are_a_chi_with_as_many_degrees_of_freedom(variances):
-    covariances, truth = 1e-10 * np.diag(variances)[None], chi(max(sum(variances), 1), scale=1e-5)
-    wanted = truth.ppf(0.95) * any(variances)
-    assert budget.length_quantile(covariances, 0.95) == pytest.approx(wanted, rel=1e-5)
-    if all(variances):
-        lengths = np.linspace(1e-5, 1e-4, 9)
-        found = budget.length_probability(covariances, lengths)
-        np.testing.assert_allclose(found, truth.cdf(lengths), atol=1e-12)
-
-
-def test_errors_of_several_places_are_what_is_drawn_of_them():
-    """A turned, uneven covariance and a small one; a million draws determine a share of 0.95 to 0.0002."""
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((2, 3, 3)) * np.array([1e-5, 2e-6])[:, None, None]
-    drawn = np.concatenate([rng.standard_normal((500_000, 3)) @ one.T for one in root])
-    covariances = root @ np.swapaxes(root, 1, 2)
-    quantile = budget.length_quantile(covariances, 0.95)
-    assert np.mean(np.linalg.norm(drawn, axis=1) <= quantile) == pytest.approx(0.95, abs=8e-4)
-
-
 @pytest.fixture(scope="module")
 def prediction():
     return predict(TRIAL)
@@ -152,7 +130,6 @@ def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction):
     for name, share in shares.items():
         assert abs(share.deviation_sigma) < 4.0
         assert share.drawn_rms_std_m < 0.1 * share.drawn_rms_m
-        assert share.drawn_p95_m == pytest.approx(share.predicted_p95_m, rel=0.2)
         roots = np.linalg.cholesky(prediction.covariances[name])
         white = np.stack([np.linalg.solve(L, drawn[name][:, k].T) for k, L in enumerate(roots)])
         # 60 draws: a variance has a standard error of sqrt(2 / 60), a mean of 1 / sqrt(60).
@@ -161,7 +138,7 @@ def test_each_source_alone_and_all_together_are_drawn_as_predicted(prediction):
     # Sources add up draw by draw: what is left is a product of two of them, nanometres.
     np.testing.assert_allclose(sum(drawn[name] for name in SOURCES), drawn[TOGETHER], atol=1e-7)
     assert shares[TOGETHER].predicted_rms_m <= 6e-5  # as close as asked
-    assert shares[TOGETHER].predicted_p95_m <= 1e-4
+    assert shares[TOGETHER].drawn_p95_m <= 1e-4
 
 
 @pytest.mark.parametrize("touch_noise_m", [0.0, 5e-5])
@@ -178,6 +155,14 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted(touch_noise_m, monkey
     np.testing.assert_allclose(covariances[TOGETHER], covariances["tool"] + covariances["part"])
 
 
+def above_share(prediction, limit):
+    """Share of calibrations whose rms around the rim is larger than this [m], of 40,000 drawn."""
+    C = np.sum(list(prediction.shares.values()), axis=0)
+    x = np.random.default_rng(0).multivariate_normal(np.zeros(15), C, 40_000)
+    e = np.einsum("pij,dj->dpi", prediction.slopes, x)
+    return np.mean(np.sqrt(np.mean(np.sum(e**2, axis=2), axis=1)) > limit)
+
+
 def test_one_by_one_the_tool_is_off_by_its_tips_bound_and_closing_touches_mend_that(prediction):
     """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
     alone = predict(replace(TRIAL, dual=DualConfig(closing_touches=0)))
@@ -185,15 +170,5 @@ def test_one_by_one_the_tool_is_off_by_its_tips_bound_and_closing_touches_mend_t
     np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
     assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5  # as asked
     # Found one by one it is one in six; touches of what is to be worked on mend that.
-    assert alone.above_share(6e-5) > 0.1
-    assert prediction.above_share(6e-5) < 0.02
-
-
-def test_the_share_of_calibrations_beyond_a_limit_is_that_of_gaussian_draws(prediction):
-    C = np.sum(list(prediction.shares.values()), axis=0)
-    x = np.random.default_rng(0).multivariate_normal(np.zeros(15), C, 40_000)
-    e = np.einsum("pij,dj->dpi", prediction.slopes, x)
-    rms = np.sqrt(np.mean(np.sum(e**2, axis=2), axis=1))
-    limit = float(np.percentile(rms, 90.0))
-    assert prediction.above_share(limit) == pytest.approx(0.1, abs=4.0 * np.sqrt(0.09 / 40_000))
-    assert budget.quadratic_tail(np.zeros(5), np.array(1.0)) == 0.0
+    assert above_share(alone, 6e-5) > 0.1
+    assert above_share(prediction, 6e-5) < 0.02

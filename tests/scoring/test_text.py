@@ -6,7 +6,7 @@ import pytest
 
 from polish_sim import scoring
 from polish_sim.scoring.figures import Asked
-from polish_sim.scoring.plot import plot_ablation, plot_score
+from polish_sim.scoring.plot import plot_score
 
 A, B = scoring.Entry("alpha", "hybrid-pi"), scoring.Entry("beta", "position")
 HOLD = scoring.Case("approach-20", "a hold", "force", ("process.hold_s=2",))
@@ -82,14 +82,6 @@ def test_each_law_is_left_out_once_and_worth_how_much_a_figure_grows_without_it(
     assert cells["max [N]"] == "+1, +2 in freeform-60"
     assert cells["settling [s]"] == "+0, +0 in approach-20"
     assert cells["unstable runs"] == "+1"
-    ratios = scoring.ablation_ratios(score)["feed"]["max_error_n"]
-    assert ratios == pytest.approx({"approach-20": 1.0, "freeform-60": 6.0})
-    grown = {"touch-down": {"step-10": 30.0, "step-20": 2.0}, "feed": {"step-10": 1.3}}
-    grown["learning"] = {"step-10": 1.1}
-    _, _, largest, _ = plot_ablation({law: {"max_error_n": cases} for law, cases in grown.items()}).axes
-    names = [(text.get_text(), text.xy, text.get_ha()) for text in largest.texts]
-    # A growth of a tenth is not worth a name.
-    assert names == [("step-10", (30.0, 0), "right"), ("step-10", (1.3, 1), "left")]
 
 
 def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross():

@@ -3,9 +3,8 @@ named."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -168,7 +167,7 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
             named = ", ".join(str(k + 1) for k in np.flatnonzero(~used)[:12])
             raise CalibrationError(
                 f"more than {LARGEST_SHARE:.0%} of the {count} {measurements} do not fit the others "
-                f"({named}). Did something move or touch in between, or are units mixed? Measure again."
+                f"({named}). Did something move or touch in between, are units mixed or columns swapped?"
             )
         x, found = _near(problem, x, used)
         if np.array_equal(found, used):
@@ -223,15 +222,6 @@ def slopes_of(function: Callable[[Array], Array], count: int) -> Array:
     """Derivative (..., count) of a function of ``count`` numbers at zero, by central differences."""
     ends = [function(step) - function(-step) for step in _STEP * np.eye(count)]
     return np.stack(ends, axis=-1) / (2.0 * _STEP)
-
-
-def column_orders(values: Array, prefix: str = "") -> Iterator[tuple[Array, str]]:
-    """Three columns (n, 3) in every order and with every sign, and how x, y, z are then read."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        names = [
-            ("-" if s < 0.0 else "") + prefix + "xyz"[axis] for axis, s in zip(order, signs, strict=True)
-        ]
-        yield values[:, order] * signs, ", ".join(names)
 
 
 def _fisher(k: int, freedom: Array | float) -> Any:

@@ -8,9 +8,7 @@ from polish_sim.arrays import Array, crosses
 from polish_sim.errors import CalibrationError
 from polish_sim.spatial import inverse, rotation_angle, rotations_from_vectors, skew, transform
 
-LEAST_POINTS = 3
 LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it
-LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames, as a share
 
 
 def moved_frame(T: Array, step: Array) -> Array:
@@ -29,48 +27,19 @@ def point_slopes(T: Array, points: Array) -> Array:
     return J
 
 
-def check_matched(points_a: Array, points_b: Array) -> None:
-    """Refuse points that give no frame: fewer than three, on a line, of unlike distances (units), or
-    mirrored."""
-    if points_a.shape != points_b.shape or points_a.ndim != 2 or points_a.shape[1] != 3:
+def check_spread(points: Array) -> None:
+    """Refuse points (n, 3) on a line, which give no frame."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] <= LEAST_WIDTH * spread[0]:
         raise CalibrationError(
-            f"matched points need the same shape (n, 3); got {points_a.shape}, {points_b.shape}."
-        )
-    if len(points_a) < LEAST_POINTS:
-        raise CalibrationError(
-            f"{len(points_a)} points give no frame: three not on a line are the least, ten are good."
-        )
-    spreads = [np.linalg.svd(p - p.mean(axis=0), compute_uv=False) for p in (points_a, points_b)]
-    for spread in spreads:
-        if spread[1] <= LEAST_WIDTH * spread[0]:
-            raise CalibrationError(
-                f"all {len(points_a)} points lie on a line or in one place: the turn about it is unknown. "
-                "Add points well off it."
-            )
-    stretch = np.median(spreads[0][:2] / spreads[1][:2])
-    if abs(stretch - 1.0) > LARGEST_STRETCH:
-        raise CalibrationError(
-            f"the same distances are {stretch:.4g} times as long in one frame as in the other: are units "
-            "mixed (mm, m, inch), or the points not in the same order?"
-        )
-    # A mirror image that fits far better than any rotation shows a left-handed frame.
-    a, b = points_a - points_a.mean(axis=0), points_b - points_b.mean(axis=0)
-    U, values, Vt = np.linalg.svd(a.T @ b)
-    # Planar points can be turned onto their mirror image.
-    if np.linalg.det(U @ Vt) > 0.0 or values[2] <= LEAST_WIDTH**2 * values[0]:
-        return
-    mirrored = np.sum((a - b @ (U @ Vt).T) ** 2)
-    turned = np.sum(a**2) + np.sum(b**2) - 2.0 * (values[0] + values[1] - values[2])
-    if turned > 25.0 * mirrored:
-        raise CalibrationError(
-            "the points fit a mirror image, not a rotation: one of the frames is left-handed. Two columns "
-            "are swapped or one has the wrong sign."
+            f"all {len(points)} points lie on a line or in one place: the turn about it is unknown. Add "
+            "points well off it."
         )
 
 
 def kabsch(points_a: Array, points_b: Array) -> Array:
     """T_a_b of points seen in a and in b, each (n, 3), in closed form (Kabsch); unchecked, see
-    `check_matched`."""
+    `check_spread`."""
     mean_a, mean_b = points_a.mean(axis=0), points_b.mean(axis=0)
     U, _, Vt = np.linalg.svd((points_a - mean_a).T @ (points_b - mean_b))
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt

@@ -12,7 +12,6 @@ are in this order.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise, starmap
@@ -21,21 +20,21 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Uncertain, crosses, rms
-from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
+from polish_sim.calibration.fit import Noise, Problem, agreeing, fit
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
-from polish_sim.spatial import GRAVITY, no_rotations
+from polish_sim.spatial import GRAVITY
 
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3
 #: Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere
 LEAST_SPREAD = 0.02
 LARGEST_CONDITION = 1e5  #: Of the whole regressor; beyond it the drift cannot be separated from the rest
-LARGEST_REST = 0.3  #: Of the weight, what the forces may leave unexplained, rms
+LARGEST_REST = 0.3  #: Of weight and its moment, what forces and torques may leave unexplained, rms
+LEAST_LEVER = 0.05  #: Of a weight whose moment torques are to follow [m]
 FARTHEST = 1.0  #: How far from the sensor's origin a tool's centre of mass may be [m]
 NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
 """Noise of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
-_BETTER, _GOOD = 0.2, 0.05
 
 
 def check_identifiable(up_sensor: Array) -> None:
@@ -88,23 +87,6 @@ class PayloadReadings:
     wrenches: Array
     """What it read, sensor axes, about the sensor's origin: sum of m (a - g), so a tool below a sensor that
     looks down pulls with -m g along its z axis; force [N] then torque [N m], shape (n, 6)."""
-
-    def __post_init__(self) -> None:
-        count = len(self.time)
-        shapes = (self.time.shape, self.R_base_sensor.shape, self.wrenches.shape)
-        if shapes != ((count,), (count, 3, 3), (count, 6)):
-            raise CalibrationError(
-                f"readings need times (n,), rotations (n, 3, 3), wrenches (n, 6); got {shapes}."
-            )
-        if not all(np.isfinite(a).all() for a in (self.time, self.R_base_sensor, self.wrenches)):
-            raise CalibrationError("a reading holds a value that is not finite: leave it out.")
-        wrong = no_rotations(self.R_base_sensor)
-        if wrong.any():
-            raise CalibrationError(
-                f"the orientation of reading {int(np.argmax(wrong)) + 1} is not a rotation matrix."
-            )
-        for array in (self.time, self.R_base_sensor, self.wrenches):
-            array.flags.writeable = False
 
     def __len__(self) -> int:
         return len(self.time)
@@ -231,55 +213,27 @@ def _problem(X: Array, wrenches: Array) -> Problem[Array]:
     return Problem(lambda theta: X @ theta - wrenches, lambda _: X, noises=NOISES)
 
 
-def refuse_swapped_columns(readings: PayloadReadings) -> None:
-    """Refuse forces or torques that follow a weight far better in another order or with other signs; says
-    which."""
-    check_identifiable(readings.up_sensor)
-    X = payload_regressor(readings.up_sensor)
-    forces = [MASS, *range(BIAS.start, BIAS.start + 3)]
-    torques = [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
-    _refuse_swapped(X[:, :3, forces], readings.wrenches[:, :3], "f", lambda theta: theta[0] > 0.0)
-    _refuse_swapped(X[:, 3:, torques], readings.wrenches[:, 3:], "t", lambda _: True)
-
-
 def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
-    """Refuse (CalibrationError) forces that follow no weight, or a centre of mass where no tool has it."""
+    """Refuse (CalibrationError) readings that follow no weight, or a centre of mass where no tool has it."""
     weight = GRAVITY * estimate.mass
-    rest = rms(estimate.residuals[estimate.used, :3])
-    if rest > LARGEST_REST * weight:
-        raise CalibrationError(
-            f"the forces do not follow a tool's weight: {rest:.3g} N rms are left of the {weight:.3g} N that "
-            "fit best. Are units mixed, lines of several tools in one file, or the orientations not those of "
-            "the readings?"
-        )
+    left = estimate.residuals[estimate.used]
+    lever = rms(readings.wrenches[estimate.used, 3:] - estimate.bias[3:])
+    for what, unit, rest, whole in (
+        ("forces", "N", rms(left[:, :3]), weight),
+        ("torques", "N m", rms(left[:, 3:]), max(lever, LEAST_LEVER * weight)),
+    ):
+        if rest > LARGEST_REST * whole:
+            raise CalibrationError(
+                f"the {what} do not follow a tool's weight: {rest:.3g} {unit} rms are left of {whole:.3g} "
+                f"{unit}. Are columns swapped, a sign lost or units mixed, lines of several tools in one "
+                "file, or the orientations not those of the readings?"
+            )
     far = np.linalg.norm(estimate.center)
     if far > FARTHEST:
         raise CalibrationError(
             f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as "
             "the header says, and about the sensor's origin?"
         )
-
-
-def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array], bool]) -> None:
-    """Refuse three columns that fit five times better in another order or with other signs."""
-    left = _left(X, y)[0]
-    if left < _GOOD * np.std(y - y.mean(axis=0)):
-        return
-    for read, named in column_orders(y, letter):
-        rest, theta = _left(X, read)
-        # The opposite sign of all three is left to the fit.
-        if rest < _BETTER * left and possible(theta) and not np.array_equal(read, -y):
-            raise CalibrationError(
-                f"{letter}x, {letter}y, {letter}z follow the tool's weight far better if they are read as "
-                f"{named}: columns are swapped, a sign is lost, or the sensor stands otherwise than its "
-                "orientations say."
-            )
-
-
-def _left(X: Array, y: Array) -> tuple[float, Array]:
-    """What a fit leaves, rms, and the fit."""
-    theta: Array = np.linalg.lstsq(X.reshape(-1, X.shape[2]), y.ravel(), rcond=None)[0].astype(np.float64)
-    return rms(y - X @ theta), theta
 
 
 PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi  #: Joints that stay [rad]: 0.7 m above the table

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import quad_vec
-from scipy.optimize import brentq
 
 from polish_sim.arrays import Array, directions_at, norms
 from polish_sim.calibration.fit import slopes_of
@@ -86,8 +84,7 @@ class Share(NamedTuple):
     predicted_rms_m: float  #: To first order, by covariances
     drawn_rms_m: float
     drawn_rms_std_m: float  #: Standard error of the drawn rms
-    predicted_p95_m: float  #: 95% of the errors, over calibrations and places, are no larger
-    drawn_p95_m: float
+    drawn_p95_m: float  #: 95% of the errors, over calibrations and places, are no larger
     #: Of the mean square, along the tool axis: in contact the force loop removes it
     predicted_axial_share: float
     drawn_axial_share: float
@@ -116,13 +113,6 @@ class Prediction(NamedTuple):
         J = self.slopes
         found = {name: J @ C @ np.swapaxes(J, 1, 2) for name, C in self.shares.items()}
         return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
-
-    def above_share(self, rms: float) -> float:
-        """Share of calibrations whose rms around the rim is larger than this [m]."""
-        stacked = self.slopes.reshape(-1, self.slopes.shape[2])
-        mean_square = stacked.T @ stacked / len(self.slopes)
-        values = np.linalg.eigvals(np.sum(list(self.shares.values()), axis=0) @ mean_square)
-        return float(quadratic_tail(values.real.astype(np.float64), np.array(rms**2)))
 
 
 def predict(trial: PairBudgetTrial) -> Prediction:
@@ -178,11 +168,7 @@ def compare_shares(
 
 
 def budget_figures(
-    trial: PairBudgetTrial,
-    prediction: Prediction,
-    shares: Mapping[str, Share],
-    errors: Array,
-    asked_rms: float,
+    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, asked_rms: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The figures of the whole, as analysis and as the draws have them: predicted ones, and the keys of
     metrics.json.
@@ -196,10 +182,8 @@ def budget_figures(
     each = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
     predicted = {
         "relative_error_rms_m": whole.predicted_rms_m,
-        "relative_error_p95_m": whole.predicted_p95_m,
         "across_error_rms_m": whole.predicted_across_rms_m,
         "axial_share": whole.predicted_axial_share,
-        "calibrations_above_share": prediction.above_share(asked_rms),
     }
     drawn = {
         "relative_error_rms_m": whole.drawn_rms_m,
@@ -227,7 +211,6 @@ def _share(covariances: Array, errors: Array, axes: Array) -> Share:
         float(np.sqrt(expected)),
         rms,
         spread / (2.0 * rms) if rms else 0.0,
-        length_quantile(covariances, 0.95),
         float(np.percentile(np.sqrt(whole), 95.0)),
         expected_along / expected if expected else 0.0,
         float(along.mean() / whole.mean()) if rms else 0.0,
@@ -269,47 +252,3 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
         return tool_errors(PairFrames(true, believed), trial.T_master_work, trial.T_work_tool)
 
     return slopes_of(errors, 15)
-
-
-def length_probability(covariances: Array, lengths: Array) -> Array:
-    """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) > 0
-    [m]."""
-    variances = np.linalg.eigvalsh(covariances).astype(np.float64)
-    return 1.0 - quadratic_tail(variances[None], lengths[:, None] ** 2).mean(axis=1)
-
-
-def length_quantile(covariances: Array, share: float) -> float:
-    """The length [m] below which a share, 0 to 1, of the errors stays; covariances as in
-    `length_probability`."""
-    # Chebyshev: no more than (1 - share) / 2 are longer than this.
-    longest = np.sqrt(2.0 * np.trace(covariances, axis1=1, axis2=2).max() / (1.0 - share))
-    if longest == 0.0:
-        return 0.0
-
-    def beyond(length: float) -> float:
-        return length_probability(covariances, np.array([length]))[0] - share
-
-    return float(brentq(beyond, 1e-3 * longest, longest, xtol=1e-6 * longest))
-
-
-def quadratic_tail(variances: Array, limits: Array) -> Array:
-    """How often x^T W x is above limits (...) > 0, x Gaussian with mean zero and covariance C; ``variances``:
-    eigenvalues of C W (..., n), none below 0.
-
-    With l the variances / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i) along
-    a line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a Gaussian.
-    """
-    values = variances / limits[..., None]
-    largest = values.max(axis=-1)
-    first = 0.5 / np.where(largest > 0.0, largest, 1.0)
-    bend = 0.5 / np.maximum(first, 1.0)
-    end = np.sqrt(40.0 / bend)
-
-    def height(share: float) -> Array:
-        t = share * end
-        s = 0.5 * first + bend * t * t + 1j * t
-        roots = np.prod(np.sqrt(1.0 - 2.0 * values * s[..., None]), axis=-1)
-        return (end * np.exp(-s) / (s * roots) * (1.0 - 2j * bend * t)).real
-
-    tails = quad_vec(height, 0.0, 1.0, epsabs=1e-9, norm="max")[0] / np.pi
-    return np.where(largest > 0.0, tails, 0.0)

@@ -32,7 +32,6 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array, longest_side, norms, rms
 from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual import BAND_N
-from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.bases import Group
 from polish_sim.dual.calibration.pair import INSTRUMENTS
 
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
 BAND_MM = 0.1
 DARK = "#222222"
 _MANY, _BINS = 100, 50
-CURVE = 100  #: Steps of a predicted density
 
 
 @styled
@@ -183,21 +181,17 @@ def plot_arms(done: ArmsFound) -> Figure:
 
 @styled
 def plot_budget(
-    trial: PairBudgetTrial,
-    shares: Mapping[str, Share],
-    errors: Array,
-    covariances: Array,
-    asked: tuple[float, float],
+    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, asked: tuple[float, float]
 ) -> Figure:
     """Draw each source as analysis and draws have it, and the distribution of the whole error.
 
-    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); ``covariances``: together [m^2],
-    (points, 3, 3); ``asked``: largest rms and largest 95% length [m].
+    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); ``asked``: largest rms and largest
+    95% length [m].
     """
     figure = new_figure(11.0, 4.8)
     left, right = figure.subplots(1, 2)
     _draw_shares(left, shares)
-    _draw_lengths(right, norms(errors).ravel(), covariances, asked)
+    _draw_lengths(right, norms(errors).ravel(), asked)
     dual = trial.dual
     facts = [
         f"tracker {1e3 * dual.tracker_noise_m:g} mm, touches {1e3 * dual.touch_noise_m:g} mm",
@@ -236,14 +230,8 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
     axes.set_ylim(0.0, 1.1 * columns.max())
 
 
-def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[float, float]) -> None:
-    """The predicted curve ends where the draws do."""
-    edges = np.linspace(0.0, max(float(lengths.max()), asked[1]), CURVE + 1)
-    span = (0.0, 1e3 * edges[-1])
-    drawn = "drawn, together"
-    axes.hist(1e3 * lengths, bins=_BINS, range=span, density=True, color=ORANGE, alpha=0.4, label=drawn)
-    density = np.diff(length_probability(covariances, edges[1:]), prepend=0.0) / np.diff(1e3 * edges)
-    axes.plot(0.5e3 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")
+def _draw_lengths(axes: Axes, lengths: Array, asked: tuple[float, float]) -> None:
+    axes.hist(1e3 * lengths, bins=_BINS, density=True, color=ORANGE, alpha=0.4, label="drawn, together")
     found = rms(lengths), float(np.percentile(lengths, 95.0))
     for value, limit, name, style in zip(found, asked, ("rms", "95%"), ("-", "--"), strict=True):
         axes.axvline(1e3 * value, color=ORANGE, ls=style, label=f"{name} {1e3 * value:.3f} mm")

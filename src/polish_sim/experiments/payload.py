@@ -16,7 +16,6 @@ from polish_sim.calibration.payload import (
     payload_regressor,
     plan_payload_poses,
     refuse_doubtful,
-    refuse_swapped_columns,
 )
 from polish_sim.calibration.tables import estimate_figures
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
@@ -63,7 +62,6 @@ def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration
     Raises:
         CalibrationError: If they do not determine the tool.
     """
-    refuse_swapped_columns(readings)
     estimate = fit_without_outliers(readings, drift)
     refuse_doubtful(readings, estimate)
     return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         user_entry,
     )
     from polish_sim.scoring.summary import (
-        ablation_ratios,
         ablation_table,
         ablations,
         about_score,

@@ -30,8 +30,6 @@ PANELS = (
 )
 FAR = 100.0  #: Span of an axis beyond which only every other number fits
 _ROW_INCH = 0.27
-_WORTH_A_NAME = 1.2
-_FAR = 4.0
 
 
 @styled
@@ -59,44 +57,6 @@ def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequen
         ncols=len(labels) + 3,
     )
     return figure
-
-
-@styled
-def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
-    """Draw how much figures grow when a law is left out: ratios by law, figure and case.
-
-    Every case is a dot, right of 1 where the law helps; the case that grows most is named.
-    """
-    laws = list(ratios)
-    figure = new_figure(12.0, 1.4 + 0.5 * len(laws))
-    panels = figure.subplots(1, len(PANELS), sharey=True)
-    for axes, panel in zip(panels, PANELS, strict=True):
-        _scale(axes, 0.0)
-        axes.axvline(1.0, color=GREEN, lw=1.2, zorder=1)
-        for y, law in enumerate(laws):
-            _draw_ratios(axes, y, ratios[law].get(panel.figure, {}))
-        axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
-    panels[0].set_yticks(range(len(laws)), laws)
-    panels[0].set_ylim(len(laws) - 0.4, -0.6)
-    head(figure, "What each law is worth: it is left out", ["a dot a case, right of 1 where the law helps"])
-    return figure
-
-
-def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
-    axes.plot(list(by_case.values()), [y] * len(by_case), "o", ms=3.6, color=SERIES[0], alpha=0.6)
-    if by_case and max(by_case.values()) > _WORTH_A_NAME:
-        case = max(by_case, key=lambda name: by_case[name])
-        # A name stands towards the middle of the panel.
-        side = "left" if by_case[case] < _FAR else "right"
-        axes.annotate(
-            case,
-            (by_case[case], y),
-            xytext=(0, 5),
-            textcoords="offset points",
-            ha=side,
-            fontsize=7.0,
-            color=GREY,
-        )
 
 
 def _draw_panel(

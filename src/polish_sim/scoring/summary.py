@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from polish_sim.errors import InputError, count_text
@@ -240,7 +240,7 @@ def ablations(entry: Entry) -> list[Entry]:
     laws = _laws(entry)
     return [
         Entry(
-            f"without {law}",
+            f"{_WITHOUT}{law}",
             entry.name,
             (*entry.settings, f"{KEY}={' '.join(other for other in laws if other != law)}"),
         )
@@ -254,45 +254,28 @@ def ablation_table(score: Score, places: bool = True) -> Table:
 
     ``score``: its first controller is the whole one and the others lack a law each.
     """
-    headings = ["law left out", *_ABLATION_KEYS.values(), "unstable runs"]
+    summaries = summarize(score)
+    whole, *others = score.entries
+    known = {summary.case.name: summary for summary in summaries if summary.entry == whole}
     rows = []
-    for law, pairs in _laws_left_out(score):
-        changes = [
-            {case: after - before for case, before, after in _means(pairs, key)} for key in _ABLATION_KEYS
-        ]
-        more = sum(with_it.stable - without.stable for with_it, without in pairs)
-        rows.append([law, *(_told(change, places) for change in changes), f"{more:+d}"])
-    title = f"what each law of {score.entries[0].label} is worth: mean change without it and the largest"
-    return Table(title, headings, rows)
+    for entry in others:
+        own = [summary for summary in summaries if summary.entry == entry]
+        pairs = [(known[one.case.name], one) for one in own if one.case.name in known]
+        changes = (_told(_changes(pairs, figure), places) for figure in _ABLATION_KEYS)
+        more = sum(before.stable - after.stable for before, after in pairs)
+        rows.append([entry.label.removeprefix(_WITHOUT), *changes, f"{more:+d}"])
+    title = f"what each law of {whole.label} is worth: mean change without it and the largest"
+    return Table(title, ["law left out", *_ABLATION_KEYS.values(), "unstable runs"], rows)
 
 
-def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:
-    """Each figure without a law by what it is with it, by law, figure and case; where both are known and not
-    zero."""
-    return {
-        law: {
-            key: {case: after / before for case, before, after in _means(pairs, key) if before and after}
-            for key in _ABLATION_KEYS
-        }
-        for law, pairs in _laws_left_out(score)
-    }
-
-
-def _laws_left_out(score: Score) -> Iterator[tuple[str, list[tuple[Summary, Summary]]]]:
-    """Each law, and the cases measured with and without it."""
-    whole, *without = (summarize(replace(score, entries=(entry,))) for entry in score.entries)
-    with_it = {summary.case.name: summary for summary in whole}
-    for entry, own in zip(score.entries[1:], without, strict=True):
-        pairs = [(with_it[summary.case.name], summary) for summary in own if summary.case.name in with_it]
-        yield entry.label.removeprefix(_WITHOUT), pairs
-
-
-def _means(pairs: Iterable[tuple[Summary, Summary]], figure: str) -> Iterator[tuple[str, float, float]]:
-    """Case and mean with and without a law, where both are known."""
+def _changes(pairs: Iterable[tuple[Summary, Summary]], figure: str) -> dict[str, float]:
+    """How much the mean of a figure grows without a law, by case, where both means are known."""
+    changes = {}
     for with_it, without in pairs:
         before, after = with_it.figures[figure].mean, without.figures[figure].mean
         if before is not None and after is not None:
-            yield with_it.case.name, before, after
+            changes[with_it.case.name] = after - before
+    return changes
 
 
 def _told(changes: dict[str, float], places: bool) -> str:

@@ -106,8 +106,6 @@ def fit_circle(points: Array, noise: float | None = None) -> SweptCircle:
 
 def check_arc_points(points: Array) -> None:
     """Refuse points through which no circle goes (CalibrationError): too few, in one place, or on a line."""
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise CalibrationError(f"points of an arc need the shape (n, 3), all finite; got {points.shape}.")
     if len(points) < LEAST_POINTS:
         raise CalibrationError(
             f"{len(points)} points are too few for a circle: {LEAST_POINTS} are the least, 200 are good."

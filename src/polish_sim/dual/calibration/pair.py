@@ -19,7 +19,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.fit import Problem, solve
-from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
+from polish_sim.calibration.matched_points import check_spread, kabsch, moved_frame, point_slopes
 from polish_sim.spatial import apply, apply_each, place_of, vectors_from_rotations
 
 SOURCES = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
@@ -93,7 +93,7 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
     Raises:
         CalibrationError: The marks cannot determine where the part is.
     """
-    check_matched(parts.marks_flange, marks_work)
+    check_spread(marks_work)
     whiten = [_whitening(C) for C in (parts.bases_covariance, parts.tip_covariance, parts.marks_covariance)]
     whiten.append(np.eye(3) / max(noise, LEAST_NOISE))
 

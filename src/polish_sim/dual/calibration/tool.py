@@ -12,9 +12,7 @@ of zero, with 3D rms errors of sqrt(3 / n) sigma.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, Figures, norms, rms_length, unit
-from polish_sim.calibration.fit import Fit, Problem, agreeing, column_orders, fit, slopes_of
+from polish_sim.arrays import Array, Bools, Figures, rms_length, unit
+from polish_sim.calibration.fit import Fit, Problem, agreeing, fit, slopes_of
 from polish_sim.calibration.tables import (
     QUATERNION,
     XYZ_MM,
@@ -35,7 +33,7 @@ from polish_sim.calibration.tables import (
     write_table,
 )
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import matrices, place_of, transform, vectors_from_rotations, wxyz
+from polish_sim.spatial import matrices, place_of, transform, vectors_from_rotations
 from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
@@ -87,11 +85,10 @@ def fit_tool_point(T_base_flange: Array, noise: float | None = None, used: Bools
 def fit_tool_point_without_outliers(T_base_flange: Array, noise: float | None = None) -> ToolPoint:
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
-    Raises CalibrationError, too, if columns are swapped, more than a quarter of the touches do not fit, or,
-    with unknown noise, no tip explains them.
+    Raises CalibrationError, too, if more than a quarter of the touches do not fit, or, with unknown noise, no
+    tip explains them.
     """
     check_touches(T_base_flange[:, :3, :3])
-    refuse_swapped(T_base_flange)
     agree = agreeing(_problem(T_base_flange), np.zeros(6), "touches")
     found = fit_tool_point(T_base_flange, noise, agree)
     if noise is None:
@@ -109,9 +106,7 @@ TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
 LEAST_TOUCHES = 4
 #: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
 LEAST_SPREAD = 0.05
-SUSPECT = 2e-3  #: Touches with smaller residuals are not suspected [m]
 LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
-_BETTER = 0.1
 
 
 def touch_rows(R_base_flange: Array) -> Array:
@@ -155,24 +150,6 @@ def check_touches(R_base_flange: Array) -> None:
         )
 
 
-def refuse_swapped(T_base_flange: Array) -> None:
-    """Refuse poses (n, 4, 4) that fit ten times better with columns in another order or turned round; says
-    which."""
-    R_touches, places = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
-    left = _median_left(R_touches, places)
-    if left < SUSPECT:
-        return
-    for origins, named in column_orders(places):
-        if _median_left(R_touches, origins) < _BETTER * left:
-            raise CalibrationError(
-                f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: "
-                "columns are swapped or a sign is lost."
-            )
-    for R, named in _orientations_otherwise(R_touches):
-        if _median_left(R, places) < _BETTER * left:
-            raise CalibrationError(f"the touches fit to {1e3 * left:.2g} mm only, but well if {named}.")
-
-
 def refuse_far_off(residuals: Array) -> None:
     """Refuse touches that no tip and no point explain, by the residuals of their fit [m], shape (n, 3)."""
     left = rms_length(residuals)
@@ -180,26 +157,8 @@ def refuse_far_off(residuals: Array) -> None:
         raise CalibrationError(
             f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and "
             "orientations of the flange in the base, touch by touch, of one tool and one fixed point. Are "
-            "orientations in another order, in degrees, or those of another frame?"
+            "columns swapped, is a sign lost, or are orientations in degrees or those of another frame?"
         )
-
-
-def _orientations_otherwise(R: Array) -> Iterator[tuple[Array, str]]:
-    """The orientations if the same numbers are meant in another way."""
-    yield np.swapaxes(R, 1, 2), "every orientation is turned round: it is that of the base in the flange"
-    quaternions = wxyz(R)
-    for order in permutations(range(4)):
-        named = ", ".join("q" + "wxyz"[k] for k in order)
-        turned = Rotation.from_quat(quaternions[:, order], scalar_first=True)
-        yield turned.as_matrix(), f"qw, qx, qy, qz are read as {named}: columns are swapped"
-        yield turned.inv().as_matrix(), f"qw, qx, qy, qz are read as {named} and turned round"
-
-
-def _median_left(R: Array, origins: Array) -> float:
-    """Median distance of the touches from their fit [m], which a wrong one moves little."""
-    A = touch_rows(R)
-    theta = np.linalg.lstsq(A.reshape(-1, 6), -origins.ravel(), rcond=None)[0]
-    return float(np.median(norms(A @ theta + origins)))
 
 
 def plan_touch_orientations(count: int, cone: float) -> Array:
@@ -322,7 +281,7 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
 
     ``noise``: standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals.
     Raises CalibrationError if poses or moves cannot determine the frame, or touches do not fit each other;
-    with unknown noise also for columns swapped and touches no tip explains.
+    with unknown noise also for touches no tip explains.
     """
     tip = fit_tool_point_without_outliers(measured.touches, noise)
     if len(measured.T_base_flange_moves) == 0:
