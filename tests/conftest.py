@@ -21,7 +21,7 @@ LOOPS = (
     "cell/test_statics.py", "cell/test_scene.py", "cell/test_sequence.py", "cell/test_real_arm.py",
     "cell/test_contact.py", "cell/test_wrist_sensor.py", "control/adaptive/test_adaptive_laws.py",
     "control/adaptive/test_path_laws.py", "dual/test_pair.py", "envs/test_envs.py",
-    "hand_guiding/test_law.py", "cli/test_run.py",
+    "hand_guiding/test_law.py", "cli/test_run.py", "identification/test_gear_fit.py",
 )  # fmt: skip
 FIRST = (
     *LOOPS, "planning/test_plans.py", "ur/test_wire.py", "planning/test_tool_room.py",
