@@ -259,9 +259,6 @@ def axis_name(direction: Array) -> str:
 
 # Which points of a picture the part itself stands before: a depth picture of its facets.
 
-#: Points to places and depths (larger is nearer), (n, 3); lines stay straight
-Projection = Callable[[Array], Array]
-
 PIXELS = 250  #: Of a depth picture, along the longer side of the part
 SAMPLE_PIXELS = 0.75  #: Pixels between samples of a facet, at most
 #: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
@@ -272,7 +269,6 @@ SAMPLES_AT_ONCE = 300_000
 class DepthPicture(NamedTuple):
     """The part as a viewer sees it."""
 
-    project: Projection
     low: Array  #: Corner of the picture, shape (2,)
     pixel: float  #: Side of a pixel in the picture's own unit
     #: Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)
@@ -280,25 +276,22 @@ class DepthPicture(NamedTuple):
     lift: float  #: Way off the surface that keeps it from hiding its own points, in the unit of the points
 
 
-def depth_picture(corners: Array, project: Projection) -> DepthPicture:
-    """Depths of a part in a picture, from corners of its facets (m, 3, 3); exact at samples less than a pixel
-    apart."""
-    points = corners.reshape(-1, 3)
-    seen = project(points).reshape(-1, 3, 3)
-    low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
+def depth_picture(corners: Array) -> DepthPicture:
+    """Depths of a part in a picture, from corners of its facets (m, 3, 3), their third axis to the viewer;
+    exact at samples less than a pixel apart."""
+    low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
     pixel = (high - low).max() / PIXELS
     depth = np.full(tuple(np.ceil((high - low) / pixel).astype(int) + 1), -np.inf)
-    for samples in _samples(seen, SAMPLE_PIXELS * pixel):
+    for samples in _samples(corners, SAMPLE_PIXELS * pixel):
         columns, rows = ((samples[:, :2] - low) / pixel).astype(int).T
         np.maximum.at(depth.ravel(), columns * depth.shape[1] + rows, samples[:, 2])
-    lift = LIFT * diagonal_of(points) / PIXELS
-    return DepthPicture(project, low, pixel, depth, lift)
+    return DepthPicture(low, pixel, depth, LIFT * diagonal_of(corners.reshape(-1, 3)) / PIXELS)
 
 
 def seen_in(picture: DepthPicture, points: Array, off: Array) -> Bools:
     """Whether points (n, 3) are before the part or beside it; ``off``: unit vectors away from the part
-    there."""
-    places = picture.project(points + picture.lift * off)
+    there; axes as of `depth_picture`."""
+    places = points + picture.lift * off
     columns, rows = np.floor((places[:, :2] - picture.low) / picture.pixel).astype(int).T
     width, height = picture.depth.shape
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
