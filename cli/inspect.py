@@ -49,14 +49,14 @@ UNKNOWN = Scenario(part=PartConfig(file=""), plan=PlanConfig(stepover_m=math.nan
     defaults=UNKNOWN,
 )
 def inspect(path: InspectedFile, given: Given) -> None:
-    """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
+    """Measure a tool path on a part: metrics.json, coverage.ply and a picture.
 
     A plan of ours is measured with its own settings, on its own part unless --part names it; other paths
     need --part, their step-over is found, and the defaults are theirs. The part is not placed: times keep
     the tool's limits, not the arm's.
     """
     refuse_taken(given, path)
-    from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
+    from polish_sim.analysis.inspect_plot import plot_maps, write_coverage_mesh
     from polish_sim.exchange import plan_facts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.stroke_motion import check_stroke_rule
@@ -89,7 +89,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
         notes += found.notes
         write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})
         write_coverage_mesh(folder.draft / "coverage.ply", found)
-        save_plots(folder.draft, {"coverage.png": plot_maps(found), "spacing.png": plot_distributions(found)})
+        save_plots(folder.draft, {"coverage.png": plot_maps(found)})
     console.notes(notes)
     console.table(path_table(f"{path.name} on {found.mesh.name}", found.figures))
     console.say_folder(folder.final)

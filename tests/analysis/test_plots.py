@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.inspect_plot import plot_distributions
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_removal, measure_surface
 from polish_sim.analysis.path_plot import SLANTED, plot_plan
 from polish_sim.analysis.removal_plot import write_removal_mesh
@@ -20,7 +19,7 @@ from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds
 from polish_sim.log import APPROACH_PHASE, RunLog, with_column
-from polish_sim.planning import inspect_path, plan_part
+from polish_sim.planning import plan_part
 from polish_sim.row_file import save_plots
 from tests.analysis import synthetic
 from tests.planning.shapes import shipped_plan
@@ -234,7 +233,7 @@ def drawn_in(pieces):
     return np.concatenate([line.vertices for piece in pieces for line in piece.get_paths()])
 
 
-def test_a_path_from_above_in_space_and_in_the_distributions_lies_where_it_was_planned():
+def test_a_path_from_above_lies_where_it_was_planned():
     result = shipped_plan("sphere_100")
     figure = plot_plan(result)
     flat = figure.axes[1]
@@ -246,18 +245,6 @@ def test_a_path_from_above_in_space_and_in_the_distributions_lies_where_it_was_p
     assert flat.get_ylabel() == "to the back (+y) [mm]"
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["approach, lead-in", "lead-out, retract"]
-    found = inspect_path(result.path, PartConfig("sphere_100"), result.plan)
-    figure = plot_distributions(found)
-    rate = figure.axes[2]
-    assert rate.get_ylabel().endswith("[deg/mm]")
-    # On a sphere of 100 mm the normal turns by 1 rad in 100 mm whichever way one goes.
-    drawn = rate.lines[0].get_ydata()
-    assert np.median(drawn) == pytest.approx(np.degrees(1.0) / 100.0, rel=0.02)
-    assert drawn.max() == pytest.approx(np.degrees(found.figures["max_axis_rate_rad_m"]) * 1e-3)
-    figure.draw_without_rendering()
-    assert figure.axes[0].get_ylim() == (0.0, 100.0)
-    for axes in figure.axes:
-        assert axes.get_legend().get_window_extent().y1 < axes.get_window_extent().y0
 
 
 def test_no_side_the_part_hides_is_drawn_through_it_and_a_side_is_seen_along_its_face(tmp_path):

@@ -119,10 +119,7 @@ def undrawn() -> Iterator[None]:
     drawn = Figure.savefig
     with pytest.MonkeyPatch.context() as left_out:
         left_out.setattr(Figure, "savefig", save)
-        for name in (
-            "path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions",
-            "removal_plot.plot_removal",
-        ):  # fmt: skip
+        for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "removal_plot.plot_removal"):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
         for name in ("corners", "deviation", "joints", "tool_rates"):
             left_out.setattr(f"polish_sim.smoothing.plots.plot_{name}", lambda *_, **__: Figure())

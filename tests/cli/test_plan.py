@@ -255,7 +255,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim):
     write_raster(Path("raster.csv"))
     _, out, err = done(polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen"))
     files = sorted(file.name for file in Path("seen").iterdir())
-    assert files == ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
+    assert files == ["coverage.ply", "coverage.png", "metrics.json"]
     assert out.rstrip().endswith("folder: seen")
     assert "step-over taken from the path: 10 mm" in err
     metrics = metrics_of("seen")

@@ -1,4 +1,4 @@
-"""An inspected path as pictures: maps of the region from above, and distributions along the path."""
+"""An inspected path as a picture: maps of the region from above, of time under the pad and of coverage."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from polish_sim.analysis.path_plot import SMOOTH, scale_flat, seen_triangles
 from polish_sim.analysis.style import (
-    BLUE,
-    GREEN,
     GREY,
     ORANGE,
     PINK,
@@ -84,8 +82,6 @@ def write_ply(
 
 
 MM = 1e3
-DEG_MM = np.degrees(1.0) * 1e-3  #: A rate of turning in rad/m, in deg/mm
-LEAST_RATE = 1e-3  #: A level face shows nothing but rounding below it [deg/mm]
 DARK = "#3A0010"
 """Where the pad does not fit."""
 LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}
@@ -112,32 +108,6 @@ def plot_maps(found: Inspection) -> Figure:
     panels[1].set_ylabel("")
     head(figure, f"Path on {found.mesh.name}, seen {views.name}")
     figure.legend(handles=handles, loc="outside lower left", ncols=4)
-    return figure
-
-
-@styled
-def plot_distributions(found: Inspection) -> Figure:
-    """Draw distances between turns, time under the pad over the area, and the tool axis' rate, if it turns at
-    all."""
-    m = found.figures
-    turns = DEG_MM * m["max_axis_rate_rad_m"] > LEAST_RATE
-    figure = new_figure(13.0 if turns else 9.0, 4.2)
-    count = 3 if turns else 2
-    panels = figure.subplots(1, count, width_ratios=(1.0, 1.0, 1.5)[:count])
-    for axes, draw in zip(panels, (_draw_spacing, _draw_times, _draw_rate), strict=False):
-        draw(axes, found)
-        if axes.get_legend_handles_labels()[0]:
-            # Below, where no line or bar can run through it.
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
-    facts = (
-        f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} "
-        "mm",
-        f"{m['self_crossings']} crossings",
-        f"length {m['length_ratio']:.2f} of area / step-over",
-        f"exposure cv {m['exposure_cv']:.2f}",
-        *([] if turns else ["the tool axis keeps its direction"]),
-    )
-    head(figure, f"How even the path on {found.mesh.name} is", facts)
     return figure
 
 
@@ -176,44 +146,3 @@ def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views
     )
     patches = (Patch(color=color, label=name) for name, color in LEVELS.items())
     return [*patches, *axes.get_legend_handles_labels()[0]]
-
-
-def _draw_spacing(axes: Axes, found: Inspection) -> None:
-    spacing = found.quality.spacing
-    expected = MM * found.plan.stepover_m
-    axes.set(xlabel="distance to the turn beside [mm]", ylabel="share of the path [%]")
-    apart = MM * spacing.distances_m
-    if len(apart) == 0:
-        axes.text(0.5, 0.5, "no turns beside each other", transform=axes.transAxes, ha="center", color=GREY)
-        return
-    weights = np.full(len(apart), 100.0 / len(apart))
-    edges = expected * np.linspace(0.0, 2.0, 81)
-    axes.hist(apart, bins=edges.tolist(), weights=weights, color=BLUE)
-    axes.axvline(expected, color=ORANGE, lw=1.2, label=f"step-over {expected:.4g} mm")
-    axes.axvspan(
-        MM * spacing.p5_m, MM * spacing.p95_m, color=GREEN, alpha=0.2, lw=0,
-        label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",
-    )  # fmt: skip
-    axes.set_yscale("symlog", linthresh=1.0)
-    axes.set_yticks((0, 1, 10, 100), labels=("0", "1", "10", "100"))
-    axes.minorticks_off()
-    axes.set_ylim(0.0, 100.0)
-
-
-def _draw_rate(axes: Axes, found: Inspection) -> None:
-    along = found.quality.axis_rate
-    largest = DEG_MM * found.figures["max_axis_rate_rad_m"]
-    axes.plot(along.s, DEG_MM * along.rate, color=BLUE, lw=0.8)
-    axes.axhline(largest, color=ORANGE, lw=0.9, ls="--", label=f"largest {largest:.3g} deg/mm")
-    axes.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [deg/mm]")
-    axes.set_ylim(-0.02 * largest, 1.15 * largest)
-
-
-def _draw_times(axes: Axes, found: Inspection) -> None:
-    times = found.quality.exposure.times
-    median = found.figures["exposure_median_s"]
-    areas = found.ground.part_areas
-    axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=BLUE)
-    axes.axvline(median, color=GREY, lw=1.0, ls="--", label=f"median {median:.3g} s")
-    axes.axvline(2.0 * median, color=ORANGE, lw=1.0, label="twice the median")
-    axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")

@@ -40,14 +40,6 @@ class Peak(NamedTuple):
     position: Array  #: [m], shape (3,)
 
 
-class AxisRate(NamedTuple):
-    """Turn of the tool axis per length along the path."""
-
-    s: Array  #: Arc length in contact, run after run [m], shape (n,)
-    rate: Array  #: [rad/m], shape (n,)
-    peak: Peak
-
-
 def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
     """Largest change of direction [rad] within the surface over 1 mm, and its place; 0 for paths shorter than
     2 mm."""
@@ -66,10 +58,9 @@ def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
     return best
 
 
-def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
-    """Turn of the tool axis over each millimetre of the path in contact."""
-    along, rates, places = [], [], []
-    begin = 0.0
+def _fastest_turn(on: PathOnSurface) -> Peak:
+    """Where the tool axis turns fastest along the path in contact, over a millimetre of it [rad/m]."""
+    rates, places = [], []
     for rows in on.stretches:
         s = arc_length(on.positions[rows])
         span = min(RATE_M, s[-1])
@@ -78,13 +69,11 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
         axes = Curve(on.positions[rows], on.axes[rows], False)
         before, after = axes.at(first)[1], axes.at(first + span)[1]
         turn = angles_between(before, after)
-        along.append(begin + first + 0.5 * span)
         rates.append(turn / span)
         places.append(axes.points(first + 0.5 * span))
-        begin += s[-1]
     rate, where = np.concatenate(rates), np.concatenate(places)
     k = rate.argmax()
-    return AxisRate(np.concatenate(along), rate, Peak(rate[k], where[k]))
+    return Peak(rate[k], where[k])
 
 
 # Everything that is measured of a path on a region, coverage, spacing and crossings included.
@@ -99,7 +88,6 @@ class Quality:
     exposure: ExposureMap  #: Time under the pad
     pad_in_part: PadInPart  #: Where the pad runs into the part
     spacing: Stepover
-    axis_rate: AxisRate
     crossings: Array  #: Places where the path crosses itself [m], shape (k, 3)
     runs: tuple[Curve, ...]  #: The path between lifts, with surface normals
 
@@ -134,7 +122,6 @@ def measure_quality(
         exposure=exposure,
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
         spacing=spacing,
-        axis_rate=_measure_axis_rate(on),
         crossings=find_crossings(on.runs),
         runs=on.runs,
     )
@@ -200,7 +187,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     corner = _sharpest_corner(on.runs)
-    rate = quality.axis_rate.peak
+    rate = _fastest_turn(on)
     lean = angles_between(on.axes, on.under.normals)
     return {
         "self_crossings": len(quality.crossings),
