@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import (
     Array,
-    Indices,
     Ints,
-    crosses,
-    joined,
     longest_side,
+    midpoints,
     perpendicular,
+    plane_axes,
     running_sums,
-    turned,
     unit,
 )
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
@@ -34,21 +31,17 @@ from polish_sim.page.page import (
     free_tool,
     page_html,
 )
-from polish_sim.planning import PlanResult, ToolPath
+from polish_sim.planning import PlanResult
 from polish_sim.planning.ground import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.spatial import rotation_to_axis, transform
 
-# The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
-
-Colors = NDArray[np.uint8]
-
-SIDES = 5
-RADIUS_SHARE = 0.1  #: Radius of the tube in step-overs
+SIDES = 5  #: Of a rod
+RADIUS_SHARE = 0.1  #: Radius of the rods in step-overs
 SMALLEST_SHARE = 0.001  #: Its least radius as a share of the part's size
-#: Points of the path are left out where the tube moves by less than this share of its radius
+#: Points of the path are left out where the rods move by less than this share of their radius
 CHORD_SHARE = 0.25
 BEND_RAD = 0.35
 PART_COLOR = (176, 182, 190)
@@ -59,85 +52,23 @@ IN_PART_COLOR = (224, 0, 32)
 MENDED_COLORS = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
 
 
-class Tube(NamedTuple):
-    """The path as a closed surface of triangles."""
-
-    vertices: Array  #: [m], work frame, shape (n, 3)
-    faces: Ints  #: Shape (m, 3)
-    #: Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)
-    colors: Colors
-
-
-def path_tube(result: PlanResult) -> Tube:
-    """Wrap the path in a thin tube, coloured along its length; every stretch in contact or in the air on its
-    own."""
-    size = longest_side(result.mesh.vertices)
-    radius = max(RADIUS_SHARE * result.plan.stepover_m, SMALLEST_SHARE * size)
-    path = result.path
-    rows = needed_rows(path, CHORD_SHARE * radius, BEND_RAD, size)
-    contact = np.isin(path.segment[rows], (PROCESS, LINK))
-    changes = np.flatnonzero(np.diff(contact)) + 1
-    pieces = []
-    for first, last in zip([0, *changes], [*changes, len(rows)], strict=True):
-        # Stretches in the air reach to the contact before and after them.
-        reach = slice(first, last) if contact[first] else slice(max(first - 1, 0), min(last + 1, len(rows)))
-        if len(rows[reach]) > 1:
-            pieces.append(_stretch(path, rows[reach], bool(contact[first]), radius))
-    return _joined(pieces)
-
-
-def _stretch(path: ToolPath, rows: Indices, contact: bool, radius: float) -> Tube:
-    middle = path.positions_work[rows]
-    around = _rings(middle, path.axes_work[rows])
-    vertices = (middle[:, None] + radius * around).reshape(-1, 3)
-    s = np.repeat(path.s[rows], SIDES)
-    colors = colors_along(s / path.s[-1]) if contact else _one_color(LEAD_COLOR, len(s))
-    return Tube(vertices, _tube_faces(len(rows)), colors)
-
-
-def _rings(middle: Array, axes: Array) -> Array:
-    """Unit vectors around each point, across the path, shape (n, SIDES, 3)."""
-    tangent = unit(np.gradient(middle, axis=0))
-    # Where the tool moves along its own axis the reference is any way across it.
-    along = np.abs(np.sum(tangent * axes, axis=1, keepdims=True)) > 0.95
-    side = unit(crosses(tangent, np.where(along, perpendicular(axes), axes)))
-    angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    return turned(side[:, None], crosses(side, tangent)[:, None], angle)
-
-
-def _tube_faces(rings: int) -> Ints:
-    """Triangles between neighbouring rings and the two ends, outward."""
-    k = np.arange(SIDES)
-    here = (np.arange(rings - 1) * SIDES)[:, None] + k
-    beside = (np.arange(rings - 1) * SIDES)[:, None] + (k + 1) % SIDES
-    walls = np.concatenate(
-        [
-            np.stack([here, beside + SIDES, beside], axis=-1).reshape(-1, 3),
-            np.stack([here, here + SIDES, beside + SIDES], axis=-1).reshape(-1, 3),
-        ]
-    )
-    fan = np.stack([np.zeros(SIDES - 2, dtype=int), k[1:-1], k[2:]], axis=1)
-    return np.concatenate([walls, fan, (rings - 1) * SIDES + fan[:, ::-1]]).astype(np.int32)
-
-
-def colors_along(share: Array) -> Colors:
-    """Colour of a share of the path, 0 to 1, shape (n, 3)."""
+def path_tube(result: PlanResult) -> Any:
+    """The path as a mesh of a thin rod for each of its chords, coloured along its length in contact."""
+    import trimesh  # slow to import
     from matplotlib import colormaps  # slow to import
 
-    return colormaps["viridis"](share, bytes=True)[:, :3]
-
-
-def _one_color(color: tuple[int, ...], count: int) -> Colors:
-    return np.tile(np.array(color, dtype=np.uint8), (count, 1))
-
-
-def _joined(pieces: list[Tube]) -> Tube:
-    starts = running_sums([len(piece.vertices) for piece in pieces])
-    numbered = [
-        piece._replace(faces=piece.faces + np.int32(start))
-        for piece, start in zip(pieces, starts, strict=False)
-    ]
-    return Tube(*joined(numbered))
+    path, size = result.path, longest_side(result.mesh.vertices)
+    radius = max(RADIUS_SHARE * result.plan.stepover_m, SMALLEST_SHARE * size)
+    rows = needed_rows(path, CHORD_SHARE * radius, BEND_RAD, size)
+    ends, contact = path.positions_work[rows], np.isin(path.segment[rows], (PROCESS, LINK))
+    along = np.diff(ends, axis=0)
+    rod: Any = trimesh.creation.cylinder(radius, 1.0, sections=SIDES)
+    turned = rod.vertices @ np.stack([*plane_axes(unit(along)), along], axis=1)
+    faces = rod.faces + len(rod.vertices) * np.arange(len(along))[:, None, None]
+    colors = colormaps["viridis"](midpoints(path.s[rows]) / path.s[-1], bytes=True)[:, :3]
+    colors = np.where((contact[1:] & contact[:-1])[:, None], colors, LEAD_COLOR)
+    places = midpoints(ends)[:, None] + turned
+    return _mesh(places.reshape(-1, 3), faces.reshape(-1, 3), np.repeat(colors, len(rod.vertices), axis=0))
 
 
 # The plan as a page for the browser, without a robot: part, path, and the pad going along it (plan -> Page).
@@ -285,12 +216,10 @@ def glb_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
 
 
 def _meshes(result: PlanResult) -> tuple[Any, Any]:
-    tube = path_tube(result)
-    grey = _one_color(PART_COLOR, len(result.mesh.vertices))
-    return _mesh(result.mesh.vertices, result.mesh.faces, grey), _mesh(tube.vertices, tube.faces, tube.colors)
+    return _mesh(result.mesh.vertices, result.mesh.faces, PART_COLOR), path_tube(result)
 
 
-def _mesh(vertices: Array, faces: Ints, colors: NDArray[np.uint8]) -> Any:
+def _mesh(vertices: Array, faces: Any, colors: Any) -> Any:
     import trimesh  # slow to import
 
     return trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)
