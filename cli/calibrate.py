@@ -142,8 +142,8 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
     write_calibration(folder / CALIBRATION, estimate)
     if found.scenario is not None:
         put_file(folder, CONFIG, to_toml(found.scenario))
-    left = readings.time, estimate.residuals, estimate.noise, estimate.used
-    plots = {"residuals.png": plot_residuals(*left, found.scenario is not None, _facts(found))}
+    left = estimate.residuals, estimate.noise, estimate.used
+    plots = {"residuals.png": plot_residuals(*left, _facts(found))}
     if found.long_run is not None:
         plots["drift.png"] = plot_drift(*found.long_run)
     write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)

@@ -1,5 +1,4 @@
-"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long
-run."""
+"""A payload's calibration as pictures: residuals reading by reading, and drift over a long run."""
 
 from __future__ import annotations
 
@@ -26,52 +25,34 @@ AXES = "xyz"
 
 
 @styled
-def plot_residuals(
-    time: Array, residuals: Array, noise: Array, used: Bools, returned: bool, facts: Sequence[str]
-) -> Figure:
-    """Residuals of force and torque in every pose, and over time, with bands of one and two noise deviations.
+def plot_residuals(residuals: Array, noise: Array, used: Bools, facts: Sequence[str]) -> Figure:
+    """Residuals of force and torque, reading by reading, with bands of one and two noise deviations.
 
     Args:
-        time: Of the readings [s], shape (n,).
-        residuals: What is left of them after the fit [N, N m], shape (n, 6).
+        residuals: What is left of the readings after the fit [N, N m], shape (n, 6).
         noise: Standard deviation of one reading [N, N m], shape (6,).
         used: Which readings the fit rests on, shape (n,).
-        returned: Whether the last reading is in the first one's pose.
         facts: Figures for the head.
     """
-    figure = new_figure(10.0, 6.0)
-    grid = figure.subplots(2, 2, sharey="row", width_ratios=(1.35, 1.0))
-    number = np.arange(1, len(time) + 1)
+    figure = new_figure(9.0, 6.0)
+    panels = figure.subplots(2, 1, sharex=True)
+    number = np.arange(1, len(used) + 1)
     groups = ((slice(0, 3), 1.0, "force residual [N]"), (slice(3, 6), 1e3, "torque residual [mN m]"))
-    for (bars, over_time), (rows, scale, label) in zip(grid, groups, strict=True):
+    for axes, (rows, scale, label) in zip(panels, groups, strict=True):
         values = residuals[:, rows] * scale
         deviation = noise[rows][0] * scale
-        for axes in (bars, over_time):
-            _noise_band(axes, deviation)
+        _noise_band(axes, deviation)
         for axis in range(3):
-            bars.bar(
-                number + 0.25 * (axis - 1), values[:, axis], 0.22, color=AXIS_COLORS[axis], label=AXES[axis]
-            )
-            over_time.plot(
-                time,
-                values[:, axis],
-                MARKS[axis] + "-",
-                color=AXIS_COLORS[axis],
-                ms=4,
-                lw=0.9,
-                label=AXES[axis],
-            )
-        for k in np.flatnonzero(~used):
-            bars.axvspan(k + 0.55, k + 1.45, color=GREY, alpha=0.35, lw=0)
-            over_time.axvline(time[k], color=GREY, alpha=0.5, lw=4)
-        bars.set_ylabel(label)
-        bars.set_xlim(0.3, len(number) + 0.7)
+            look = {"color": AXIS_COLORS[axis], "marker": MARKS[axis], "label": AXES[axis]}
+            axes.plot(number, values[:, axis], ms=4, lw=0.9, **look)
+        for k in number[~used]:
+            axes.axvspan(k - 0.45, k + 0.45, color=GREY, alpha=0.35, lw=0)
+        axes.set_ylabel(label)
         # An outlier would flatten everything else.
         reach = max(4.0 * deviation, 1.1 * np.abs(values[used]).max(initial=0.0), 1e-9)
-        bars.set_ylim(-reach, reach)
-    grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if returned else ""))
-    grid[1, 1].set_xlabel("time [s]; a slope would be drift")
-    head(figure, "Calibration of the payload", facts, legend=grid[0, 1:])
+        axes.set_ylim(-reach, reach)
+    panels[1].set_xlabel("reading; a slope would be drift")
+    head(figure, "Calibration of the payload", facts, legend=panels[1:])
     return figure
 
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, figure_of, value_text
 from polish_sim.analysis.metrics import (
-    PAPER_ARC,
     column_of,
     distance_to_arc,
     first_contact,
@@ -25,7 +24,6 @@ from polish_sim.analysis.style import (
     GREEN,
     GREY,
     ORANGE,
-    RED,
     SERIES,
     facts_of,
     head,
@@ -41,16 +39,13 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.log import RETRACT_PHASE, RunLog
 
 PAPER_LIMIT_M = 3e-4
-SHOWN_SHARE = 0.15  #: In the view of its plane, most share of the radius the largest distance is drawn at
 
 
 @styled
 def plot_arc(record: RunRecord) -> Figure:
-    """Draw speed, tracking error and the tool point's way round the commanded circle."""
-    figure = new_figure(10.0, 5.0)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
-    speed = figure.add_subplot(grid[0, 0])
-    error = figure.add_subplot(grid[1, 0])
+    """Draw the speed and the distance from the commanded circle over time."""
+    figure = new_figure(9.0, 5.0)
+    speed, error = figure.subplots(2, 1, sharex=True)
     process = record.log.fed
     time, positions = record.fed("time_s"), record.fed("tcp_position_m")
     start = time[0] if len(time) else 0.0
@@ -60,15 +55,9 @@ def plot_arc(record: RunRecord) -> Figure:
         process
     ]
     _draw_error(error, time - start, distance_to_arc(positions), counted)
-    speed.sharex(error)
-    speed.tick_params(labelbottom=False)
-    plane = figure.add_subplot(grid[:, 1])
-    _draw_plane(plane, positions)
     stop = stop_mark(record.metrics)
     if stop and len(time):
         mark_stop((speed, error), stop.time - start)
-        x, y = (np.asarray(values)[-1:] for values in plane.lines[1].get_data())
-        plane.plot(x, y, "X", color=RED, ms=8)
     facts = facts_of(
         record.metrics,
         ("error max {:.3g} mm", "tracking_error_max_m", 1e3),
@@ -76,12 +65,7 @@ def plot_arc(record: RunRecord) -> Figure:
         ("speed {:.3g} mm/s", "speed_mean_m_s", 1e3),
         ("off by at most {:.3g} mm/s", "speed_max_deviation_m_s", 1e3),
     )
-    head(
-        figure,
-        f"Circle at constant feed, {record.scenario.controller.label}",
-        facts,
-        legend=(speed, error, plane),
-    )
+    head(figure, f"Circle at constant feed, {record.scenario.controller.label}", facts, legend=(speed, error))
     return figure
 
 
@@ -143,34 +127,6 @@ def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> Non
     limit_line(axes, PAPER_LIMIT_M * 1e6, "paper: < 0.3 mm")
     axes.set(xlabel="time since the start of the feed [s]", ylabel="distance from the circle [µm]")
     axes.set_ylim(0.0, 1.1e6 * max(distance.max(initial=0.0), PAPER_LIMIT_M))
-
-
-def _draw_plane(axes: Axes, positions: Array) -> None:
-    """The circle's plane seen along its normal, the distance from the circle exaggerated."""
-    center = PAPER_ARC.center
-    normal = PAPER_ARC.normal
-    wanted = PAPER_ARC.radius
-    across = np.cross([0.0, 0.0, 1.0], normal)
-    offset = positions - center
-    u = offset @ (across / np.linalg.norm(across))
-    v = offset @ np.cross(normal, across / np.linalg.norm(across))
-    angle = np.arctan2(v, u)
-    radius = np.hypot(u, v)
-    largest = np.abs(radius - wanted).max(initial=0.0)
-    # The power of ten that makes the largest error visible without spoiling the circle.
-    exaggeration = 10.0 ** math.floor(math.log10(SHOWN_SHARE * wanted / largest)) if largest else 1.0
-    shown = wanted + exaggeration * (radius - wanted)
-    ideal = np.linspace(0.0, 2.0 * np.pi, 361)
-    for radii, angles, look in (
-        (wanted, ideal, {"color": GREEN, "lw": 1.0, "ls": "--", "label": "circle asked"}),
-        (shown, angle, {"color": BLUE}),
-        (shown[:1], angle[:1], {"color": ORANGE, "marker": "o", "ls": "", "ms": 5, "label": "start"}),
-    ):
-        if len(angles):
-            axes.plot(radii * np.cos(angles) * 1e3, radii * np.sin(angles) * 1e3, **look)
-    axes.set_aspect("equal")
-    axes.set(xlabel="across [mm]", ylabel="up [mm]")
-    small_title(axes, f"in its plane, error × {exaggeration:g}")
 
 
 _BEFORE_S, _LONGEST_S = 0.5, 6.0
