@@ -51,7 +51,7 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     if not len(record.log):
         return {}
     plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
-    plots |= _removal("plot_removal", record) if removed_something(record) else {}
+    plots |= _removal([record]) if removed_something(record) else {}
     stop = stop_mark(record.metrics)
     if stop is not None:
         for figure in plots.values():
@@ -75,7 +75,7 @@ def draw_comparison(records: Records) -> dict[str, Figure]:
     if not records:
         return {}
     plots = _drawn(experiment(names.pop()).comparisons, records)
-    return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
+    return plots | _removal(records) if all(map(removed_something, records)) else plots
 
 
 #: They choose the worst seed
@@ -116,8 +116,8 @@ def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:
     return {name: figure for name, plot in plots.items() if (figure := load(plot)(runs)) is not None}
 
 
-def _removal(plot: str, runs: Any) -> dict[str, Figure]:
-    return {"removal.png": load(f"polish_sim.analysis.removal_plot:{plot}")(runs, path_words)}
+def _removal(records: Records) -> dict[str, Figure]:
+    return {"removal.png": load("polish_sim.analysis.removal_plot:plot_removal")(records, path_words)}
 
 
 # Pages: one run again, several over each other, many seeds with bands.
