@@ -3,7 +3,7 @@ MP4)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from PIL import ImageDraw
 
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import stop_mark
-from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
+from polish_sim.analysis.style import GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureSize
 from polish_sim.errors import InputError, needed
 from polish_sim.experiments.registry import experiment
@@ -35,7 +35,6 @@ SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
 CELL = PictureSize(800, 720, 1024)
 PAD = PictureSize(480, 360, 1024)
 CURVE_INCH, DPI = (4.8, 3.6), 100
-GROWS = "grows"  #: Mark of the lines of a plot that grow with time
 
 
 def check_film() -> None:
@@ -54,28 +53,18 @@ def check_film() -> None:
         raise InputError(f"--video needs OpenGL ({type(error).__name__}: {error}): {known}.") from error
 
 
-class GrowingPlot:
-    """A plot whose lines grow with time: two pictures of it, with and without them, joined at the moment."""
+def moving_plot(figure: Figure) -> Callable[[float], Image]:
+    """Pictures of a plot, (height, width, 3), each with a line at a moment [s]."""
+    whole, axes = _pixels(figure), figure.axes[0]
+    box = axes.get_window_extent()
+    rows = slice(round(figure.bbox.height - box.y1), round(figure.bbox.height - box.y0))
 
-    def __init__(self, figure: Figure) -> None:
-        axes = figure.axes[0]
-        self._whole = _pixels(figure)
-        self._low, self._high = axes.get_xlim()
-        box = axes.get_window_extent()
-        self._left, self._right = box.x0, box.x1
-        self._rows = slice(round(figure.bbox.height - box.y1), round(figure.bbox.height - box.y0))
-        for artist in (*axes.lines, *axes.collections):
-            artist.set_visible(artist.get_gid() != GROWS)
-        self._empty = _pixels(figure)
-
-    def at(self, time: float) -> Image:
-        """The plot up to a moment [s], shape (height, width, 3)."""
-        share = (time - self._low) / (self._high - self._low)
-        column = round(self._left + share * (self._right - self._left))
-        image = self._empty.copy()
-        image[:, :column] = self._whole[:, :column]
-        image[self._rows, column : column + 2] //= 2
+    def at(time: float) -> Image:
+        image, column = whole.copy(), round(axes.transData.transform((time, 0.0))[0])
+        image[rows, column : column + 2] //= 2
         return image
+
+    return at
 
 
 @styled
@@ -90,20 +79,10 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     figure.set_dpi(DPI)
     axes = figure.add_subplot()
     for number, line in enumerate(plot.lines):
-        values = np.asarray(line.values)
-        if line.role == "asked":
-            axes.plot(time[kept], values, color=GREEN, ls="--", lw=1.2, label=line.label)
-            continue
-        if line.low is not None and line.high is not None:
-            axes.fill_between(time[kept], line.low, line.high, color=BLUE, alpha=0.3, lw=0, gid=GROWS)
-        axes.plot(time[kept], values, label=line.label, gid=GROWS, lw=1.0, **line_look(max(number - 1, 0)))
-    asked, force = (np.asarray(line.values) for line in (plot.lines[0], plot.lines[-1]))
-    held = ~np.isnan(asked)
-    if plot.lines[0].role == "asked" and band and held.any():
-        shade_band(axes, float(np.median(asked[held])), band, f"± {band:g} N")
-        low, high = np.quantile(force[held], (0.01, 0.99))
-        low = min(asked[held].min() - 2.5 * band, low - 1.0) if low > band else -1.0
-        axes.set_ylim(low, max(asked[held].max() + 2.5 * band, high + 1.0))
+        look = {"color": GREEN, "ls": "--"} if line.role == "asked" else line_look(number)
+        axes.plot(time[kept], line.values, label=line.label, lw=1.0, **look)
+        if line.role == "asked" and band and not np.isnan(line.values).all():
+            shade_band(axes, float(np.nanmedian(line.values)), band, f"± {band:g} N")
     axes.set(xlabel="time [s]", ylabel=f"[{plot.unit}]", xlim=(time[0], time[-1]))
     head(figure, plot.title, legend=(axes,))
     return figure
@@ -142,7 +121,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)
     data = mujoco.MjData(model)
-    curve = GrowingPlot(plot_curve(record, model))
+    curve_at = moving_plot(plot_curve(record, model))
     stop = stop_mark(record.metrics)
     cell = Picture(model, CELL)
     pad = Picture(model, PAD)
@@ -150,7 +129,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
         row = min(int(np.searchsorted(time, moment)), len(time) - 1)
         data.qpos[:] = q[row]
         mujoco.mj_forward(model, data)
-        right = np.vstack([pad.render(data, pads[row], near=True), curve.at(time[row])])
+        right = np.vstack([pad.render(data, pads[row], near=True), curve_at(time[row])])
         stopped = stop.text if stop and time[row] >= stop.time else ""
         yield (
             number,
