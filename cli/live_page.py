@@ -12,13 +12,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
-from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, longest_side, norms
+from polish_sim.arrays import Array, longest_side
 from polish_sim.cli.view import Address, close_server, open_server, say_address
-from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, inverse, wxyz
+from polish_sim.spatial import apply, wxyz
 
 SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
 GAUGES_HZ = 10.0  #: As often numbers, plot, trace and colours
@@ -28,11 +25,8 @@ SPEEDS = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
 PART, TOOL, CELL = "part", "tool", "cell"
 FROM = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
 FORCE_COLOR, ASKED_COLOR = "#0072b2", "#009e73"
-DOTS = 20_000  #: Spread over the part; those the pad comes to show where it has worked
-MARKS = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
-TRACE_APART = 1e-3  #: Places of a trace, at least [m]
-PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
-DOTS_M = 3e-4  #: Dots are drawn so far above the part [m]
+PATH_M = 0.0006  #: Width of the lines of a path [m]
+AROUND_M = 0.08  #: Of a path that is looked at [m]
 
 
 class Moment(NamedTuple):
@@ -48,67 +42,6 @@ class Moment(NamedTuple):
     speed: float  #: Of the tool [m/s]
 
 
-class Worked:
-    """Dots on a part, coloured by how long and how hard the pad has been over them, and the pad's trace."""
-
-    def __init__(self, server: Any, node: str, solids: Sequence[Any], path: Array, radius: float) -> None:
-        self._radius = radius
-        self._trace = list[Array]()
-        part = next(solid for solid in solids if solid.kind == "part")
-        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
-        dots, facets = trimesh.sample.sample_surface(mesh, DOTS, seed=0)
-        near = cKDTree(path).query(dots)[0] < 1.5 * radius
-        self._tree = cKDTree(dots[near])
-        self._normals = mesh.face_normals[facets[near]]
-        self._done = np.zeros(near.sum())
-        add = server.scene
-        size = 1.3 * math.sqrt(mesh.area / DOTS)
-        self._above = DOTS_M + 0.7 * size  # of lines: dots always face the camera
-        self._cloud = add.add_point_cloud(
-            f"{node}/worked", dots[near] + DOTS_M * self._normals, self._colors(),
-            point_size=size, point_shape="circle", precision="float32",
-        )  # fmt: skip
-        add.add_line_segments(f"{node}/path", self._lines(path), (0, 158, 115), thickness=PATH_M)
-        self._line = add.add_line_segments(
-            f"{node}/trace", self._lines(path[:1]), (20, 24, 30), thickness=TRACE_M
-        )
-
-    def _lines(self, points: Array) -> Array:
-        """Points (n, 3) as lines from one to the next just above the part, shape (m, 2, 3), but not over a
-        gap."""
-        over = points + self._above * self._normals[self._tree.query(points)[1]]
-        lines = np.stack([over[:-1], over[1:]], axis=1)
-        length = norms(lines[:, 1] - lines[:, 0])
-        lines = lines[(length > 1e-6) & (length < self._radius)]
-        return lines if len(lines) else np.array([[over[0], over[0] + 1e-6]])
-
-    def add(self, pads: Array, impulses: Array) -> None:
-        """Let the pad have been at ``pads`` (m, 3), frame of the part [m], pressing with ``impulses`` (m,) [N
-        s]."""
-        pressing = impulses > 0.0
-        if pressing.any():
-            for place in pads[pressing]:
-                if not self._trace or np.linalg.norm(place - self._trace[-1]) > TRACE_APART:
-                    self._trace.append(place)
-            touched = self._tree.query_ball_point(pads[pressing], self._radius)
-            weights = np.repeat(impulses[pressing], [len(dots) for dots in touched])
-            dots = np.concatenate([np.asarray(dots, dtype=np.int64) for dots in touched])
-            self._done += np.bincount(dots, weights, minlength=len(self._done))
-
-    def draw(self) -> None:
-        """Show it."""
-        if self._trace:
-            self._line.points = self._lines(np.array(self._trace))
-        self._cloud.colors = self._colors()
-
-    def _colors(self) -> Any:
-        """From grey over blue to yellow at twice the mean over the worked places, shape (n, 3)."""
-        worked = self._done[self._done > 0.0]
-        share = self._done / (2.0 * worked.mean()) if len(worked) else self._done
-        at = np.linspace(0.0, 1.0, len(MARKS))
-        return interpolate(share, at, MARKS).astype(np.uint8)
-
-
 class LivePage:
     """A page with a scene, its numbers and plot, and buttons for time and camera."""
 
@@ -120,7 +53,6 @@ class LivePage:
         self.steps = 0
         self.built = False
         self.part = -1
-        self.worked: Worked | None = None
         self.shown = 0  #: Moments sent
         self._title = title
         self._looks = dict[str, tuple[Array, float]]()
@@ -154,8 +86,9 @@ class LivePage:
         """Show what is happening where there are no numbers yet, or any more."""
         self.text.content = block(f"<b>{html.escape(self._title)}</b><br>{html.escape(what)}")
 
-    def build(self, bodies: int, solids: Sequence[Any], part: int, path: Array, radius: float) -> None:
-        """Draw ``bodies`` and what is on them; ``path`` (n, 3) [m] lies on body ``part``, -1: the world."""
+    def build(self, bodies: int, solids: Sequence[Any], part: int, lines: Array) -> None:
+        """Draw ``bodies`` and what is on them; the path's ``lines`` (n, 2, 3) [m] lie on body ``part``, -1:
+        the world."""
         add = self.server.scene
         self.part = part
         self._solids = solids
@@ -170,22 +103,15 @@ class LivePage:
             add.add_mesh_simple(
                 f"{node}/solid{number}", solid.vertices, solid.faces, color=color, flat_shading=True
             )
-        node = f"/body{part}" if part >= 0 else ""
-        if len(path) and any(solid.kind == "part" for solid in solids):
-            self.worked = Worked(self.server, node, solids, path, radius)
-            self._middle = path.mean(axis=0)
-            self._size = longest_side(path) + 2.0 * radius
+        if len(lines):
+            node = f"/body{part}" if part >= 0 else ""
+            add.add_line_segments(f"{node}/path", lines, (0, 158, 115), thickness=PATH_M)
+        self._path = lines.reshape(-1, 3)
         self.built = True
 
     def scale(self, top: float) -> None:
         """Let the plot reach from 0 to a force [N]."""
         self.plot.scales = {"x": {"time": False}, "y": {"auto": False, "min": 0.0, "max": top}}
-
-    def on_part(self, moment: Moment) -> Array:
-        """Where the pad is on the part, in its frame [m], shape (1, 3)."""
-        return (
-            moment.pad[None] if self.part < 0 else apply(inverse(moment.poses[self.part]), moment.pad[None])
-        )
 
     def show(self, moment: Moment, rows: Array) -> None:
         """Send a moment if it is time to, and now and then its numbers and the plot.
@@ -198,9 +124,10 @@ class LivePage:
         if not self.shown:
             self._enter(moment)
         self._shown_at, self.shown = now, self.shown + 1
-        if self.worked is not None:
-            middle = self._middle if self.part < 0 else apply(moment.poses[self.part], self._middle)
-            self._looks[PART] = middle, 1.7 * self._size
+        if len(self._path):
+            middle = self._path.mean(axis=0)
+            middle = middle if self.part < 0 else apply(moment.poses[self.part], middle)
+            self._looks[PART] = middle, 1.7 * longest_side(self._path) + AROUND_M
         self._looks[TOOL] = moment.pad, 0.45
         with self.server.atomic():
             turns = wxyz(moment.poses[:, :3, :3])
@@ -213,8 +140,6 @@ class LivePage:
         self.text.content = block(numbers_text(self._title, moment, self.paused))
         if len(rows) > 1:
             self.plot.data = tuple(np.nan_to_num(rows.T))
-        if self.worked is not None:
-            self.worked.draw()
 
     def _enter(self, moment: Moment) -> None:
         """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies

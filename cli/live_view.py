@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.cell.faults import FaultEvent
 
+ABOVE_M = 5e-4  #: Of the lines of a path, to be seen on the part [m]
 SETTLED_S = 0.25  #: A slider counts when it has rested this long [s]
 STAGES = (
     "zero the sensor",
@@ -105,8 +106,6 @@ class LiveView(FrameSink):
         moment = self._moment(data)
         passed = max(0.0, moment.time - self._rows[-1][0]) if self._rows else 0.0
         self._rows = [*self._rows[-round(PLOT_S / self.every_s) :], (moment.time, moment.force, moment.asked)]
-        if page.worked is not None:
-            page.worked.add(page.on_part(moment), np.array([moment.force * passed]))
         self._next = max(self._next + passed / page.speed, time.monotonic() - 0.1)
         while True:
             self._attend()
@@ -132,16 +131,13 @@ class LiveView(FrameSink):
             self._changed.content = block(f"<b>changed by hand</b>, kept in config.toml<br>{said}")
 
     def _build(self, model: Any, data: Any) -> None:
-        part = part_body(model)
-        path = np.empty((0, 3))
-        cell = self._cell
-        radius = 0.0
+        part, cell = part_body(model), self._cell
+        lines = np.empty((0, 2, 3))
         if cell is not None and cell.on_part:
-            path = np.concatenate([on_surface(each) for each in cell.strokes])
-            radius = cell.scenario.pad.radius_m
+            lines = np.concatenate([lines, *map(lines_over, cell.strokes)])
             if part >= 0:
-                path = apply(inverse(poses_of(data)[part]), path)
-        self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
+                lines = apply(inverse(poses_of(data)[part]), lines)
+        self.page.build(model.nbody - 1, scene_solids(model), part, lines)
         self.page.plot.visible = cell is not None and cell.on_part
 
     def _moment(self, data: Any) -> Moment:
@@ -180,9 +176,9 @@ def poses_of(data: Any) -> Array:
     return transform(data.xmat[1:].reshape(-1, 3, 3), data.xpos[1:])
 
 
-def on_surface(stroke: Stroke) -> Array:
-    """Points of a stroke on the unpressed surface, base frame [m], shape (n, 3)."""
+def lines_over(stroke: Stroke) -> Array:
+    """Lines from point to point of a stroke just above the unpressed surface, base frame [m], (n, 2, 3)."""
     table = stroke.process
-    axes = matrices(table.quaternions)[:, :, 2]
-    depth = stroke.depth * stroke.force / stroke.force[0]
-    return table.positions - depth[:, None] * axes
+    depth = stroke.depth * stroke.force / stroke.force[0] + ABOVE_M
+    points = table.positions - depth[:, None] * matrices(table.quaternions)[:, :, 2]
+    return np.stack([points[:-1], points[1:]], axis=1)
