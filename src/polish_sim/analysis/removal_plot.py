@@ -62,7 +62,7 @@ def plot_removal(records: Records, path_words: Callable[[Scenario], str]) -> Fig
         flat.set_title(f"{run}\n{_facts(record)}", fontsize=9.0, fontweight="normal")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
-    head(figure, "Removal", legend=grid[:1])
+    head(figure, "Removal", legend=list(grid[:1]))
     return figure
 
 
