@@ -55,7 +55,7 @@ def design_rows(terms: tuple[str, ...], label: str) -> Iterator[Row]:
     """Predicted error on motions that neither the design nor the fit has seen, over several starts."""
     task, held_out = prepared(terms)
     started = time.process_time()
-    motions = [design(task, np.random.default_rng([1, seed])).motion for seed in range(DESIGNS)]
+    motions = [design(task, np.random.default_rng([1, seed])) for seed in range(DESIGNS)]
     seconds = (time.process_time() - started) / DESIGNS
     yield from motion_rows(task, held_out, motions, f"{label}, designed ({seconds:.1f} s each)", "<= 0.0285")
     drawn = allowed_motions(task, np.random.default_rng(2))
@@ -138,7 +138,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
 def arm_rows() -> Iterator[Row]:
     """The same for the designed motion played on the simulated arm, whose friction is the engine's."""
     task, _held_out = prepared(FULL)
-    motion = design(task, np.random.default_rng(1)).motion
+    motion = design(task, np.random.default_rng(1))
     other = next(allowed_motions(task, np.random.default_rng(4)))
     arm, encoder = build_simulated_arm(), IdentifySettings().encoder
     held = play_motion(arm, other, 1, 1000.0)
@@ -229,7 +229,7 @@ def unmatched() -> None:
     found = design(task, np.random.default_rng(1))
     other = next(allowed_motions(task, np.random.default_rng(4)))
     print(f"{SEEDS_UNMATCHED} draws each, designed motion, 58 parameters\n")
-    for line in unmatched_lines(Known(task.model, task.base, SIGMA, found.motion, other)):
+    for line in unmatched_lines(Known(task.model, task.base, SIGMA, found, other)):
         print(line, flush=True)
 
 

@@ -31,7 +31,6 @@ from polish_sim.identification.estimate import (
     against_truth,
     base_of,
     condition_number,
-    equilibrated,
     inverse_of,
     spread_of_sums,
 )
@@ -226,15 +225,13 @@ def fit_elastic(
         prior = fit.prior[known]
         x[known] += inverse_of(a.T @ a + np.diag(prior)) @ (a.T @ left - prior * x[known])
     a, left = fit.linearised(x)
-    H = a.T @ a + np.diag(fit.prior)
-    C = inverse_of(H)
+    C = inverse_of(a.T @ a + np.diag(fit.prior))
     covariance = C @ (spread_of_sums(a * left[:, None], fit.blocks) + np.diag(fit.prior)) @ C
     of_period = periods * fit.information(x, sigma) + np.diag(fit.prior)
     spread = np.array([np.var(torque[moving, j]) for j, moving in enumerate(fit.moving.T)])
     estimate = Estimate(
         x[:r], covariance[:r, :r], math.sqrt(periods) * fit.noise, 1.0 - fit.noise**2 / spread,
-        condition_number(fit.information(x, np.ones(n))[:r, :r]),
-        condition_number(equilibrated(H[:r, :r])), np.ones(n),
+        condition_number(fit.information(x, np.ones(n))[:r, :r]), np.ones(n),
     )  # fmt: skip
     shown = slice(0, r + LOADS * n)
     std = np.sqrt(np.diag(covariance))[shown]

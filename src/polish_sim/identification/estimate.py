@@ -172,8 +172,6 @@ class Estimate(Uncertain):
     sigma: Array  #: Torque noise found in the residuals [N m], shape (n,)
     r_squared: Array  #: Share of each torque's variance that is explained, shape (n,)
     condition: float  #: Of the stacked regressor as it stands, in SI units
-    #: Of the stacked regressor with rows in units of noise and columns of unit length
-    condition_equilibrated: float
     #: Samples worth one independent sample, (n,); None where noise is taken as white
     inefficiency: Array | None = None
 
@@ -202,8 +200,8 @@ def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
             spent = np.sum(covariance * sums.squares, axis=(1, 2)) / noise**2
             noise = np.sqrt(np.maximum(left, 1e-24) / np.maximum(sums.samples - spent, 1.0))
     total = sums.torque_squares - sums.torque_sum**2 / np.maximum(sums.samples, 1.0)
-    plain, equal = (condition_number(each) for each in (sums.squares.sum(0), equilibrated(H)))
-    return Estimate(theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30), plain, equal)
+    explained = 1.0 - left / np.maximum(total, 1e-30)
+    return Estimate(theta, covariance, noise, explained, condition_number(sums.squares.sum(0)))
 
 
 def spread_of_sums(scores: Array, blocks: Indices) -> Array:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -197,14 +198,6 @@ class ExcitationTask:
     clearance: ClearanceCheck
 
 
-class Excitation(NamedTuple):
-    """A motion and its value."""
-
-    motion: FourierMotion
-    value: float  #: Of the objective, on the fine grid, of the mean information of one sample
-    evaluations: int
-
-
 def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: Array) -> Array:
     """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in
     sigma^2."""
@@ -256,28 +249,27 @@ def _allowed(states: States, task: ExcitationTask) -> bool:
 
 def design(
     task: ExcitationTask, rng: np.random.Generator, starts: int = 1, iterations: int = 300
-) -> Excitation:
+) -> FourierMotion:
     """Find the motion of the least mean variance predicted on the task, under all limits; see `i_optimal`.
 
     ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises
     IdentificationError if no start led to a motion within the limits.
     """
     search = ExcitationCost(task)
-    best: Excitation | None = None
-    first = allowed_motions(task, rng)
-    for _start in range(starts):
-        start = next(first)
+    best: FourierMotion | None = None
+    least = np.inf
+    for start in islice(allowed_motions(task, rng), starts):
         x = search.run(start.coefficients.ravel(), iterations)
         motion = shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task)
         if motion is not None:
             value = i_optimal(mean_information(task, motion), task.use).value
-            if best is None or value < best.value:
-                best = Excitation(motion, value, search.evaluations)
+            if value < least:
+                best, least = motion, value
     if best is None:
         raise IdentificationError(
             "no exciting motion keeps clear of the surroundings: widen the limits or start anew."
         )
-    return best._replace(evaluations=search.evaluations)
+    return best
 
 
 def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
@@ -298,12 +290,10 @@ class ExcitationCost:
 
     def __init__(self, task: ExcitationTask) -> None:
         self.task = task
-        self.evaluations = 0
         self.basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
 
     def cost(self, x: Array) -> tuple[float, Array]:
         """Objective plus penalties and its gradient, shape (n (1 + 2 k),)."""
-        self.evaluations += 1
         task = self.task
         coefficients = x.reshape(task.model.joints, -1)
         states = States(*(part @ coefficients.T for part in self.basis))

@@ -47,7 +47,6 @@ from polish_sim.identification.estimate import (
 )
 from polish_sim.identification.excitation import (
     FREQUENCY,
-    Excitation,
     ExcitationTask,
     FourierMotion,
     allowed_motions,
@@ -113,11 +112,11 @@ def run_identification(
     drawing = believe(arm, streams[0])
     observer.stage("design a motion")
     started = time.process_time()
-    task, other, excitation = _design(arm, base, drawing, settings, streams[1], use)
+    task, other, motion = _design(arm, base, drawing, settings, streams[1], use)
     design_s = time.process_time() - started
     observer.stage("play the motion, and another one to check with")
     log = with_noise(
-        play_motion(arm, excitation.motion, settings.periods, settings.rate),
+        play_motion(arm, motion, settings.periods, settings.rate),
         settings.encoder_step,
         sigma,
         streams[2],
@@ -125,7 +124,7 @@ def run_identification(
     other_log = play_motion(arm, other, 1, settings.rate)
     observer.stage("estimate")
     started = time.process_time()
-    states = periodic_states(log, excitation.motion.period)
+    states = periodic_states(log, motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
     held = periodic_states(other_log, other.period)
@@ -146,12 +145,12 @@ def run_identification(
     figures["nrms_rigid"] = _rigid_error(arm.truth, full, held_out.states).tolist()
     if gears is not None:
         figures |= gears.figures()
-    figures |= _motion_figures(task, excitation, len(log.time))
+    figures |= _motion_figures(task, motion)
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     weighed = None
     if settings.payload:
         observer.stage("play the motion with a payload")
-        weighed = weigh_block(sums, task.base, excitation.motion, settings, streams[5])
+        weighed = weigh_block(sums, task.base, motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(
         arm.truth,
@@ -162,7 +161,7 @@ def run_identification(
         held_out,
         figures,
         truth,
-        excitation.motion,
+        motion,
         weighed,
         gears,
     )
@@ -175,7 +174,7 @@ def _design(
     settings: IdentifySettings,
     rng: np.random.Generator,
     use: States | None,
-) -> tuple[ExcitationTask, FourierMotion, Excitation]:
+) -> tuple[ExcitationTask, FourierMotion, FourierMotion]:
     """The task of a motion, another random motion to be held out, and the motion designed for the task."""
     sigma = np.array(settings.sigma)
     nothing = np.eye(base.rank)
@@ -261,7 +260,6 @@ def measure_fit(
         "base_parameters": base.rank,
         "condition": found.condition,
         "condition_scaling": "stacked regressor of the base columns, SI units, as measured",
-        "condition_equilibrated": found.condition_equilibrated,
         "nrms_heldout": nrms.tolist(),
         "nrms_heldout_mean": nrms.mean(),
         "nrms_heldout_consistent_mean": consistent.mean(),
@@ -274,18 +272,16 @@ def measure_fit(
     }
 
 
-def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) -> dict[str, Any]:
+def _motion_figures(task: ExcitationTask, motion: FourierMotion) -> dict[str, Any]:
     """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
-    H = mean_information(task, excitation.motion)
-    plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), excitation.motion)
+    H = mean_information(task, motion)
+    plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), motion)
     spread = np.trace(np.linalg.solve(H, task.use)) / task.model.joints
-    poses = excitation.motion(np.linspace(0.0, excitation.motion.period, 500)).q
+    poses = motion(np.linspace(0.0, motion.period, 500)).q
     return {
         "predicted_error_sigma": np.sqrt(spread / 1e4),
-        "predicted_error_sigma_here": np.sqrt(spread / samples),
         "condition_motion": condition_number(plain),
         "clearance_min_m": task.clearance(poses).distance.min(),
-        "design_evaluations": excitation.evaluations,
     }
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from operator import call
 from random import Random
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,30 +80,11 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
 """What needs no robot, with its parameters as a programme names them."""
 
 
-class Listener(Protocol):
-    """Receives what a programme says."""
-
-    def text(self, text: str) -> None:
-        """A line."""
-
-    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
-        """A message."""
-
-    def started(self, name: str) -> None:
-        """It began."""
-
-    def stopped(self, name: str) -> None:
-        """It ended."""
-
-    def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """It failed, and where."""
-
-
 class BuiltIns(Sockets):
     """The functions by their names in URScript; without robot and listener they can be named, not called."""
 
     robot: SimulatedRobot
-    listener: Listener
+    listener: Any  #: The controller, which shows what a programme says
 
     def __init__(self) -> None:
         super().__init__()

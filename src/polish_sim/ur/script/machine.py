@@ -10,7 +10,7 @@ from time import thread_time
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.ur.script import values
-from polish_sim.ur.script.built_ins import STOP_A, BuiltIns, Listener
+from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
 from polish_sim.ur.script.translate import FILE, Program
 
 if TYPE_CHECKING:
@@ -44,15 +44,12 @@ class Machine(BuiltIns):
     thread.
 
     Args:
-        source: The programme, ``def`` or ``sec`` or bare statements; or what was made of it.
+        program: What was made of its text.
         listener: Receives its messages.
         client: The address its sockets reach.
-
-    Raises:
-        ScriptError: It cannot be run; says where.
     """
 
-    def __init__(self, program: Program, listener: Listener, client: str = "") -> None:
+    def __init__(self, program: Program, listener: Any, client: str = "") -> None:
         super().__init__()
         self.program = program
         self.listener = listener

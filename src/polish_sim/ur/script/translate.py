@@ -51,6 +51,7 @@ class _Routine:
     tree: Any
     parameters: list[Any]
     body: Any
+    signature: inspect.Signature = inspect.Signature()
     own: set[str] = field(default_factory=set)
 
 
@@ -100,7 +101,7 @@ class _Translator:
                 code = compile("\n".join(self.lines) + "\n", FILE, "exec")
         except SyntaxError as error:
             line, column = self.places.get(error.lineno or 0, (1, 1))
-            raise ScriptError(line, column, "nested too deep") from None
+            raise ScriptError(line, column, error.msg) from None
         return Program(name, secondary, code, self.places)
 
     # Who owns which variable.
@@ -113,7 +114,9 @@ class _Translator:
                     raise _refusal(tree, "'sec' stands alone")
                 if name in self.routines:
                     raise _refusal(tree, f"a second '{name}'")
-                self.routines[str(name)] = _Routine(str(name), tree, parameters, body)
+                self.routines[str(name)] = _Routine(
+                    str(name), tree, parameters, body, _signature(tree, parameters)
+                )
             elif tree.data == "assign" and tree.children[0] == "global":
                 self.shared[_target(tree)] = 0
         for tree in _assignments(main.body):
@@ -137,9 +140,6 @@ class _Translator:
         for parameter in routine.parameters:
             named, *default = parameter.children
             parameters.append(f"l_{named}" + "".join(f"={self._expression(value)}" for value in default))
-        optional = [len(parameter.children) > 1 for parameter in routine.parameters]
-        if optional != sorted(optional) or len(set(parameters)) != len(parameters):
-            raise _refusal(routine.tree, "a parameter without a default behind one with, or twice")
         self._write(0, f"def {name}({', '.join(parameters)}):", routine.tree)
         shared = sorted(set(map(_target, _assignments(routine.body))) - routine.own)
         if shared:
@@ -271,32 +271,38 @@ class _Translator:
         name = str(word)
         routine = self.routines.get(name)
         placed = [argument for argument in arguments if _kind(argument) != "named"]
-        named = {str(argument.children[0]): argument.children[1] for argument in arguments[len(placed) :]}
-        if any(_kind(argument) == "named" for argument in arguments[: len(placed)]):
+        named = [argument.children for argument in arguments if _kind(argument) == "named"]
+        if arguments[: len(placed)] != placed:
             raise _refusal(word, "named arguments stand behind the others")
-        if len(placed) + len(named) != len(arguments):
-            raise _refusal(word, "an argument is named twice")
-        texts = [self._expression(argument) for argument in placed]
         if routine is not None:
-            needs = {str(known.children[0]): len(known.children) == 1 for known in routine.parameters}
-            mark = "l_"
-            prefix = "f_"
+            signature, mark, prefix = routine.signature, "l_", "f_"
         elif name in self.built_ins:
-            signature = inspect.signature(self.built_ins[name]).parameters.values()
-            needs = {known.name: known.default is known.empty for known in signature}
-            mark = ""
-            prefix = "b_"
+            signature, mark, prefix = inspect.signature(self.built_ins[name]), "", "b_"
         else:
             text = f"unknown function '{name}'.{did_you_mean(name, {*self.built_ins, *self.routines})}"
             raise ScriptError(*_place(word), text, f"compile_error_name_not_found:{name}:")
-        given = [*list(needs)[: len(texts)], *named]
-        needed = {parameter for parameter, is_needed in needs.items() if is_needed}
-        wrong = len(texts) > len(needs) or len(set(given)) < len(given)
-        if wrong or set(given) - needs.keys() or needed - set(given):
-            raise _refusal(word, f"{name} takes ({', '.join(needs)}), of which needed: {len(needed)}")
-        texts += [f"{mark}{key}={self._expression(value)}" for key, value in named.items()]
+        try:
+            signature.bind(*placed, **{f"{mark}{key}": value for key, value in named})
+        except TypeError:
+            takes = ", ".join(key.removeprefix(mark) for key in signature.parameters)
+            raise _refusal(word, f"{name} takes ({takes})") from None
+        texts = [self._expression(argument) for argument in placed]
+        texts += [f"{mark}{key}={self._expression(value)}" for key, value in named]
         waits = routine is not None or inspect.isgeneratorfunction(self.built_ins[name])
         return f"{prefix}{name}({', '.join(texts)})", waits
+
+
+def _signature(tree: Any, parameters: list[Any]) -> inspect.Signature:
+    """What a routine takes."""
+    of = inspect.Parameter
+    named = [parameter.children for parameter in parameters]
+    try:
+        return inspect.Signature([
+            of(f"l_{name}", of.POSITIONAL_OR_KEYWORD, default=default[0] if default else of.empty)
+            for name, *default in named
+        ])  # fmt: skip
+    except ValueError:
+        raise _refusal(tree, "a parameter without a default behind one with, or twice") from None
 
 
 def _number(token: Any) -> int | float:
