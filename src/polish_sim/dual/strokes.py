@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,24 +13,19 @@ from polish_sim.arrays import (
     Bools,
     Indices,
     evenly_to,
-    into_plane,
     joined,
     midpoints,
-    norms,
     running_sums,
-    unit,
 )
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import LIFT_ACCELERATION, RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
-from polish_sim.config import Checked, ProcessConfig, SmoothingConfig
+from polish_sim.config import Checked, ProcessConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
-from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
-from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
+from polish_sim.experiments.part_setup import PlacedTool, placed_strokes
+from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.motion.rules.limits import SmoothingLimits
-from polish_sim.motion.trajectory import TimedPath, build_path_table, time_path, with_feed_share
 from polish_sim.planning import ToolPath
-from polish_sim.planning.toolpath import stretches
-from polish_sim.spatial import apply, matrices
+from polish_sim.spatial import matrices
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
 SPARE_S = 1.0
@@ -47,14 +40,10 @@ def pair_strokes(scenario: Checked, path: ToolPath, placed: PlacedTool) -> list[
     The tool's limits alone count: joints of the follower depend on how the part moves meanwhile, and
     `check_motion` follows them. Raises SmoothingError if the tool's motion is impossible.
     """
-    strokes = (
-        partial(placed_strokes, scenario)
-        if scenario.dual.standoff_m == 0.0
-        else partial(free_strokes, scenario.process, scenario.smoothing)
-    )
     kept = _fed_at_most(scenario.process, path)
     placed = placed._replace(rotations=placed.rotations[kept])
-    return strokes(path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
+    air = air_limits(scenario.process.feed_m_s) if scenario.dual.standoff_m else None
+    return placed_strokes(scenario, path.rows(kept), placed, 0.0, scenario.plan.clearance_m, air=air)
 
 
 def _fed_at_most(process: ProcessConfig, path: ToolPath) -> Bools:
@@ -87,70 +76,6 @@ def lifted(path: ToolPath, standoff: float) -> ToolPath:
     kept = (np.arange(len(path.s)) >= on[0]) & (np.arange(len(path.s)) <= on[-1])
     path = path.rows(kept)
     return replace(path, positions_work=path.positions_work + standoff * path.axes_work)
-
-
-def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
-    """Whether a path bends and turns with no more acceleration than the limits allow."""
-    change = np.gradient(motion.velocities, motion.spacing, axis=0)
-    across = into_plane(change, unit(motion.velocities))
-    axes = matrices(motion.quaternions)[:, :, 2]
-    turning = np.gradient(np.cross(motion.spins, axes), motion.spacing, axis=0)
-    # At its ends, at rest, it has no direction.
-    bends, turns = (norms(rate[2:-2]) for rate in (across, turning))
-    return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
-
-
-def free_strokes(
-    process: ProcessConfig,
-    asked: SmoothingConfig,
-    path: ToolPath,
-    placed: PlacedTool,
-    hold: float,
-    lift: float,
-) -> list[Stroke]:
-    """Every stretch of a path followed where it is, without touching anything; between two the tool is
-    lifted.
-
-    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits.
-    ``hold``: time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches
-    [m].
-    """
-    in_contact = stretches(path.process)
-    limits = air_limits(process.feed_m_s)
-    points = apply(placed.T_base_work, path.positions_work)
-    rotations = placed.rotations
-    pace = feed_pace(process.feed_m_s)
-    strokes: list[Stroke] = []
-    left = process.max_feed_s or math.inf
-    for number, (first, last) in enumerate(in_contact):
-        during = slice(first, last + 1)
-        down = slice(first - points_before(path, first), first + 1)
-        table = build_path_table(points[during], rotations[during], path.s[during])
-        along = stroke_path(path, during, points, rotations, process.feed_m_s, limits)
-        table = with_feed_share(table, path.s[during], along.feed / process.feed_m_s)
-        motion = time_path(table, pace)
-        if asked.limits_file or not is_gentle(motion, limits):
-            motion = stroke_motion(asked, along, None) or motion
-        start = build_path_table(points[first][None], rotations[first][None])
-        more = number + 1 < len(in_contact) and left > motion.playing_time
-        stroke = Stroke(
-            travel=travel_to(strokes, points[down], rotations[down]),
-            lead_in=start,
-            process=table,
-            motion=motion,
-            force=np.zeros(len(table.positions)),
-            approach_speed=process.approach_speed_m_s,
-            feed=process.feed_m_s,
-            hold=hold,
-            feed_time=left,
-            lift=lift if more else 0.0,
-            start_s=float(path.s[first]),
-        )
-        strokes.append(stroke)
-        left -= motion.playing_time
-        if not more:
-            break
-    return strokes
 
 
 class Visits(NamedTuple):

@@ -15,10 +15,10 @@ from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_p
 from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm
 from polish_sim.experiments.placement import Reach, tool_rotations
-from polish_sim.experiments.stroke_motion import stroke_motion, stroke_path
+from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
-from polish_sim.motion.rules.limits import Arm, build_arm
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.trajectory import (
     PathTable,
     TimedPath,
@@ -101,16 +101,17 @@ def placed_strokes(
     hold: float,
     lift: float,
     progress: Callable[[float, float], None] = lambda done, total: None,
+    air: SmoothingLimits | None = None,
 ) -> list[Stroke]:
     """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch,
     pressed in.
 
     The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is
     lifted by ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length
-    [m].
+    [m]. With limits for the ``air`` the path is followed where it is, and nothing is touched.
     """
     process, rotations = scenario.process, placed.rotations
-    wanted = path.force_at(path.s, process.contact_force_n)
+    wanted = path.force_at(path.s, process.contact_force_n) * (air is None)
     depths = sunk_under(scenario.head, scenario.pad, wanted)
     nominal = apply(placed.T_base_work, path.positions_work)
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
@@ -118,7 +119,7 @@ def placed_strokes(
     left = process.max_feed_s or math.inf
     for first, last in stretches(path.process):
         leave = first - points_before(path, first)
-        come = _last_approach(path, leave, first, lift) if strokes else leave
+        come = first if air else _last_approach(path, leave, first, lift) if strokes else leave
         through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
         s = path.s[during]
@@ -126,7 +127,7 @@ def placed_strokes(
             pressed_in[during], rotations[during], s, path.curvature[during], path.pass_index[during]
         )
         force = at_rows(table, s, wanted[during])
-        along = stroke_path(path, during, pressed_in, rotations, process.feed_m_s)
+        along = stroke_path(path, during, pressed_in, rotations, process.feed_m_s, air or CELL_LIMITS)
         if path.feed is not None:
             table = with_feed_share(table, s, along.feed / process.feed_m_s)
         motion = stroke_motion(scenario.smoothing, along, placed.arm)
@@ -142,7 +143,7 @@ def placed_strokes(
                 early=scenario.pad.radius_m
                 * math.tan(math.hypot(scenario.plan.lead_angle_rad, scenario.plan.tilt_angle_rad)),
                 force=force,
-                contact=True,
+                contact=air is None,
                 approach_speed=process.approach_speed_m_s,
                 feed=process.feed_m_s,
                 threshold=process.contact_threshold_n,
