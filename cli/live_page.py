@@ -18,14 +18,15 @@ from polish_sim.cli.view import Address, close_server, open_server, say_address
 from polish_sim.spatial import apply, wxyz
 
 SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
-GAUGES_HZ = 10.0  #: As often numbers, plot, trace and colours
+GAUGES_HZ = 10.0  #: As often numbers, plot and colours
 PLOT_S = 12.0  #: Length of the plot [s]
 PAUSE, RESUME, STEP = "pause", "resume", "step"
 SPEEDS = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
 PART, TOOL, CELL = "part", "tool", "cell"
 FROM = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
 FORCE_COLOR, ASKED_COLOR = "#0072b2", "#009e73"
-PATH_M = 0.0006  #: Width of the lines of a path [m]
+PATH_M = 0.0012  #: Width of the lines of a path [m]
+AHEAD, BEHIND = (0, 158, 115), (38, 70, 140)  #: Their colours
 AROUND_M = 0.08  #: Of a path that is looked at [m]
 
 
@@ -40,6 +41,7 @@ class Moment(NamedTuple):
     force: float  #: [N]; NaN where none is known
     asked: float  #: [N]; NaN: none
     speed: float  #: Of the tool [m/s]
+    behind: float = 0.0  #: Lines of the path that the tool has been along
 
 
 class LivePage:
@@ -105,7 +107,7 @@ class LivePage:
             )
         if len(lines):
             node = f"/body{part}" if part >= 0 else ""
-            add.add_line_segments(f"{node}/path", lines, (0, 158, 115), thickness=PATH_M)
+            self._lines = add.add_line_segments(f"{node}/path", lines, AHEAD, thickness=PATH_M)
         self._path = lines.reshape(-1, 3)
         self.built = True
 
@@ -138,6 +140,9 @@ class LivePage:
             return
         self._drawn_at = now
         self.text.content = block(numbers_text(self._title, moment, self.paused))
+        if len(self._path):
+            behind = np.arange(len(self._path))[:, None] < 2.0 * moment.behind
+            self._lines.colors = np.where(behind, BEHIND, AHEAD).astype(np.uint8).reshape(-1, 2, 3)
         if len(rows) > 1:
             self.plot.data = tuple(np.nan_to_num(rows.T))
 

@@ -163,6 +163,10 @@ class LiveView(FrameSink):
             force=force,
             asked=float(state.target.force) if state.target.contact else none,
             speed=float(np.linalg.norm(state.measurement.twist[:3])),
+            behind=sum(
+                min(max(state.target.s - stroke.start_s, 0.0), stroke.process.length) / stroke.process.spacing
+                for stroke in cell.strokes
+            ),
         )
 
     @property

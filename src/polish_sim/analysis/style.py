@@ -8,11 +8,12 @@ was made of or compared with, orange an event or a second series, red a protecti
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import wraps
+from functools import cache, wraps
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
@@ -68,12 +69,28 @@ _RC: Any = {
 }
 
 
+OTHER_SCRIPTS = (
+    "Noto Sans CJK JP",
+    "Noto Sans CJK SC",
+    "WenQuanYi Zen Hei",
+    "IPAGothic",
+    "Microsoft YaHei",
+)
+"""Fonts for names of parts in Chinese and Japanese, where they are installed."""
+
+
+@cache
+def _fonts() -> list[str]:
+    known = {font.name for font in font_manager.fontManager.ttflist}
+    return ["DejaVu Sans", *(name for name in OTHER_SCRIPTS if name in known)]
+
+
 def styled(plot: Callable[P, FigureT]) -> Callable[P, FigureT]:
     """Draw a figure in the house style; matplotlib's own settings are back as they were afterwards."""
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> FigureT:
-        with matplotlib.rc_context(_RC):
+        with matplotlib.rc_context(_RC | {"font.family": _fonts()}):
             return plot(*args, **kwargs)
 
     return draw
