@@ -1,5 +1,5 @@
-"""Teach to polish: a hand drags the tool along a part, its recording becomes a path: filtered, simplified,
-fitted, put on the part."""
+"""Teach to polish: a hand drags the tool along a part, its recording becomes a path: filtered, fitted, put
+on the part."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_lsq_spline
+from scipy.interpolate import splev, splprep
 from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from polish_sim.arrays import Array, Figures, Indices, chord_lengths, dots, foot_on_chord, norms, rms, unit
+from polish_sim.arrays import Array, Figures, chord_lengths, dots, foot_on_chord, norms, rms, unit
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import Checked, DragConfig, HandConfig, SimulationConfig
 from polish_sim.errors import PlanError
@@ -65,7 +65,7 @@ class Taught(NamedTuple):
     """A path that was taught."""
 
     path: ToolPath
-    knots: int  #: Corners of the simplified recording, which are the knots of the fit
+    knots: int  #: Of the fit
     off_surface: float  #: Largest distance by which the fitted way was moved onto the part [m]
 
 
@@ -78,17 +78,17 @@ def teach_path(
         record: The recording; hardly moved: PlanError.
         surface: The part it was shown on: points are put on it, its normals become tool axes.
         filter_hz: Low-pass, forth and back [Hz].
-        tolerance: The filtered way is simplified within this distance [m].
+        tolerance: Of the spline from the filtered way, rms [m].
         spacing: Distance of the path's points [m].
     """
     way = _even(_moving(record, filter_hz))
     s = arc_length(way)
-    corners = simplified(way, tolerance)
     at = np.linspace(0.0, s[-1], max(2, round(s[-1] / spacing)) + 1)
-    points = make_lsq_spline(s, way, _knots(s, s[corners]), DEGREE)(at)
+    fitted, _ = splprep(way.T, u=s, k=DEGREE, s=len(way) * tolerance**2)
+    points = np.column_stack(splev(at, fitted))
     found = surface.closest(points)
     off = norms(points - found.positions).max()
-    return Taught(path_through(surface, found), len(corners), off)
+    return Taught(path_through(surface, found), len(fitted[0]) - 2 * DEGREE, off)
 
 
 def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
@@ -97,24 +97,6 @@ def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     curvature = surface.normal_curvature(found.facets, found.barycentric, along)
     moved = np.concatenate([[True], chord_lengths(found.positions) > 1e-6])
     return path_of(move_in(PROCESS, found.positions[moved], found.normals[moved], 0), curvature[moved])
-
-
-def simplified(points: Array, tolerance: float) -> Indices:
-    """Rising indices of a polyline (n, 3) within ``tolerance`` [m] of all its points (Douglas and
-    Peucker)."""
-    kept = {0, len(points) - 1}
-    stack = [(0, len(points) - 1)]
-    while stack:
-        first, last = stack.pop()
-        if last - first < 2:
-            continue
-        off = foot_on_chord(points[first + 1 : last] - points[first], points[last] - points[first])[1]
-        furthest = int(off.argmax())
-        if off[furthest] > tolerance:
-            middle = first + 1 + furthest
-            kept.add(middle)
-            stack += [(first, middle), (middle, last)]
-    return np.array(sorted(kept))
 
 
 def _moving(record: Recording, filter_hz: float) -> Array:
@@ -141,17 +123,6 @@ def _even(positions: Array) -> Array:
     rising = np.concatenate([[True], np.diff(s) > 0.0])
     at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / EVEN_M)))
     return interpolate(at, s[rising], positions[rising])
-
-
-def _knots(s: Array, corners: Array) -> Array:
-    """Knots of a spline at the corners, those left out between which the recording has too few places."""
-    least = (DEGREE + 2) * (s[1] - s[0])
-    kept = [0.0]
-    for place in corners[1:-1]:
-        if place - kept[-1] >= least and s[-1] - place >= least:
-            kept.append(float(place))
-    ends = np.full(DEGREE + 1, 0.0), np.full(DEGREE + 1, s[-1])
-    return np.concatenate([ends[0], kept[1:], ends[1]])
 
 
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
