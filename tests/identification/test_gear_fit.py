@@ -87,7 +87,7 @@ def test_planted_gears_are_recovered_predict_the_torques_and_are_named_in_the_fi
     assert (row["unit"], row["identifiable"]) == ("N m/rad", "gear")
     assert float(row["low_95"]) < float(row["value"]) < float(row["high_95"])
     assert {path.name for path in planted.folder.iterdir()} == {
-        "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png", "motion.png",
+        "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png",
     }  # fmt: skip
     assert {claim.figure for claim in GEARS} <= planted.figures.keys()
     assert np.shape(planted.figures["gear_stiffness_nm_rad"]) == (6, 3)

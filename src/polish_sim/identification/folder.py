@@ -1,19 +1,15 @@
-"""What an identification leaves in its folder: model, tables, figures, plots of its motion and of a held-out
-one."""
+"""What an identification leaves in its folder: model, tables, figures, a plot of a held-out motion."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95
-from polish_sim.identification.excitation import FourierMotion
 from polish_sim.identification.identify import Identification
 from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, identified_xml, write_portable
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed
@@ -34,8 +30,7 @@ def write_folder(folder: Path, found: Identification, source: RobotSource = None
     if found.weighed is not None:
         write_payload(folder, found.weighed)
     write_metrics(folder, found.figures)
-    motion = {} if found.motion is None else {"motion.png": plot_motion(found.motion, found.figures)}
-    save_plots(folder, {"torques.png": plot_torques(found), **motion})
+    save_plots(folder, {"torques.png": plot_torques(found)})
 
 
 def rows_of(found: Identification) -> list[ParameterRow]:
@@ -99,27 +94,6 @@ def plot_torques(found: Identification) -> Figure:
         f"{figures['base_parameters']} parameters from {figures['samples']} samples",
     ]
     head(figure, "Torques of a motion that was not fitted", facts, legend=(grid[0],))
-    return figure
-
-
-@styled
-def plot_motion(motion: FourierMotion, figures: Mapping[str, Any]) -> Figure:
-    """Positions and speeds of all joints over a period of an exciting motion."""
-    figure = new_figure(9.0, 5.0)
-    above, below = figure.subplots(2, 1, sharex=True)
-    time = np.linspace(0.0, motion.period, 1001)
-    states = motion(time)
-    for joint in range(states.q.shape[1]):
-        above.plot(time, np.degrees(states.q[:, joint]), label=f"joint {joint + 1}", **line_look(joint))
-        below.plot(time, np.degrees(states.qd[:, joint]), **line_look(joint))
-    above.set_ylabel("joint position [deg]")
-    below.set_ylabel("joint speed [deg/s]")
-    below.set_xlabel("time [s]")
-    facts = [
-        f"predicts other motions to {figures['predicted_error_sigma']:.4f} of the noise after one period",
-        f"condition {figures['condition_motion']:.0f}",
-    ]
-    head(figure, "The exciting motion", facts, legend=(above,))
     return figure
 
 

@@ -90,7 +90,6 @@ class Identification:
     held_out: HeldOut
     figures: dict[str, Any]  #: The keys of metrics.json
     truth: Array | None = None  #: True parameters, shape (p,); None for a real robot
-    motion: FourierMotion | None = None
     weighed: Weighed | None = None  #: The payload, if one was searched
     gears: GearFit | None = None  #: Of elastic joints
 
@@ -153,18 +152,8 @@ def run_identification(
         weighed = weigh_block(sums, task.base, motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(
-        arm.truth,
-        base,
-        found,
-        full,
-        drawing,
-        held_out,
-        figures,
-        truth,
-        motion,
-        weighed,
-        gears,
-    )
+        arm.truth, base, found, full, drawing, held_out, figures, truth, weighed, gears,
+    )  # fmt: skip
 
 
 def _design(
