@@ -17,7 +17,6 @@ from polish_sim.config import Scenario
 from polish_sim.errors import count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.page import Table, number_or_dash
-from polish_sim.row_file import write_metrics
 
 if TYPE_CHECKING:
     from polish_sim.cell import Observer
@@ -52,8 +51,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
     Own("--payload", PANEL, "KG", "Then carry a block of this mass, up to 3 kg beside the tool, and find its "
                                   "mass, centre and inertia (kg).",
         float, 0.0),
-    Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
-                                             "robot's model is taken as it is.", Path),
+    Own("--payload-data", PANEL, "FILE", "Log of the robot of --data carrying a payload.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify."),
     *LOG_OPTIONS,
     *(*SEED_OPTIONS, "--set", "--check", *OUTPUT_OPTIONS),
@@ -70,7 +68,7 @@ def identify(given: Given) -> int:
     takes = "'identify': it takes robot.arm and robot.real.KEY"
     scenario = override_robot(Scenario(), given["--set"] or [], ("robot.arm=", "robot.real."), takes)
     settings = IdentifySettings(**chosen(given, "periods", "starts", "seed", "payload"), robot=scenario.robot)
-    if given["--data"] is None and given["--payload-data"] is None:
+    if given["--data"] is None:
         return simulated(settings, given)
     with claimed(given, "identify") as folder:
         outcome = from_logs(given, folder.draft)
@@ -81,10 +79,10 @@ def _refuse_idle(given: Given) -> None:
     """Refuse options that would change nothing."""
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
     refuse_beside(given, "--report", *OF_SIMULATED, *files)
-    for source in ("--data", "--payload-data"):
-        refuse_beside(given, source, *OF_SIMULATED)
-    refuse_without(given, "--data --payload-data", "--period", *(option.name for option in LOG_OPTIONS))
-    refuse_without(given, "--data --payload-data --report", "--model", "--arm")
+    refuse_beside(given, "--data", *OF_SIMULATED)
+    log_options = (option.name for option in LOG_OPTIONS)
+    refuse_without(given, "--data", "--payload-data", "--period", *log_options)
+    refuse_without(given, "--data --report", "--model", "--arm")
     refuse_without(given, "--model", "--joints")
     refuse_beside(given, "--model", "--arm")
 
@@ -137,40 +135,28 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 
 
 def from_logs(given: Given, draft: Path) -> Outcome:
-    """Identify a robot, and what it carries in a second log, from its own logs, or the payload alone, the
-    model believed as it is; write the folder."""
+    """Identify a robot, and what it carries in a second log, from its own logs; write the folder."""
     from polish_sim.identification import IDENTIFY
-    from polish_sim.identification.folder import write_folder, write_payload
+    from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs
 
     robot, file, loaded = _robot(given), given["--data"], given["--payload-data"]
-    found, run = None, None
     with console.progress() as observer:
         observer.stage("read the log")
-        if file is not None:
-            run = _read(given, file, robot)
-            observer.stage("fit the model")
-            found = identify_from_log(robot, *run)
+        run = _read(given, file, robot)
+        observer.stage("fit the model")
+        found = identify_from_log(robot, *run)
         if loaded is not None:
             observer.stage("fit the payload")
             weighed = weigh_from_logs(robot, run, _read(given, loaded, robot))
-            found = found and replace(found, weighed=weighed, figures=found.figures | weighed.figures)
-        if found is not None:
-            observer.stage("draw")
-            write_folder(draft, found, robot.source)
-    if found is not None:
-        show_identification(found)
-        claims = IDENTIFY["data" if robot.model.load is None else "gears"]
-        return Outcome(
-            claims, f"identification from {file.name}", {"this robot": found.figures}, notes=doubts(found)
-        )
-    write_payload(draft, weighed)
-    write_metrics(draft, weighed.figures)
-    show_payload(weighed)
-    note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
+            found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
+        observer.stage("draw")
+        write_folder(draft, found, robot.source)
+    show_identification(found)
+    claims = IDENTIFY["data" if robot.model.load is None else "gears"]
     return Outcome(
-        IDENTIFY["payload-data"], f"payload from {loaded.name}", {"payload": weighed.figures}, notes=(note,)
+        claims, f"identification from {file.name}", {"this robot": found.figures}, notes=doubts(found)
     )
 
 

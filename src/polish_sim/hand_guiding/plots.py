@@ -59,8 +59,7 @@ def plot_guiding(record: RunRecord) -> Figure:
         )
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
-    highest = max([float(np.max(line.get_ydata())) for axes in grid.flat for line in axes.lines], default=1.0)
-    grid[0, 0].set_ylim(0.0, 1.05 * highest)
+    grid[0, 0].set_ylim(bottom=0.0)
     dashed = any(axes.lines for axes in grid.flat) and PAPER_N.keys() & modes
     facts = [
         "numbers: largest while it moves",

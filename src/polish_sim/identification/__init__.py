@@ -91,9 +91,4 @@ IDENTIFY: Mapping[str, tuple[Claim, ...]] = {
         *_IDENTIFY_DATA,
         Claim("nrms_heldout_rigid_mean", "friction by speed alone: residual / range", "%"),
     ),
-    "payload-data": (
-        Claim("payload_mass_std_kg", "mass, std", "g"),
-        Claim("payload_consistent_as_found", "a body can have these numbers as found", ""),
-        Claim("payload_consistent", "the nearest body can exist", "", low=1.0, more_is_better=True),
-    ),
 }

@@ -1,7 +1,7 @@
 """A payload as one more body on the last link: its mass, centre and inertia from a second run.
 
 tau_loaded = Y theta + Y_n pi: the last link's own ten columns Y_n, beside the base parameters theta of the
-arm, found in the run without payload or known beforehand.
+arm, found in the run without payload.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Uncertain, rms
+from polish_sim.arrays import Array, Uncertain, rms
 from polish_sim.identification import IdentifySettings
 from polish_sim.identification.arm import LoggedRobot, build_simulated_arm, play_motion
 from polish_sim.identification.estimate import (
@@ -79,36 +79,16 @@ def fit_link_payload(
     ``empty``: normal equations of the run without payload, in the base; ``states`` and ``torque`` [N m], (m,
     n), with it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
     """
-    both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
+    last = np.arange(10 * (model.joints - 1), 10 * model.joints)
+    both = BaseParameters(np.append(base.columns, last), np.zeros((0, 0)))
     # The run without it has the payload's columns, of zeros.
     squares = np.pad(empty.squares, ((0, 0), (0, 10), (0, 10)))
     widened = empty._replace(squares=squares, products=np.pad(empty.products, ((0, 0), (0, 10))))
     sums = sum_samples(model, both, states, torque).plus(widened)
-    return _payload_of(model, [model.names[column] for column in base.columns], sums)
-
-
-def fit_payload_on_known_arm(
-    model: TorqueModel, base: BaseParameters, theta: Array, states: States, torque: Array
-) -> FoundPayload:
-    """Estimate a payload from one run of an arm whose base parameters ``theta`` (r,) are known.
-
-    The intervals count noise only, as if the arm were known exactly. Arguments and errors else as in
-    `fit_link_payload`.
-    """
-    alone = BaseParameters(_last_link(model), np.zeros((0, 0)))
-    left = torque - model.torque_of_base(states, base.columns, theta)
-    return _payload_of(model, [], sum_samples(model, alone, states, left))
-
-
-def _payload_of(model: TorqueModel, others: list[str], sums: JointSums) -> FoundPayload:
-    """Estimate other parameters, by name, and the payload's ten behind them."""
-    require_excited(sums, others + [f"payload {name}" for name in LINK_PARAMETERS], model)
+    names = [model.names[column] for column in base.columns]
+    require_excited(sums, [*names, *(f"payload {name}" for name in LINK_PARAMETERS)], model)
     found = estimate(sums)
     return FoundPayload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
-
-
-def _last_link(model: TorqueModel) -> Indices:
-    return np.arange(10 * (model.joints - 1), 10 * model.joints)
 
 
 _DENSITY = 2700.0  #: Of the blocks that are carried [kg/m^3]
@@ -164,19 +144,13 @@ def weigh_block(
 
 
 def weigh_from_logs(
-    robot: LoggedRobot, empty: tuple[RobotLog, States] | None, loaded: tuple[RobotLog, States]
+    robot: LoggedRobot, empty: tuple[RobotLog, States], loaded: tuple[RobotLog, States]
 ) -> Weighed:
-    """Find what a robot carries from its logs; without a run ``empty`` the robot's model is taken as
-    exact."""
+    """Find what a robot carries from its logs without and with it."""
     model = robot.model
-    base = base_of(robot.model)
-    log, states = loaded
-    if empty is None:
-        theta = base.combination @ model.truth()
-        payload = fit_payload_on_known_arm(model, base, theta, states, log.torque)
-    else:
-        sums = sum_samples(model, base, empty[1], empty[0].torque)
-        payload = fit_link_payload(model, base, sums, states, log.torque)
+    base = base_of(model)
+    sums = sum_samples(model, base, empty[1], empty[0].torque)
+    payload = fit_link_payload(model, base, sums, loaded[1], loaded[0].torque)
     return Weighed(payload, None, payload_figures(payload, None))
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices
-from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import (
     LINK_PARAMETERS,
@@ -140,14 +139,12 @@ WAVES = {"cos": np.cos, "sin": np.sin}
 
 
 def term_of(name: str) -> JointTerm:
-    """A term by its name: of `TERMS`, or a wave of a gear's teeth, ``cos202``; InputError for others."""
+    """A term by its name: of `TERMS`, or a wave of a gear's teeth, ``cos202``."""
     if name in TERMS:
         return TERMS[name]
-    wave = WAVES.get(name[:3])
-    teeth = name[3:]
-    if wave is None or not teeth.isdecimal():
-        raise unknown_name("torque term", name, TERMS)
-    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), None, _none)
+    wave = WAVES[name[:3]]
+    teeth = int(name[3:])
+    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(teeth * x.q), None, _none)
 
 
 FULL = ("coulomb", "viscous", "armature", "offset")
@@ -163,10 +160,6 @@ class TorqueModel:
     load: Array | None = (
         None  #: Of the links, as drawn, whose torque friction by load grows with, shape (10 n,)
     )
-
-    def __post_init__(self) -> None:
-        for term in self.terms:
-            term_of(term)
 
     @property
     def joints(self) -> int:

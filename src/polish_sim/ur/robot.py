@@ -12,7 +12,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array, norms, unit
+from polish_sim.arrays import Array, crosses, norms, unit
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.cell.real_arm import joint_inertia
 from polish_sim.cell.scene import on_flange
@@ -210,9 +210,8 @@ class SimulatedRobot:
         elif self.ticks:
             R, wrench, p = self._seen
             self.tcp_force = np.concatenate([-R @ wrench[:3], -R @ wrench[3:]])
-            (x, y, z), (a, b, c) = p - T[:3, 3], self.tcp_force[:3]
             self._wrenches.append(wrench.copy())
-            self.tcp_force[3:] += y * c - z * b, z * a - x * c, x * b - y * a
+            self.tcp_force[3:] += crosses(p - T[:3, 3], self.tcp_force[:3])
         self._past.append((self.actual_q, self.tcp_force))
 
     @property
