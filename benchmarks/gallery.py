@@ -65,7 +65,6 @@ SHOWN: Final = {
     "surface_force.png": "surface/force.png",
     "removal.png": "surface/removal.png",
     "with_and_without_force_control.png": "compared/force.png",
-    "demo_curvature_peaks.png": "demo/peaks.png",
     "force_step.png": "force/force.png",
     "arc.png": "arc/arc.png",
     "hand_force.png": "teach/hand_force.png",

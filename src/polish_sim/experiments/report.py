@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.claim import Claim, figure_table, shortfalls
+from polish_sim.analysis.claim import figure_table
 from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import (
     CONFIG,
@@ -23,7 +23,7 @@ from polish_sim.analysis.run_record import (
     read_records,
     stop_mark,
 )
-from polish_sim.analysis.style import add_line, say_stop
+from polish_sim.analysis.style import say_stop
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import InputError, PolishSimError
@@ -78,32 +78,16 @@ def draw_comparison(records: Records) -> dict[str, Figure]:
     return plots | _removal(records) if all(map(removed_something, records)) else plots
 
 
-#: They choose the worst seed
-WORST_BY = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")
-
-
 def draw_seeds(records: Records) -> dict[str, Figure]:
-    """Draw the pictures of many seeds of one scenario, by file name: their figures, all of them or the worst
-    one."""
+    """Draw the pictures of many seeds of one scenario, by file name."""
     from polish_sim.analysis.run_plots import plot_seeds
 
     scenario = records[0].scenario
     row = experiment(scenario.experiment)
-    claims = row.claims(scenario)
-    plots = {"seeds.png": plot_seeds(records, claims), **_drawn(row.seeds_plots, records)}
-    if row.seeds_plots:
-        return plots
-    worst = max(records, key=lambda record: _badness(record, claims))
-    for figure in list(draw_plots(worst).values())[:1]:
-        add_line(figure, f"seed {worst.scenario.seed}, the worst of {len(records)}")
-        plots["worst_seed.png"] = figure
-    return plots
-
-
-def _badness(record: RunRecord, claims: Sequence[Claim]) -> tuple[float, ...]:
-    """How many figures fall short of what is asked, then the errors by size."""
-    errors = [np.max(record.metrics.get(name) or 0.0) for name in WORST_BY]
-    return len(shortfalls(claims, record.metrics)), *map(float, errors)
+    return {
+        "seeds.png": plot_seeds(records, row.claims(scenario)),
+        **_drawn(row.seeds_plots, records),
+    }
 
 
 def removed_something(record: RunRecord) -> bool:

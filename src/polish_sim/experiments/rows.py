@@ -125,12 +125,7 @@ SURFACE = Experiment(
     prepare="polish_sim.experiments.surface:prepare_surface",
     claims=lambda s: surface_claims(s.robot, s.head.flange.bandwidth_hz > 0.0),
     notes="polish_sim.analysis.metrics:map_notes",
-    plots=always(
-        {
-            "force.png": "polish_sim.analysis.surface_plot:plot_surface_force",
-            "peaks.png": "polish_sim.analysis.surface_plot:plot_peaks",
-        }
-    ),
+    plots=always({"force.png": "polish_sim.analysis.surface_plot:plot_surface_force"}),
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
     options=(
         *PART_OPTIONS,
