@@ -121,7 +121,7 @@ def undrawn() -> Iterator[None]:
         left_out.setattr(Figure, "savefig", save)
         for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "removal_plot.plot_removal"):
             left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
-        for name in ("corners", "deviation", "joints", "tool_rates"):
+        for name in ("corners", "joints", "tool_rates"):
             left_out.setattr(f"polish_sim.smoothing.plots.plot_{name}", lambda *_, **__: Figure())
         for name in ("run", "report"):
             left_out.setattr(f"polish_sim.cli.{name}.save_cell_picture", save_cell)

@@ -13,7 +13,7 @@ HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
 FILES = {
     "trajectory.npz", "trajectory.csv", "metrics.json", "limits.toml", "tool.png", "joints.png",
-    "corners.png", "deviation.png",
+    "corners.png",
 }  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from polish_sim.analysis.style import (
     shade_band,
     styled,
 )
-from polish_sim.arrays import Array, longest_side, norms, rms
+from polish_sim.arrays import Array, norms, rms
 from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual import BAND_N
 from polish_sim.dual.calibration.bases import Group
@@ -131,7 +131,7 @@ def plot_tool(done: TcpCalibration) -> Figure:
         space.plot(*np.stack([moved[0], end], axis=1), ".--", color=PINK, lw=1.2, label=label)
     _draw_frame(space, flanges[0] @ done.found.T_flange_tool, 0.06, "xyz")
     space.plot(*tip.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
-    _finish(space, np.concatenate([flanges[:, :3, 3], tip.touched[None]]), "base")
+    _finish(space, "base")
     _residual_bars(bars, [Group("touches", flanges[:, :3, 3], norms(tip.residuals), tip.used)])
     bars.set_xlabel("touch")
     x, y, z = 1e3 * tip.point
@@ -255,15 +255,12 @@ def _draw_frame(space: Any, T: Array, size: float, names: str = "") -> None:
             space.text(*(end + 0.12 * size * T[:3, axis]), names[axis], fontsize=8, ha="center", va="center")
 
 
-def _finish(space: Any, points: Array, frame: str) -> None:
+def _finish(space: Any, frame: str) -> None:
     """Equal scales, labels with units."""
-    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-    reach = 0.55 * longest_side(points)
-    for axis, center in zip("xyz", middle, strict=True):
-        getattr(space, f"set_{axis}lim")(center - reach, center + reach)
+    for axis in "xyz":
         getattr(space, f"set_{axis}label")(f"{axis}, {frame} [m]")
-        space.tick_params(axis, labelsize=7)
-    space.set_box_aspect((1, 1, 1))
+    space.tick_params(labelsize=7)
+    space.set_aspect("equal", "datalim")
     space.locator_params(nbins=4)
     space.legend(loc="upper left", fontsize=7.5)
 
@@ -278,8 +275,7 @@ def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array]
         space.text(*below, name, fontsize=9, fontweight="bold", ha="center", va="center", zorder=10)
     # Not along an axis of either arm: circles would look like lines.
     space.view_init(elev=24.0, azim=-32.0)
-    everything = [group.points for group in groups] + [T[None, :3, 3] for T in frames.values()]
-    _finish(space, np.concatenate(everything), "tracker")
+    _finish(space, "tracker")
 
 
 def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:

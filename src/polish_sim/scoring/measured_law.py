@@ -28,7 +28,6 @@ PRESSED_S = 2.5  # time the law has to settle
 RESPONSE_S = 3.0  # length of the impulse responses
 SETTLED = 0.05  # share of the force, and of the springs' way in a second, that a settled law may be off
 NUDGE_N, NUDGE_M_S = 1e-3, 1e-6
-_BLOCK = 64
 AXIS = -1.0  # tool z points down in the base frame
 
 
@@ -104,12 +103,7 @@ def _along(answer: Array) -> float:
 def _sum_up(kernel: Array, z: Complex) -> Complex:
     """Transfer of a law whose answer's changes after an impulse are ``kernel``: sum kernel_n z^-n / (1 -
     1/z)."""
-    blocks = np.pad(kernel, (0, -len(kernel) % _BLOCK)).reshape(-1, _BLOCK)
-    sums = np.exp(-np.outer(np.log(z), np.arange(_BLOCK))) @ blocks.T
-    total, step = np.zeros_like(z), z ** -float(_BLOCK)
-    for k in range(sums.shape[1] - 1, -1, -1):
-        total = total * step + sums[:, k]
-    return total / (1.0 - 1.0 / z)
+    return np.polyval(kernel[::-1], 1.0 / z) / (1.0 - 1.0 / z)
 
 
 class _Stand:

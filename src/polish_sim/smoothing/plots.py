@@ -1,4 +1,4 @@
-"""Pictures of a smoothed path: rates with limits and deviations over time, and corners seen from near."""
+"""Pictures of a smoothed path: rates with limits over time, and corners seen from near."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from polish_sim.analysis.style import (
 )
 from polish_sim.arrays import Array, Indices, foot_on_chord, norms, perpendicular, turns_along, unit
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
+from polish_sim.motion.rules.deviation import Deviation, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import ORDERS, Arm
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.smoothing.figures import MeasuredMotion, motion_at
@@ -49,31 +49,26 @@ WINDOW = 12  #: Way points on either side that a view's path is made of
 
 
 def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
-    """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
+    """Draw tool, joints and corners of a smoothed path, by file name; one curve a rule."""
     raw = task.placed.chain
     limits = task.limits.table
     arm = task.placed.arm
-    curves = [_curves(motion, raw, arm) for motion in motions]
+    curves = [_curves(motion, arm) for motion in motions]
     facts = [
         f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm",
         ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions),
         f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°",
     ]
-    allowed = (task.tolerance, task.axis_tolerance)
-    plots = {
-        "tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", facts),
-        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", facts),
-    }
+    plots = {"tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", facts)}
     if arm is not None:
         plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", facts)
     return plots | _corners(task, motions, name, facts)
 
 
-def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
+def _curves(measured: MeasuredMotion, arm: Arm | None) -> Curves:
     motion = measured.motion
     times = np.linspace(0.0, motion.end, int(min(DRAWN, max(1e3 * motion.end, 500.0))) + 1)
-    rates = motion_at(motion, times, arm).rates
-    return Curves(measured.rule, times, rates, deviation_curve(motion, raw, times))
+    return Curves(measured.rule, times, motion_at(motion, times, arm).rates)
 
 
 def _corners(
@@ -100,7 +95,6 @@ class Curves(NamedTuple):
     label: str
     times: Array  #: [s], shape (n,)
     rates: Array  #: As `SampledMotion.rates`
-    deviation: DeviationCurve  #: Of tip and axis from the path
 
 
 @styled
@@ -113,26 +107,6 @@ def plot_tool_rates(curves: Sequence[Curves], limits: Array, title: str, facts: 
         top = _draw(axes, curves, [scale * curve.rates[order, :, column] for curve in curves], 0.9)
         _draw_limit(axes, float(scale * limits[order, column]), top)
         axes.set_ylabel(f"{ORDERS[order]} of the {what}{SUFFIX[order]}]")
-    _finish(figure, grid, curves, title, facts)
-    return figure
-
-
-@styled
-def plot_deviation(
-    curves: Sequence[Curves], tolerances: tuple[float, float], title: str, facts: Sequence[str]
-) -> Figure:
-    """Distance of tip and tool axis from the path over time, with tolerances [m, rad]; one curve a rule."""
-    figure = new_figure(11.0, 5.4)
-    grid = figure.subplots(2, 1, sharex=True, squeeze=False)
-    for k, (scale, label) in enumerate(
-        ((MICRO, "tip off the path [µm]"), (1e3 * DEGREES, "axis off its path [mdeg]"))
-    ):
-        axes = grid[k, 0]
-        tolerance = scale * tolerances[k]
-        top = _draw(axes, curves, [scale * curve.deviation[k] for curve in curves], 0.9)
-        limit_line(axes, tolerance, "tolerance")
-        axes.set_ylim(0.0, max(1.12 * tolerance, 1.12 * top, scale * 1e-9))
-        axes.set_ylabel(label)
     _finish(figure, grid, curves, title, facts)
     return figure
 
