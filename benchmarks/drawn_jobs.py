@@ -75,7 +75,7 @@ def ratios_to_proof(run: Call, plan: Path) -> dict[str, float]:
     starts = path.s[[first for first, _ in stretches(path.process)]]
     held = s - starts[np.maximum(np.searchsorted(starts, s, side="right") - 1, 0)] > SETTLED_M
     wanted, most = path.force_at(s, usual), path.largest_force(usual)
-    forces = [np.asarray(log[f"normal_force_{end}_n"][log.fed], dtype=float) for end in ("min", "max")]
+    forces = [log[f"normal_force_{end}_n"][log.fed] for end in ("min", "max")]
     used = {
         BAND: max(np.max(force_shares(force, wanted, most, held)) for force in forces),
         ASTRAY: run.figures["tracking_error_max_m"] / most_astray(arm),

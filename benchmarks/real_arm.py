@@ -253,7 +253,7 @@ def simulated_step(case: Case, rig: ContactRig, law: str = "force-mode", *settin
     mode = [f"controller.baselines.mode_gain_scaling={case.gain}", "controller.baselines.mode_damping=0"]
     own = [UR10E, f"controller.name={law}", f"controller.force_limit_m_s={TOP_SPEED}", *mode, *settings]
     run = run_experiment(on_rig(default_scenario("force"), rig, case.force, case.approach, *own))
-    time, force = (np.asarray(run.log[name], dtype=float) for name in ("time_s", "normal_force_n"))
+    time, force = (run.log[name] for name in ("time_s", "normal_force_n"))
     return from_contact(time, force, case.force)
 
 

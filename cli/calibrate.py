@@ -134,7 +134,7 @@ for _command, _text in (
 
 
 def _write(found: PayloadCalibration, folder: Path) -> None:
-    from polish_sim.analysis.payload_plot import plot_drift, plot_residuals
+    from polish_sim.analysis.payload_plot import plot_residuals
     from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
 
@@ -144,8 +144,6 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
         put_file(folder, CONFIG, to_toml(found.scenario))
     left = estimate.residuals, estimate.noise, estimate.used
     plots = {"residuals.png": plot_residuals(*left, _facts(found))}
-    if found.long_run is not None:
-        plots["drift.png"] = plot_drift(*found.long_run)
     write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)
 
 

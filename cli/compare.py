@@ -168,7 +168,6 @@ def _center(text: str) -> tuple[float, ...]:
 
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
-    from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import read_record
     from polish_sim.compare.figures import compare_steps, from_contact
     from polish_sim.compare.replay import FIGURES, PICTURE, plot_steps, step_page, step_table
@@ -180,7 +179,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
         force = log.values["wrench"][:, 2:3]
     asked = given["--asked"] or record.scenario.process.contact_force_n
     measured = from_contact(log.time, force[:, 0], asked)
-    simulated = from_contact(column_of(record.log, "time_s"), column_of(record.log, "normal_force_n"), asked)
+    simulated = from_contact(record.log["time_s"], record.log["normal_force_n"], asked)
     found = compare_steps(measured, simulated)
     title = f"{real.name} {given['--run'] or ''} beside {record.name}"
     write_json(draft / FIGURES, found)

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureSize
@@ -73,7 +72,7 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     curves."""
     time = clock(record.log)
     band = experiment(record.scenario.experiment).band_n
-    kept = shown_rows(time, column_of(record.log, "q_rad"))
+    kept = shown_rows(time, record.log["q_rad"])
     plot = run_plots(record, run_motion(record, model, kept), kept)[0]
     figure = new_figure(*CURVE_INCH)
     figure.set_dpi(DPI)
@@ -116,7 +115,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
 
     time = clock(record.log)
     q = joint_columns(record, model)
-    pads = column_of(record.log, "tcp_position_m")
+    pads = record.log["tcp_position_m"]
     length = float(time[-1] - time[0])
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)

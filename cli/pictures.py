@@ -64,7 +64,6 @@ class PictureSize(NamedTuple):
 
 
 LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: By the values of MUJOCO_GL
-CROSS = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR = "#E00020"
 CELL = PictureSize(1080, 960, 2048)  #: As drawn
 FINER = 1.5  #: Times drawn larger than kept: smooth edges in half the time of several samples per pixel
@@ -161,7 +160,6 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     import numpy as np
     from PIL import Image as Pillow
 
-    from polish_sim.analysis.metrics import column_of
     from polish_sim.analysis.run_record import stop_mark
     from polish_sim.experiments.run_page import clock, joint_columns
 
@@ -173,7 +171,7 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     )
     data.qpos[:] = joint_columns(record, model)[row]
     mujoco.mj_forward(model, data)
-    pad = column_of(record.log, "tcp_position_m")[row]
+    pad = record.log["tcp_position_m"][row]
     try:
         picture = Picture(model, CELL)
     except Exception as error:
@@ -187,13 +185,7 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     if stop:
         from PIL import ImageDraw  # slow to import
 
-        draw = ImageDraw.Draw(whole)
-        x = (CELL.width + PAD_WIDTH // 2) / FINER
-        y = CELL.height / 2 / FINER
-        for color, line in (("white", 9), (STOP_COLOR, 5)):
-            for way in (-CROSS, CROSS):
-                draw.line((x - CROSS, y - way, x + CROSS, y + way), fill=color, width=line)
-        draw.text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
+        ImageDraw.Draw(whole).text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
     whole.save(file, **QUICK_PNG)
     return True
 

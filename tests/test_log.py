@@ -33,12 +33,14 @@ def test_every_number_of_a_row_lands_in_its_column_reads_back_the_same_and_canno
     for name, (start, width) in row_layout().items():
         expected = rows[:, start] % 100 if width == 0 else rows[:, start : start + width] % 100
         np.testing.assert_array_equal(log[name], expected)
-        assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
+        assert log.columns[name].dtype == integer.get(name, np.float64 if name in double else np.float32), (
+            name
+        )
     log, path = from_rows(rows % 100), tmp_path / "log.npz"
     write_log(path, log)
     again = read_log(path)
     for name in log.names:
-        assert again[name].dtype == log[name].dtype
+        assert again.columns[name].dtype == log.columns[name].dtype
         np.testing.assert_array_equal(again[name], log[name])
     assert [p.name for p in tmp_path.iterdir()] == ["log.npz"]
     with zipfile.ZipFile(path) as archive:

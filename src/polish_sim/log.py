@@ -81,12 +81,14 @@ class RunLog:
     columns: Mapping[str, NDArray[np.generic]]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one column, shape (n,) or (n, k); InputError where the log has none of this name."""
+        """Return one column, (n,) or (n, k), in double precision but for whole numbers; InputError where the
+        log has none of this name."""
         if name not in self.columns:
             raise InputError(
                 f"the log has no column {name}: it is of an older run, or of another experiment."
             )
-        return self.columns[name]
+        column = self.columns[name]
+        return column if column.dtype.kind == "i" else column.astype(np.float64, copy=False)
 
     def __len__(self) -> int:
         return len(self.columns["time_s"])

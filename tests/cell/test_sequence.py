@@ -36,7 +36,7 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps():
     np.testing.assert_allclose(lifted[-1] - cells.TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
     assert force[-1] == 0.0
-    targets = np.asarray(run.log["target_position_m"], dtype=float)  # the retract at 20 mm/s is the fastest
+    targets = run.log["target_position_m"]  # the retract at 20 mm/s is the fastest
     assert np.linalg.norm(np.diff(targets, axis=0), axis=1).max() < 0.021 * 0.001
 
 

@@ -38,8 +38,8 @@ def test_position_control_presses_as_the_closed_form_says(part, pad_depth, off):
 def test_force_and_moment_are_those_of_the_pose_of_the_same_instant_also_on_a_leaning_plane():
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off."""
     run = cells.on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
-    tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
-    frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
+    tool, travel = run.log["tcp_position_m"], run.log["pad_travel_m"]
+    frames = Rotation.from_quat(run.log["tcp_quaternion_wxyz"], scalar_first=True)
     pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - cells.TOUCH[2, 3]
     expected = 20000.0 * np.maximum(-pad_height, 0.0)
     assert np.abs(np.diff(expected)).max() > 0.05

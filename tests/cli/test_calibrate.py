@@ -29,7 +29,7 @@ def folder(calibrated, polish_sim, tmp_path):
 
 
 def test_a_calibration_leaves_files_that_agree_and_give_the_same_tool_again(folder, polish_sim):
-    files = "calibration.toml config.toml drift.png metrics.json residuals.csv residuals.png"
+    files = "calibration.toml config.toml metrics.json residuals.csv residuals.png"
     assert sorted(path.name for path in folder.iterdir()) == files.split()
     metrics = metrics_of(folder)
     calibration = tomllib.loads((folder / "calibration.toml").read_text(encoding="utf-8"))

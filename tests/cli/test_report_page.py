@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import RunRecord, once_more
 from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
@@ -128,18 +127,18 @@ def assert_clean(tab):
 def assert_follows_the_log(tab, run, arms):
     """Joints as in every row of the log; the head where the log says the tool is."""
     log = run.record.log
-    time = column_of(log, "time_s")
+    time = log["time_s"]
     joints = np.array(tab("times => times.map((t) => window.page.joints(t))", time.tolist()))
     first = {str(run.model.joint(k).name): int(run.model.jnt_qposadr[k]) for k in range(run.model.njnt)}
     for column, start in zip(arms, ("shoulder_pan_joint", "master_shoulder_pan_joint"), strict=False):
         at = next(place for name, place in first.items() if name.removeprefix("follower_") == start)
-        assert np.abs(joints[:, at : at + 6] - column_of(log, column)).max() < 3e-4
+        assert np.abs(joints[:, at : at + 6] - log[column]).max() < 3e-4
     rows = np.linspace(0, len(log) - 1, 60).astype(int)
     head = next(k - 1 for k in range(run.model.nbody) if str(run.model.body(k).name).endswith("head"))
     script = "([times, k]) => times.map((t) => Array.from(window.page.bodies(t)[k]))"
     poses = np.array(tab(script, [time[rows].tolist(), head])).reshape(-1, 3, 4)
-    tip = poses[:, :, 3] + column_of(log, "pad_travel_m")[rows, None] * poses[:, :, 2]
-    assert np.linalg.norm(tip - column_of(log, "tcp_position_m")[rows], axis=1).max() < 2e-4
+    tip = poses[:, :, 3] + log["pad_travel_m"][rows, None] * poses[:, :, 2]
+    assert np.linalg.norm(tip - log["tcp_position_m"][rows], axis=1).max() < 2e-4
 
 
 @in_browser
@@ -159,7 +158,7 @@ def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_on
     def removed(time):
         return np.array(played("t => window.page.removal(t)", time))
 
-    time, total = column_of(log, "time_s"), column_of(log, "exposure_nm")
+    time, total = log["time_s"], log["exposure_nm"]
     assert np.abs(removed(time[-1]) - removal.relative).max() < 0.01
     # Before the end the log knows the sum over the part.
     for share in (0.25, 0.5, 0.75):
@@ -179,7 +178,7 @@ def test_a_page_plays_the_run_back_colours_what_was_removed_and_goes_to_where_on
     tab.tab.mouse.click(view["x"] + 0.5 * view["width"], view["y"] + 0.62 * view["height"])
     moment = tab("window.page.now()")
     assert 0.0 < moment < end
-    assert np.interp(moment, time, column_of(log, "normal_force_n")) > 10.0  # there the pad was on the part
+    assert np.interp(moment, time, log["normal_force_n"]) > 10.0  # there the pad was on the part
     for ends in ([-25.0, 45.0], [0.0, 25.0], [-1e-3, 1.9], [-3.9, 3.9], [12.1, 12.3]):
         assert 2 <= len(tab("ends => ticks(...ends, 3)", ends)) <= 7
 
@@ -277,7 +276,7 @@ def test_a_page_is_read_back_as_written_and_many_seeds_have_bands(tmp_path):
     log, removal = surface.record.log, surface.record.removal
     assert page.wear.value == pytest.approx(removal.relative, abs=1e-4)
     assert (page.wear.faces == removal.triangles).all()
-    assert page.motion.time[[0, -1]] == pytest.approx(column_of(log, "time_s")[[0, -1]])
+    assert page.motion.time[[0, -1]] == pytest.approx(log["time_s"][[0, -1]])
     assert np.isnan(page.motion.asked[0])
     (tmp_path / PAGE).write_text("no page")
     with pytest.raises(InputError, match="cannot read the page"):

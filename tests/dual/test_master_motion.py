@@ -38,7 +38,7 @@ VELOCITY = np.array([0.02, -0.01, 0.005])
 
 
 def poses_of(run, column):
-    return forward(np.ascontiguousarray(run.log[column], dtype=np.float64))
+    return forward(run.log[column])
 
 
 def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still_and_its_wrist_has_room():

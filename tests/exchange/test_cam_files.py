@@ -190,7 +190,6 @@ BAD_APT = {
     "a feed backwards": ("FEDRAT/-5,MMPM\n" + TWO, "line 1: FEDRAT/-5,MMPM is no feed"),
     "a feed per turn": ("FEDRAT/0.1,MMPR\n" + TWO, "line 1: a feed per turn"),
     "half a statement": (TWO + "GOTO/2,$\n", "line 3: the statement is continued"),
-    "multax": ("MULTAX/MAYBE\n" + TWO, "line 1: MULTAX"),
     "a spoilt note": ("$$ polish-sim: pass=first\n" + TWO, "line 2: pass is noted as 'first'"),
 }
 BAD_GCODE = {

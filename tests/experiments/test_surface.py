@@ -41,7 +41,7 @@ def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_i
     prepared = prepare_surface(*planned(freeform.scenario))
     np.testing.assert_allclose(prepared.reach.T_base_work, T_base_work, atol=1e-12)
     assert np.linalg.norm(tool - prepared.surface.closest(tool).positions, axis=1).max() < 0.006
-    removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
+    removal, running = freeform.removal, freeform.log["exposure_nm"]
     assert (np.diff(running) >= 0.0).all()
     assert running[-1] == pytest.approx(removal.areas @ removal.exposure + removal.elsewhere_nm, rel=1e-6)
     assert freeform.figures["removal_unplaced"] < 0.01
@@ -60,7 +60,7 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap):
         assert result.figures["force_max_deviation_n"] < 4.0
         assert result.figures["tracking_error_max_m"] < 0.3e-3
         fed = result.log.fed
-        wrench = np.asarray(result.log["wrench_true_tool"][fed][100:], dtype=float).mean(axis=0)
+        wrench = result.log["wrench_true_tool"][fed][100:].mean(axis=0)
         force[name], moment[name] = np.linalg.norm(wrench[:2]), wrench[5]
     # Sliding with the feed alone friction opposes it with mu F; spinning, points slide mostly round.
     assert force["off"] == pytest.approx(0.3 * 20.0, rel=0.1)
@@ -90,7 +90,7 @@ def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_lo
     place, speed = place[fed_at_all], speed[fed_at_all]
     assert speed == pytest.approx(np.interp(place, rising.path.s, rising.path.feed), rel=0.02)
     rows = rising.log.fed
-    along = np.asarray(rising.log["path_s_m"][rows], dtype=float)
+    along = rising.log["path_s_m"][rows]
     T_base_work = np.array(rising.figures["T_base_work"])
     axes, points = rising.path.axes_work, rising.path.positions_work
     depth = rising.path.force / 5000.0

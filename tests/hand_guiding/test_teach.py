@@ -52,8 +52,8 @@ def test_each_step_of_compensation_lightens_the_move_and_the_log_has_the_hand_s_
         felt = [trial.figures[f"{mode}_{direction}_slow_hand_force_rms_n"] for mode in MODES]
         assert felt == sorted(felt, reverse=True)
     assert trial.figures["drift_time_s"] == pytest.approx(4.0, abs=0.01)
-    case, force = np.asarray(trial.log["case"]), np.linalg.norm(np.asarray(trial.log["hand_force_n"]), axis=1)
-    moving = np.asarray(trial.log["phase"]) == PROCESS_PHASE
+    case, force = trial.log["case"], np.linalg.norm(trial.log["hand_force_n"], axis=1)
+    moving = trial.log["phase"] == PROCESS_PHASE
     for number, name in enumerate(trial.figures["moves"]):
         peak = trial.figures[f"{name}_hand_force_peak_n"]
         assert force[moving & (case == number)].max() == pytest.approx(peak, rel=0.02)

@@ -101,8 +101,8 @@ def test_on_the_real_arm_encoders_lag_by_the_servos_and_the_tool_by_the_gears_as
     found = run_experiment(override(default_scenario("smooth"), ["robot.arm=ur5e"]))
     lag = found.scenario.robot.real.servo_lag_s
     log = found.log
-    error = np.asarray(log["target_q_rad"] - log["encoder_q_rad"])
-    assert np.abs(error - lag * np.asarray(log["target_qd_rad_s"])).max() < 0.3 * np.abs(error).max()
-    hanging = np.abs(np.asarray(log["q_rad"], float) - np.asarray(log["encoder_q_rad"])).max(axis=0)
+    error = log["target_q_rad"] - log["encoder_q_rad"]
+    assert np.abs(error - lag * log["target_qd_rad_s"]).max() < 0.3 * np.abs(error).max()
+    hanging = np.abs(log["q_rad"] - log["encoder_q_rad"]).max(axis=0)
     assert 1e-3 < hanging[1] < 3e-3
     assert 2e-4 < found.trace.position_error_m.max() < 4e-3

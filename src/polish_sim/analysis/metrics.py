@@ -20,7 +20,7 @@ from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import BEFORE, stretches
 
 if TYPE_CHECKING:
-    from polish_sim.log import RemovalMap, RunLog, Trace
+    from polish_sim.log import RemovalMap, Trace
     from polish_sim.planning.toolpath import ToolPath
 
 # Where the path's curvature changes strongly, and what the force does there (paper 1, fig. 15).
@@ -126,11 +126,6 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
         return np.empty(0)
     sums = running_sums(value)
     return (sums[samples:] - sums[:-samples]) / samples
-
-
-def column_of(log: RunLog, name: str) -> Array:
-    """A column in double precision, shape (n,) or (n, k)."""
-    return log[name].astype(np.float64)
 
 
 RAMP_UP_S = 1.0

@@ -1,4 +1,4 @@
-"""A payload's calibration as pictures: residuals reading by reading, and drift over a long run."""
+"""A payload's calibration as a picture: residuals reading by reading."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.style import (
     AXIS_COLORS,
-    DASHES,
     GREEN,
     GREY,
     MARKS,
     head,
     new_figure,
-    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Bools
@@ -61,37 +59,3 @@ def _noise_band(axes: Axes, noise: float) -> None:
         label = f"{name} standard deviation{'s' if times > 1.0 else ''} of noise"
         axes.axhspan(-times * noise, times * noise, color=GREEN, alpha=alpha, lw=0, zorder=0, label=label)
     axes.axhline(0.0, color=GREEN, lw=0.9, ls="--", zorder=1)
-
-
-@styled
-def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float, walk: float) -> Figure:
-    """What drift adds to a force in a long run, tared once and tared anew, with the random walk's own spread.
-
-    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare.
-    Forces (n, 3) [N] over time (n,) [s]; ``retare``: time between tares [s]; ``walk``: rms drift after one
-    second [N/sqrt(s)].
-    """
-    figure = new_figure(9.0, 4.6)
-    once, again = figure.subplots(1, 2, sharey=True)
-    total = time[-1] + time[0]
-    moments = np.linspace(0.0, total, 1201)
-    for axes, values, age, title in (
-        (once, tared_once, moments, "tared once, at the start"),
-        (again, tared_again, np.mod(moments, retare), f"tared every {retare:g} s, as between strokes"),
-    ):
-        spread = walk * np.sqrt(age)
-        axes.fill_between(
-            moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma"
-        )
-        for axis in range(3):
-            look = {"color": AXIS_COLORS[axis], "ls": DASHES[axis], "label": f"{AXES[axis]}, 5 s mean"}
-            axes.plot(time, values[:, axis], lw=1.0, **look)
-        axes.set_xlabel("time [s]")
-        small_title(axes, title)
-    once.set_ylabel("force read while nothing touches [N]")
-    facts = [
-        f"{walk * np.sqrt(total):.2g} N rms after {total:.0f} s",
-        f"{walk * np.sqrt(retare):.2g} N between tares",
-    ]
-    head(figure, f"Drift of the wrist sensor, {walk:g} N/sqrt(s)", facts, legend=(once,))
-    return figure

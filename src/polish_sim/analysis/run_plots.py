@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import HOLD_BAND_N, Claim, bound_text, figure_of, value_text
 from polish_sim.analysis.metrics import (
-    column_of,
     distance_to_arc,
     first_contact,
     moving_average,
@@ -51,9 +50,7 @@ def plot_arc(record: RunRecord) -> Figure:
     start = time[0] if len(time) else 0.0
 
     _draw_speed(speed, time - start, record)
-    counted = steady_feed(process, column_of(record.log, "time_s"), column_of(record.log, "path_s_m"))[
-        process
-    ]
+    counted = steady_feed(process, record.log["time_s"], record.log["path_s_m"])[process]
     _draw_error(error, time - start, distance_to_arc(positions), counted)
     stop = stop_mark(record.metrics)
     if stop and len(time):
@@ -140,7 +137,7 @@ def plot_force(record: RunRecord) -> Figure:
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
     time, force = response(record)
-    measured = column_of(record.log, "wrench_measured_tool")[_shown(record.log), 2]
+    measured = record.log["wrench_measured_tool"][_shown(record.log), 2]
     touched = first_contact(force) is not None
     shade_band(axes, target, HOLD_BAND_N, f"{target:g} ± {HOLD_BAND_N:g} N, the paper's band")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.8, label="as the controller measures it")
@@ -205,16 +202,16 @@ def response(record: RunRecord) -> tuple[Array, Array]:
     """Time since first contact, without one since the start [s], force [N], up to the retract, each shape
     (n,)."""
     held = _shown(record.log)
-    time = column_of(record.log, "time_s")[held]
-    force = column_of(record.log, "normal_force_n")[held]
+    time = record.log["time_s"][held]
+    force = record.log["normal_force_n"][held]
     return time - _origin(record.log), force
 
 
 def _origin(log: RunLog) -> float:
     """When first contact is, without one the start [s]."""
     held = _shown(log)
-    contact = first_contact(column_of(log, "normal_force_n")[held])
-    return column_of(log, "time_s")[held][contact or 0]
+    contact = first_contact(log["normal_force_n"][held])
+    return log["time_s"][held][contact or 0]
 
 
 def _shown(log: RunLog) -> Bools:

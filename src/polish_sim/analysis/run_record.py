@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import AREAS, column_of
 from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
@@ -67,7 +66,7 @@ class RunRecord:
 
     def fed(self, name: str) -> Array:
         """A column of the log while the tool is fed, in double precision, shape (n,) or (n, k)."""
-        return column_of(self.log, name)[self.log.fed]
+        return self.log[name][self.log.fed]
 
 
 Records = Sequence[RunRecord]
@@ -186,12 +185,6 @@ def notes_of(records: Records) -> list[str]:
             f"{', '.join(keys)}."
         )
     for record in records:
-        region, polished, left = (figure_of(record.metrics, name) for name in AREAS[:3])
-        if abs(region - polished - left) > 1e-6 * region:
-            notes.append(
-                f"'{record.name}': {METRICS} was edited: {polished:.4g} m^2 polished and {left:.4g} m^2 left "
-                f"out are not the region's {region:.4g} m^2 ({', '.join(AREAS[:3])}). Run it again."
-            )
         if ending(record) != WHOLE:
             reason = record.metrics.get("protective_stop")
             why = f" ({reason.rstrip('.?')})" if reason else ""

@@ -94,7 +94,7 @@ def _pad_poses(
 ) -> tuple[Array, Rotation]:
     """Centre of the pad's face (k, 3) [m] and the tool's turn in the real work frame, at moments (k,) [s]."""
     rows = log["time_s"]
-    logged = Rotation.from_quat(np.asarray(log["tcp_quaternion_wxyz"], dtype=np.float64), scalar_first=True)
+    logged = Rotation.from_quat(log["tcp_quaternion_wxyz"], scalar_first=True)
     R_work_base = _turned(rows, Rotation.from_matrix(R_base_part), marks).inv()
     R_work_tool = R_work_base * _turned(rows, logged, marks)
     tips = trace.tcp_position_m - trace.part_shift_m

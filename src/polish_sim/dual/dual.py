@@ -108,7 +108,7 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> tuple[PairCell, RealPa
 def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array:
     """How what the master carries, at (4, 4) on its flange, really stands in the follower's base at the log's
     rows, shape (n, 3, 3)."""
-    flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
+    flanges = task.arms.flanges("master", log["master_q_rad"])
     R_base_master = task.frames.true.T_master_follower[:3, :3].T
     return R_base_master @ flanges[:, :3, :3] @ T_flange_carried[:3, :3]
 

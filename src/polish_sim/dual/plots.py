@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_plots import compare_runs
 from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
 from polish_sim.analysis.style import (
@@ -90,7 +89,7 @@ def _while_fed(record: RunRecord, name: str) -> Array:
     """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
     fed = record.log.fed
     on = np.flatnonzero(fed)
-    values = column_of(record.log, name)
+    values = record.log[name].copy()
     values[~fed] = np.nan
     return values[on[0] : on[-1] + 1] if len(on) else values[:0]
 

@@ -33,8 +33,8 @@ WORDS: Mapping[str, str] = {
     word: what
     for what, words in {
         "": "MACHIN CUTTER TOOLNO LOADTL LOAD SELECT TOOL COOLNT SPINDL AUTOPS CUTCOM INTOL OUTTOL TOLER "
-        "CLEARP CLRSRF PPFUN SEQNO OPNAME STOP OPSTOP REWIND END FINI NOPOST CLPRNT DELAY DWELL OPSKIP AIR "
-        "PAINT TLDATA HEAD MODE END-OF-PATH OUTPUT PPLOFF PPLON " + " ".join(FREE_TEXT),
+        "CLEARP CLRSRF MULTAX PPFUN SEQNO OPNAME STOP OPSTOP REWIND END FINI NOPOST CLPRNT DELAY DWELL "
+        "OPSKIP AIR PAINT TLDATA HEAD MODE END-OF-PATH OUTPUT PPLOFF PPLON " + " ".join(FREE_TEXT),
         "arcs": "CIRCLE ARC MOVARC CYLNDR CIRCUL ARCSLP",
         "canned and relative motions": "CYCLE GOHOME RETRCT GODLTA",
         "splines": "NURBS SPLINE BSPLIN",
@@ -47,7 +47,7 @@ WORDS: Mapping[str, str] = {
 }
 """Words that are not read: those that move the tool in ways a list of points does not say, and how; the
 others do not move it."""
-KNOWN = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
+KNOWN = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "TLAXIS")
 
 
 class Statement(NamedTuple):
@@ -132,7 +132,7 @@ class _Machine(CamPoints):
 
 
 def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says
+    """Read APT source or CLDATA: UNITS, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says
     otherwise.
 
     Raises InputError, naming the line, for a statement that is unknown, incomplete or moves other than by
@@ -210,11 +210,6 @@ def _units(machine: _Machine, statement: Statement) -> None:
     machine.unit = UNITS[name]
 
 
-def _multiple_axes(machine: _Machine, statement: Statement) -> None:
-    if statement.arguments not in ((), ("ON",), ("OFF",)):
-        raise machine.error(statement, "MULTAX is ON or OFF, nothing else.")
-
-
 def _tool_axis(machine: _Machine, statement: Statement) -> None:
     machine.axis = _numbers(machine, statement, (3,))
 
@@ -232,7 +227,6 @@ _ACTIONS: Mapping[str, Callable[[_Machine, Statement], None]] = {
     "RAPID": _rapid,
     "FEDRAT": _feed_rate,
     "UNITS": _units,
-    "MULTAX": _multiple_axes,
     "TLAXIS": _tool_axis,
     "MSYS": _frame,
     "ORIGIN": _frame,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -59,11 +60,11 @@ def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
         "# tool frame: z into the part, x along the feed; points lie on the surface, not pressed in",
         "header:",
         "  stamp: {sec: 0, nanosec: 0}",
-        f"  frame_id: {_quoted(setup.frame_id)}",
+        f"  frame_id: {json.dumps(setup.frame_id)}",
         "part:",
-        f"  name: {_quoted(result.mesh.name)}",
-        f"  sha256: {_quoted(result.mesh.sha256)}",
-        f"pattern: {_quoted(result.plan.pattern)}",
+        f"  name: {json.dumps(result.mesh.name)}",
+        f"  sha256: {json.dumps(result.mesh.sha256)}",
+        f"pattern: {json.dumps(result.plan.pattern)}",
         f"stepover_m: {result.plan.stepover_m:.9f}",
     ]
 
@@ -88,12 +89,6 @@ def _lists(path: ToolPath, setup: ExportSetup) -> Iterator[str]:
         ("feed_m_s", [f"{value:.9f}" for value in feeds_of(path, setup)]),
     ):
         yield f"{name}: [{', '.join(values)}]"
-
-
-def _quoted(text: str) -> str:
-    """A YAML string in single quotes; control characters, which YAML forbids there, become blanks."""
-    clean = "".join(letter if letter.isprintable() else " " for letter in text)
-    return "'" + clean.replace("'", "''") + "'"
 
 
 class Format(NamedTuple):

@@ -18,7 +18,6 @@ from textwrap import wrap
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import differences, read_record
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
@@ -234,10 +233,10 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
             "it had one, and --learn."
         )
     beliefs = scenario.controller.adaptive
-    time, s = (column_of(record.log, name) for name in ("time_s", "path_s_m"))
+    time, s = (record.log[name] for name in ("time_s", "path_s_m"))
     wanted = path.force_at(s, scenario.process.contact_force_n)
-    reading = column_of(record.log, "wrench_measured_tool")[:, 2]
-    height = column_of(record.log, "host_depth_m") + (wanted - reading) / beliefs.stiffness_n_m
+    reading = record.log["wrench_measured_tool"][:, 2]
+    height = record.log["host_depth_m"] + (wanted - reading) / beliefs.stiffness_n_m
     rate = 1.0 / np.median(np.diff(time))
     highest = math.sqrt(beliefs.stiffness_n_m / beliefs.tool_mass_kg) / (2.0 * math.pi)
     low = butter(2, min(highest, 0.2 * rate), fs=rate, output="sos")

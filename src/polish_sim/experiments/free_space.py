@@ -234,8 +234,8 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
                 "Raise payload.settle_s."
             )
         times.append(log["time_s"][rows].mean())
-        frames.append(log[frame][rows][-1].astype(np.float64))
-        means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
+        frames.append(log[frame][rows][-1])
+        means.append(log["wrench_measured_tool"][rows].mean(axis=0))
     R_base_sensor = matrices(np.array(frames))
     return run, PayloadReadings(np.array(times), R_base_sensor, _at_sensor(cell, np.array(means)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,16 +34,6 @@ CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25
 LONG_RUN_S, RETARE_S, VALUE_S = 600.0, 60.0, 5.0
 
 
-class LongRun(NamedTuple):
-    """The force an idle host reads over a long time, sensor axes, one value every five seconds."""
-
-    time: Array  #: [s], shape (n,)
-    tared_once: Array  #: Tared at the start only [N], shape (n, 3)
-    tared_again: Array  #: Tared anew every minute [N], shape (n, 3)
-    retare: float  #: Time between tares [s]
-    walk: float  #: The sensor's drift, rms after one second [N/sqrt(s)]
-
-
 @dataclass(frozen=True)
 class PayloadCalibration:
     """What a calibration leaves behind."""
@@ -53,7 +43,6 @@ class PayloadCalibration:
     estimate: PayloadEstimate
     figures: Figures  #: The keys of metrics.json
     q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
-    long_run: LongRun | None = None
 
 
 def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration:
@@ -94,18 +83,18 @@ def run_payload_calibration(
     estimate = fit_without_outliers(readings, drift)
     figures = estimate_figures(estimate) | _errors(cell, estimate)
     figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams.payload)
-    long_run = idle_force(cell, streams.payload)
+    once, again = idle_force(cell, streams.payload)
     figures |= {
-        "drift_600s_rms_n": rms_length(long_run.tared_once),
-        "drift_600s_retared_rms_n": rms_length(long_run.tared_again),
-        "drift_600s_max_n": norms(long_run.tared_once).max(),
-        "drift_600s_retared_max_n": norms(long_run.tared_again).max(),
+        "drift_600s_rms_n": rms_length(once),
+        "drift_600s_retared_rms_n": rms_length(again),
+        "drift_600s_max_n": norms(once).max(),
+        "drift_600s_retared_max_n": norms(again).max(),
         "simulated_s": run.steps * run.dt,
         "wall_s": run.wall_s,
         "steps": run.steps,
         "seed": scenario.seed,
     }
-    return PayloadCalibration(scenario, readings, estimate, figures, q, long_run)
+    return PayloadCalibration(scenario, readings, estimate, figures, q)
 
 
 def _check_range(cell: Cell, readings: PayloadReadings) -> None:
@@ -171,8 +160,9 @@ def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Gene
     }
 
 
-def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
-    """Read an idle sensor in one pose for ten minutes, tared once and tared anew every minute.
+def idle_force(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
+    """The force an idle host reads in one pose in ten minutes, tared once and tared anew every minute, sensor
+    axes, one value every five seconds [N], (n, 3) each.
 
     A tare averages as long as that of a run: its own noise stays in every force until the next one.
     """
@@ -181,5 +171,4 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
     read = cell.read_at_rest(load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
-    time = np.asarray(VALUE_S * (np.arange(len(once)) + 0.5))
-    return LongRun(time, once, again, RETARE_S, cell.scenario.sensor.force_drift_n_s)
+    return once, again

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import figure_table
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import (
     CONFIG,
     WITHOUT,
@@ -229,7 +228,7 @@ def seeds_page(records: Records, figures: Table, notes: Sequence[str]) -> Page |
     curves: dict[tuple[str, str], list[Array]] = {}
     for record in records:
         time = clock(record.log)
-        kept = shown_rows(time, column_of(record.log, "q_rad"))
+        kept = shown_rows(time, record.log["q_rad"])
         for plot in run_plots(record, run_motion(record, model, kept), kept):
             for line in (line for line in plot.lines if line.label in ALIKE):
                 values = np.interp(page.motion.time, time[kept], line.values, right=np.nan)

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import figure_table
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import RunRecord, changed_settings, other_conditions, stop_mark
 from polish_sim.arrays import Array, Indices, Ints, chord_lengths, dots, into_plane, norms
 from polish_sim.cell import Stroke, tool_on_flange
@@ -46,7 +45,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     """What the page of a run shows; ``model`` is MuJoCo's of the cell, the log has at least one row."""
     scenario, log = record.scenario, record.log
     row, stop = experiment(scenario.experiment), stop_mark(record.metrics)
-    kept = shown_rows(clock(log), column_of(log, "q_rad"))
+    kept = shown_rows(clock(log), log["q_rad"])
     bodies, part = scene_bodies(model), part_body(model)
     motion = run_motion(record, model, kept)
     other = other_conditions(scenario, row.defaults)
@@ -83,7 +82,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
 def clock(log: RunLog) -> Array:
     """Time of a log's rows [s], (n,); one that holds several moves, each from time 0, has them one after the
     other."""
-    time = column_of(log, "time_s")
+    time = log["time_s"]
     steps = np.diff(time, prepend=time[:1])
     return time[0] + np.cumsum(np.where(steps < 0.0, np.median(steps), steps))
 
@@ -164,19 +163,17 @@ def _mesh(model: Any, number: int) -> tuple[Array, Ints]:
 def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
     """The rows of a log the page plays back."""
     log, path = record.log, record.path
-    s = column_of(log, "path_s_m")[kept]
+    s = log["path_s_m"][kept]
     # Where the pad's face would be on the surface: the spring's way and the pad's own are taken back.
-    sunk = (
-        column_of(log, "pad_travel_m") + column_of(log, "normal_force_n") / record.scenario.pad.stiffness_n_m
-    )
+    sunk = log["pad_travel_m"] + log["normal_force_n"] / record.scenario.pad.stiffness_n_m
     axes, none = _tool_axis(record, "tcp_quaternion_wxyz"), np.full(len(kept), np.nan)
     return Motion(
         time=clock(log)[kept],
         joints=joint_columns(record, model)[kept],
-        pad=(column_of(log, "tcp_position_m") - sunk[:, None] * axes)[kept],
-        force=column_of(log, "normal_force_n")[kept],
+        pad=(log["tcp_position_m"] - sunk[:, None] * axes)[kept],
+        force=log["normal_force_n"][kept],
         asked=_asked_force(record)[kept],
-        speed=column_of(log, "tcp_speed_m_s")[kept],
+        speed=log["tcp_speed_m_s"][kept],
         error=_sideways(record)[kept],
         curvature=none if path is None else np.interp(s, path.s, path.curvature),
     )
@@ -191,9 +188,9 @@ def joint_columns(record: RunRecord, model: Any) -> Array:
         arm = "master_q_rad" if name.startswith("master_") else "q_rad"
         which = next((k for k, joint in enumerate(JOINT_NAMES) if name.endswith(f"{joint}_joint")), None)
         if which is not None and arm in log.names:
-            columns[:, at] = column_of(log, arm)[:, which]
+            columns[:, at] = log[arm][:, which]
         elif name.endswith("head_slide"):
-            columns[:, at] = column_of(log, "pad_travel_m")
+            columns[:, at] = log["pad_travel_m"]
     return columns
 
 
@@ -202,18 +199,18 @@ def _asked_force(record: RunRecord) -> Array:
     log = record.log
     usual = record.scenario.process.contact_force_n
     pressing = np.isin(log["phase"], [TOUCH_PHASE, PROCESS_PHASE])
-    pressing &= (column_of(log, "normal_force_n") > 0.0).any()
-    s = column_of(log, "path_s_m")
+    pressing &= (log["normal_force_n"] > 0.0).any()
+    s = log["path_s_m"]
     return np.where(pressing, usual if record.path is None else record.path.force_at(s, usual), np.nan)
 
 
 def _tool_axis(record: RunRecord, name: str) -> Array:
-    return matrices(column_of(record.log, name))[:, :, 2]
+    return matrices(record.log[name])[:, :, 2]
 
 
 def _sideways(record: RunRecord) -> Array:
     """Distance of the tool point from its target across the target's tool axis [m], shape (n,)."""
-    off = column_of(record.log, "tcp_position_m") - column_of(record.log, "target_position_m")
+    off = record.log["tcp_position_m"] - record.log["target_position_m"]
     axis = _tool_axis(record, "target_quaternion_wxyz")
     return norms(into_plane(off, axis))
 
@@ -224,10 +221,10 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     n = len(kept)
 
     def column(name: str) -> Array:
-        return column_of(log, name)[kept]
+        return log[name][kept]
 
-    low = np.minimum.reduceat(column_of(log, "normal_force_min_n"), kept)
-    high = np.maximum.reduceat(column_of(log, "normal_force_max_n"), kept)
+    low = np.minimum.reduceat(log["normal_force_min_n"], kept)
+    high = np.maximum.reduceat(log["normal_force_max_n"], kept)
     worst = np.maximum.reduceat(_sideways(record), kept)
     limit = record.scenario.robot.joint_speed_limit_rad_s
     twist = column("command_twist")

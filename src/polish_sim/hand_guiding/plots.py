@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
@@ -116,9 +115,9 @@ def _draw_paper(axes: Axes, modes: set[str]) -> None:
 def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     """Time from the move's start and norm of the hand's force, from just before the move to just after."""
     log = record.log
-    of_case = column_of(log, "case") == case
-    time = column_of(log, "time_s")[of_case]
-    force = norms(column_of(log, "hand_force_n")[of_case])
+    of_case = log["case"] == case
+    time = log["time_s"][of_case]
+    force = norms(log["hand_force_n"][of_case])
     moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)

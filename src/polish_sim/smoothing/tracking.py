@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
-from polish_sim.analysis.metrics import column_of
 from polish_sim.analysis.run_record import Records, RunRecord
 from polish_sim.analysis.style import (
     BLUE,
@@ -202,10 +201,10 @@ def _played(record: RunRecord) -> dict[str, PlayedRule]:
     """The rules a run has played, from its log, which counts them in the order the run names them."""
     log = record.log
     names = list(record.metrics.get("rules", RULES))
-    read = column_of(log, "encoder_q_rad" if "encoder_q_rad" in log.columns else "q_rad")
-    columns = [column_of(log, "time_s"), column_of(log, "path_s_m"), column_of(log, "target_q_rad") - read,
-               column_of(log, "target_qddd_rad_s3")]  # fmt: skip
-    rows = {rule: column_of(log, "rule") == names.index(rule) for rule in RULES if rule in names}
+    read = log["encoder_q_rad" if "encoder_q_rad" in log.columns else "q_rad"]
+    columns = [log["time_s"], log["path_s_m"], log["target_q_rad"] - read,
+               log["target_qddd_rad_s3"]]  # fmt: skip
+    rows = {rule: log["rule"] == names.index(rule) for rule in RULES if rule in names}
     return {
         rule: PlayedRule(rule, *(column[at] for column in columns)) for rule, at in rows.items() if at.any()
     }
