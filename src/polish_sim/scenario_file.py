@@ -38,6 +38,8 @@ _RETIRED = (
 )  # fmt: skip
 """Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed
 over."""
+_RETIRED_OF_DUAL = ("master_arc_radius_m", "master_axis", "master_center")
+"""Likewise of [dual], where they say nothing: 0, [] or auto."""
 
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
@@ -55,6 +57,10 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
         for name, key in _RETIRED:
             if isinstance(section := controller.get(name), dict):
                 section.pop(key, None)
+    if isinstance(dual := table.get("dual"), dict):
+        for key in _RETIRED_OF_DUAL:
+            if dual.get(key) in (0.0, [], "auto"):
+                del dual[key]
     return merge(base, table, "")
 
 

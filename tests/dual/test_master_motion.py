@@ -1,4 +1,4 @@
-"""How the master may move the part: against the feed, along files and arcs, by strokes in the air."""
+"""How the master may move the part: against the feed, along files and lines, by strokes in the air."""
 
 import math
 from dataclasses import replace
@@ -12,7 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.dual.checks import MotionCheck, check_master, check_motion
-from polish_sim.dual.master import MasterMotion, about_axis, along_arc, master_motion
+from polish_sim.dual.master import MasterMotion, about_axis, along_line, master_motion
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
@@ -134,7 +134,7 @@ def write_motion(file, times, poses, flange=False):
 
 @pytest.fixture(scope="module")
 def turning():
-    setting = ("dual.master_turn_rad_s=0.2", "dual.master_arc_radius_m=0.1", "dual.master_speed_m_s=0.02")
+    setting = ("dual.master_turn_rad_s=0.2", "dual.master_speed_m_s=0.02")
     return prepare_dual(dual(*SHORT, *setting))
 
 
@@ -199,8 +199,7 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"], "master_direction is vertical"),
-        (["dual.master_axis=[0,0,0]"], "'dual.master_axis' is no direction"),
+        (["dual.master_direction=[0,0,0]"], "'dual.master_direction' is no direction"),
         (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "is held: leave part.pose"),
         (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
     ],
@@ -211,31 +210,12 @@ def test_settings_that_do_not_fit_are_refused(changes, said, short):
         master_motion(asked.dual, asked.part.pose, short.place.path, np.array([0.0, 0.0, 1.0]), chain)
 
 
-@pytest.mark.parametrize("bend", [0.7, -0.4, 1e-9])
-def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend):
-    shift = along_arc(VELOCITY, bend)(TIMES)
-    speed = np.linalg.norm(VELOCITY[:2])
-    left = np.array([-VELOCITY[1], VELOCITY[0]]) / speed
-    middle = speed / bend * left
-    np.testing.assert_allclose(np.linalg.norm(shift[:, :2] - middle, axis=1), abs(speed / bend), rtol=1e-9)
-    np.testing.assert_allclose(shift[:, 2], VELOCITY[2] * TIMES, atol=1e-15)
-    steps = np.linalg.norm(np.diff(shift[:, :2], axis=0), axis=1)
-    np.testing.assert_allclose(steps, speed * 0.05 * np.sinc(0.5 * bend * 0.05 / np.pi), rtol=1e-12)
-    np.testing.assert_allclose((shift[1] - shift[0])[:2] / 0.05, VELOCITY[:2], atol=5e-4)
-
-
-def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axis_in_place(short):
-    bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
-    way = master_motion(bent.dual, (), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
-    places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
-    middle = places[0] + np.array([0.05, 0.0, 0.0])  # along y at first
-    np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
-    assert np.ptp(places[:, 2]) < 1e-6
+def test_ways_turn_back_gently_and_turns_leave_their_axis_in_place():
     leg, times = 5.0, np.linspace(0.0, 60.0, 60_001)
-    turned = along_arc(VELOCITY, 0.2, leg)(times)
-    straight = times <= leg
-    np.testing.assert_array_equal(turned[straight], along_arc(VELOCITY, 0.2)(times[straight]))
-    line = along_arc(VELOCITY, 0.0, leg)(times)[:, 0] / VELOCITY[0]
+    line, *others = along_line(VELOCITY, leg)(times).T / VELOCITY[:, None]
+    for other in others:
+        np.testing.assert_allclose(other, line, atol=1e-12)
+    np.testing.assert_allclose(line[times <= leg], times[times <= leg], atol=1e-12)
     assert line.min() >= -1.0 / RAMP_PEAK - 1e-9
     assert line.max() <= leg + 1.0 / RAMP_PEAK + 1e-9
     rate = np.diff(line) / 1e-3
@@ -246,7 +226,7 @@ def test_arcs_bend_by_their_sign_ways_turn_back_gently_and_turns_leave_their_axi
     # The acceleration has no step: two and more derivatives are continuous.
     assert np.abs(np.diff(change)).max() < 0.01 * RAMP_PEAK
     axis, center = np.array([0.6, 0.0, 0.8]), np.array([0.03, -0.02, 0.04])
-    poses = master.PartWay(along_arc(np.zeros(3), 0.0), about_axis(axis, center, 0.5))(START, TIMES)
+    poses = master.PartWay(along_line(np.zeros(3), 5.0), about_axis(axis, center, 0.5))(START, TIMES)
     for place in (center, center + 0.1 * axis):
         there = place_of(poses, place)
         np.testing.assert_allclose(there, np.broadcast_to(there[0], there.shape), atol=1e-15)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.errors import InputError, PolishSimError
+from polish_sim.errors import ConfigError, InputError, PolishSimError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments import default_scenario
 from polish_sim.log import read_log
@@ -168,6 +168,12 @@ def test_an_older_config_gives_the_same_settings_when_written_again(tmp_path):
         assert scenario.robot.arm == "ideal"
         (tmp_path / "again.toml").write_text(to_toml(scenario), encoding="utf-8")
         assert load_scenario(tmp_path / "again.toml", defaults) == scenario
+    gone = tmp_path / "gone.toml"
+    gone.write_text('[dual]\nmaster_arc_radius_m = 0.0\nmaster_axis = "auto"\n', encoding="utf-8")
+    assert load_scenario(gone, defaults) == defaults
+    gone.write_text("[dual]\nmaster_arc_radius_m = 0.1\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="master_arc_radius_m"):
+        load_scenario(gone, defaults)
 
 
 @pytest.mark.pictures

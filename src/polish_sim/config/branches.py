@@ -211,13 +211,7 @@ class DualConfig:
         option=Option("--master-speed", PAIR, "MM/S", MM_S),
     )
     master_direction: tuple[float, ...] = key(
-        (0.0, 1.0, 0.0), "direction of that motion, at its start, base of the master", length=3
-    )
-    master_arc_radius_m: float = key(
-        0.0,
-        "it bends to the left (above 0) or right on this radius, seen from above, 0 = straight [m]",
-        -100.0,
-        100.0,
+        (0.0, 1.0, 0.0), "direction of that motion, base of the master", length=3
     )
     master_travel_m: float = key(
         0.3,
@@ -227,16 +221,10 @@ class DualConfig:
     )
     master_turn_rad_s: float = key(
         0.0,
-        "speed at which the part turns about its own axis meanwhile, right-handed [rad/s]",
+        "speed at which the part turns meanwhile, right-handed about the side that is worked on [rad/s]",
         -math.pi,
         math.pi,
         option=Option("--master-turn", PAIR, "DEG/S", DEG_S),
-    )
-    master_axis: tuple[float, ...] = key(
-        (), "direction of that axis in the work frame; auto = the side that is worked on", length=3
-    )
-    master_center: tuple[float, ...] = key(
-        (), "a point on that axis: x, y, z in the work frame [m]; auto = the middle of the path", length=3
     )
     master_path: str = key(
         "",

@@ -68,13 +68,15 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
     times = rows.times
     speed = np.abs(rows.qd)
     change = np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
-    _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
-    _refuse(check, change, times, JOINT_ACCELERATION, "be accelerated by", "deg/s^2")
+    places = [_place(check, time) for time in times]
+    _refuse(check, speed, places, check.robot.joint_speed_limit_rad_s, "master would turn at", "deg/s")
+    _refuse(check, change, places, JOINT_ACCELERATION, "master would be accelerated by", "deg/s^2")
     # Where it is released or brakes, its time does not pass evenly.
     at = check.visits.clock[check.visits.rate < 1.0]
     together = RAMP_PEAK * speed + change
     ramps = interpolate(at, times, together)
-    _refuse(check, ramps, at, JOINT_ACCELERATION, "be accelerated, from rest or to rest, by", "deg/s^2")
+    what = "master would be accelerated, from rest or to rest, by"
+    _refuse(check, ramps, [_place(check, time) for time in at], JOINT_ACCELERATION, what, "deg/s^2")
 
 
 def check_carried(check: MotionCheck) -> None:
@@ -131,24 +133,19 @@ def _follow(check: MotionCheck) -> Array:
     moving = (at.stroke[1:] == at.stroke[:-1]) & (at.stroke[1:] != ON_THE_WAY) & (np.diff(at.time) > 0.0)
     speed = np.abs(np.diff(joints.q, axis=0)[moving]) / np.diff(at.time)[moving, None]
     most = check.robot.joint_speed_limit_rad_s
-    if len(speed) and speed.max() > most:
-        row, joint = np.unravel_index(int(speed.argmax()), speed.shape)
-        raise ReachError(
-            f"joint {joint + 1} of the follower would turn at {np.degrees(speed.max()):.0f} deg/s at "
-            f"{1e3 * at.s[1:][moving][row]:.1f} mm of the path: {np.degrees(most):.0f} is its most. "
-            f"{_change(check)}"
-        )
+    places = [f" at {1e3 * s:.1f} mm of the path" for s in at.s[1:][moving]]
+    _refuse(check, speed, places, most, "follower would turn at", "deg/s")
     return joints.q
 
 
-def _refuse(check: MotionCheck, found: Array, times: Array, most: float, doing: str, unit: str) -> None:
-    """Refuse what is above a limit, (n, 6) at times of the master's motion (n,)."""
+def _refuse(check: MotionCheck, found: Array, places: list[str], most: float, does: str, unit: str) -> None:
+    """Refuse what is above a limit, (n, 6) at n places."""
     if not found.size or found.max() <= most:
         return
     row, joint = np.unravel_index(int(found.argmax()), found.shape)
     raise ReachError(
-        f"joint {joint + 1} of the master would {doing} {np.degrees(found.max()):.0f} {unit}"
-        f"{_place(check, float(times[row]))}: {np.degrees(most):.0f} is its most. {_change(check)}"
+        f"joint {joint + 1} of the {does} {np.degrees(found.max()):.0f} {unit}{places[row]}: "
+        f"{np.degrees(most):.0f} is its most. {_change(check)}"
     )
 
 

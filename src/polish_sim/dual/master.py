@@ -1,5 +1,4 @@
-"""How the master moves the part while the follower works: along a line or arc, about an axis, or as a file
-says."""
+"""How the master moves the part while the follower works: along a line, about an axis, or as a file says."""
 
 from __future__ import annotations
 
@@ -28,11 +27,8 @@ JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
 WITHOUT_FILE = (
     "master_speed_m_s",
     "master_direction",
-    "master_arc_radius_m",
     "master_travel_m",
     "master_turn_rad_s",
-    "master_axis",
-    "master_center",
 )
 """Settings of section dual that say how the part moves where no file does."""
 
@@ -53,21 +49,14 @@ class PartWay(NamedTuple):
         return np.asarray(poses)
 
 
-def along_arc(velocity: Array, bend: float, leg: float = math.inf) -> Callable[[Array], Array]:
-    """Constant speed along a line, or along an arc whose direction turns by ``bend`` [rad/s] about z, and
-    back after every ``leg`` [s], turning as steeply as it sets off from rest; C2."""
-    across = np.array([-velocity[1], velocity[0], 0.0])
-    level = np.array([velocity[0], velocity[1], 0.0])
-    rise = np.array([0.0, 0.0, velocity[2]])
+def along_line(velocity: Array, leg: float) -> Callable[[Array], Array]:
+    """Constant speed along a line, and back after every ``leg`` [s], turning as steeply as it sets off from
+    rest; C2."""
 
     def shift(times: Array) -> Array:
         number, since = np.divmod(times, leg + math.pi / RAMP_PEAK)
         gone = np.minimum(since, leg) + np.sin(RAMP_PEAK * np.maximum(since - leg, 0.0)) / RAMP_PEAK
-        times = np.where(number % 2.0, leg - gone, gone)
-        half = 0.5 * bend * times
-        ratio = np.sinc(half / math.pi)  # sin(half) / half
-        along, aside = ratio * np.cos(half), ratio * np.sin(half)
-        return times[:, None] * (along[:, None] * level + aside[:, None] * across + rise)
+        return np.where(number % 2.0, leg - gone, gone)[:, None] * velocity
 
     return shift
 
@@ -188,11 +177,13 @@ def master_motion(
         file = read_master_path(Path(config.master_path))
         poses = file.part_poses(chain)
         return MasterMotion(through_poses(file.times, poses), file, poses[:1])
-    axis = _unit(config.master_axis, "dual.master_axis") if config.master_axis else up / np.linalg.norm(up)
-    center = np.array(config.master_center) if config.master_center else middle_of(path)
-    turn = about_axis(axis, center, config.master_turn_rad_s)
+    size = np.linalg.norm(config.master_direction)
+    if not size > 0.0:
+        raise ConfigError("'dual.master_direction' is no direction: give x, y, z, not all zero.")
+    velocity = config.master_speed_m_s * (np.array(config.master_direction) / size)
     leg = config.master_travel_m / max(config.master_speed_m_s, 1e-9)
-    return MasterMotion(PartWay(along_arc(*_speed_and_bend(config), leg), turn))
+    turn = about_axis(up / np.linalg.norm(up), middle_of(path), config.master_turn_rad_s)
+    return MasterMotion(PartWay(along_line(velocity, leg), turn))
 
 
 def _refuse_beside_file(config: DualConfig) -> None:
@@ -211,23 +202,3 @@ def middle_of(path: ToolPath) -> Array:
     ends = path.process[1:] & path.process[:-1]
     between = midpoints(path.positions_work)[ends]
     return np.average(between, axis=0, weights=np.diff(path.s)[ends])
-
-
-def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
-    """Velocity at the start [m/s], (3,), and how fast its direction turns [rad/s]."""
-    velocity = config.master_speed_m_s * _unit(config.master_direction, "dual.master_direction")
-    level = float(np.linalg.norm(velocity[:2]))
-    radius = config.master_arc_radius_m
-    if radius != 0.0 and not level > 0.0:
-        raise ConfigError(
-            f"dual.master_arc_radius_m = {radius:g} bends a way that is level; dual.master_direction is "
-            "vertical, or dual.master_speed_m_s is 0. Set them, or leave the radius out."
-        )
-    return velocity, level / radius if radius else 0.0
-
-
-def _unit(direction: tuple[float, ...], name: str) -> Array:
-    size = np.linalg.norm(direction)
-    if not size > 0.0:
-        raise ConfigError(f"'{name}' is no direction: give x, y, z, not all zero.")
-    return np.array(direction) / size

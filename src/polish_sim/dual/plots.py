@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 BAND_MM = 0.1
 DARK = "#222222"
-_MANY, _BINS = 100, 50
+_BINS = 50
 
 
 @styled
@@ -203,18 +203,11 @@ def plot_budget(
 def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
     place = np.arange(len(shares))
     width = 0.36
-    columns = 1e3 * np.array(
-        [
-            [
-                s.predicted_rms_m,
-                s.predicted_across_rms_m,
-                s.drawn_rms_m,
-                s.drawn_across_rms_m,
-                2.0 * s.drawn_rms_std_m,
-            ]
-            for s in shares.values()
-        ]
-    )
+    columns = 1e3 * np.array([
+        (s.predicted_rms_m, s.predicted_across_rms_m, s.drawn_rms_m, s.drawn_across_rms_m,
+         2.0 * s.drawn_rms_std_m)
+        for s in shares.values()
+    ])  # fmt: skip
     for k, (colour, name) in enumerate(((BLUE, "analysis"), (ORANGE, "drawn"))):
         at = place + (k - 0.5) * width
         across = f"{name}, across the tool axis"
@@ -281,15 +274,8 @@ def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:
     first = 1
     for group, colour in zip(groups, SERIES * 2, strict=False):
         number = first + np.arange(len(group.residuals))
-        width = 1.4 if len(number) < _MANY else 0.5
-        axes.vlines(
-            number[group.used],
-            0.0,
-            1e3 * group.residuals[group.used],
-            color=colour,
-            lw=width,
-            label=group.name,
-        )
+        height = 1e3 * group.residuals[group.used]
+        axes.vlines(number[group.used], 0.0, height, color=colour, lw=1.0, label=group.name)
         for k in np.flatnonzero(~group.used):
             axes.axvspan(number[k] - 0.5, number[k] + 0.5, color=GREY, alpha=0.35, lw=0)
         first += len(group.residuals) + (len(group.residuals) > 20) * 5
@@ -300,5 +286,4 @@ def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:
     axes.set_ylabel("distance from the fit [mm]")
     axes.locator_params(axis="x", integer=True)
     if len(groups) > 1:
-        for line in axes.legend(loc="upper right", ncols=2).get_lines():
-            line.set_linewidth(1.4)
+        axes.legend(loc="upper right", ncols=2)

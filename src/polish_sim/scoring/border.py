@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
@@ -239,6 +238,7 @@ def longest_stable(scenario: Scenario) -> float:
 
 #: Latency [ms] and scale of the springs a controller should bear without retuning
 REACH = (2.0, 20.0, 0.2, 5.0)
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10)  #: Scales of the springs that are written out [-]
 
 
 @styled
@@ -299,9 +299,7 @@ def _draw_reach(axes: Axes) -> None:
 
 
 def _scale(axes: Axes, border: Border) -> None:
-    axes.set_yscale("log")
+    axes.set(yscale="log", xlim=(0.0, 1.08e3 * float(border.latencies.max())))
+    axes.set_yticks(TICKS, map(str, TICKS))
+    axes.minorticks_off()
     axes.set_ylim(border.line_scales.min(), border.line_scales.max())
-    axes.set_xlim(0.0, 1.08e3 * float(border.latencies.max()))
-    axes.yaxis.set_major_locator(FixedLocator([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0]))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -16,7 +16,6 @@ from polish_sim.analysis.style import (
     DASHES,
     GREEN,
     GREY,
-    HATCHES,
     ORANGE,
     head,
     limit_line,
@@ -62,31 +61,22 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name:
     plots = {"tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", facts)}
     if arm is not None:
         plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", facts)
-    return plots | _corners(task, motions, name, facts)
+    turns = path_turns(raw)
+    ways = [DrawnWay(each.motion, *vertex_distances(each.motion, raw)) for each in motions]
+    views = [
+        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
+        for corner in chosen_corners(turns, ways[0], motions[0].deviation)
+    ]
+    if views:
+        labels = [curve.label for curve in curves]
+        plots["corners.png"] = plot_corners(views, labels, f"Corners of {name}", facts)
+    return plots
 
 
 def _curves(measured: MeasuredMotion, arm: Arm | None) -> Curves:
     motion = measured.motion
     times = np.linspace(0.0, motion.end, int(min(DRAWN, max(1e3 * motion.end, 500.0))) + 1)
     return Curves(measured.rule, times, motion_at(motion, times, arm).rates)
-
-
-def _corners(
-    task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
-) -> dict[str, Figure]:
-    raw = task.placed.chain
-    turns = path_turns(raw)
-    ways = [DrawnWay(each.motion, *vertex_distances(each.motion, raw)) for each in motions]
-    chosen = chosen_corners(turns, ways[0], motions[0].deviation)
-    if not chosen:
-        return {}
-    views = [
-        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
-        for corner in chosen
-    ]
-    return {
-        "corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)
-    }
 
 
 class Curves(NamedTuple):
@@ -113,23 +103,16 @@ def plot_tool_rates(curves: Sequence[Curves], limits: Array, title: str, facts: 
 
 @styled
 def plot_joints(curves: Sequence[Curves], limits: Array, title: str, facts: Sequence[str]) -> Figure:
-    """Share of their limits the joints use over time, of the one that uses most, and each one's largest; by
-    rule."""
+    """Share of its limits that the joint nearest to them uses over time, by rule."""
     figure = new_figure(11.0, 7.0)
-    grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(3.0, 1.0))
-    for order, (over_time, by_joint) in enumerate(grid):
+    grid = figure.subplots(3, 1, squeeze=False, sharex=True)
+    for order, axes in enumerate(grid[:, 0]):
         shares = [100.0 * curve.rates[order, :, 2:] / limits[order, 2:] for curve in curves]
-        _draw(over_time, curves, [share.max(axis=1) for share in shares], 0.8)
-        for k, (share, (colour, _)) in enumerate(zip(shares, LOOKS, strict=False)):
-            place = np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1))
-            by_joint.bar(place, share.max(axis=0), 0.36, color=colour, hatch=HATCHES[k], edgecolor="white")
-        for axes in (over_time, by_joint):
-            limit_line(axes, 100.0, "limit")
-        over_time.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
+        _draw(axes, curves, [share.max(axis=1) for share in shares], 0.8)
+        limit_line(axes, 100.0, "limit")
+        axes.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
     small_title(grid[0, 0], "the joint that is nearest to its limit")
-    small_title(grid[0, 1], "largest, joint by joint")
-    _finish(figure, grid[:, :1], curves, title, facts)
-    grid[-1, 1].set(xlabel="joint", xticks=range(1, 7))
+    _finish(figure, grid, curves, title, facts)
     return figure
 
 
