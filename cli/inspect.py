@@ -60,7 +60,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     from polish_sim.exchange import plan_facts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.stroke_motion import check_stroke_rule
-    from polish_sim.planning import guessed_stepover, inspect_path
+    from polish_sim.planning import inspect_path
     from polish_sim.planning.quality.figures import path_table
 
     tool_path = read_path(path)
@@ -76,21 +76,17 @@ def inspect(path: InspectedFile, given: Given) -> None:
     check_stroke_rule(scenario.smoothing)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
-    plan = scenario.plan
-    notes = list[str]()
-    if math.isnan(plan.stepover_m):
-        plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
+    asked = scenario.part, scenario.plan, scenario.process, scenario.pad
     with claimed(given, "inspect") as folder, console.progress() as observer:
-        found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
+        found = inspect_path(tool_path, *asked, observer)
         observer.stage("time the motion")
         strokes = cycle_strokes(scenario, tool_path, found.mesh.noise, observer.progress)
         found.figures.update(time_figures(strokes))
         observer.stage("draw")
-        notes += found.notes
-        write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})
+        write_json(folder.draft / "metrics.json", found.figures | {"notes": found.notes})
         write_coverage_mesh(folder.draft / "coverage.ply", found)
         save_plots(folder.draft, {"coverage.png": plot_maps(found)})
-    console.notes(notes)
+    console.notes(found.notes)
     console.table(path_table(f"{path.name} on {found.mesh.name}", found.figures))
     console.say_folder(folder.final)
 

@@ -6,10 +6,11 @@ passes.
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,10 +35,37 @@ JobFile = Annotated[str, argument("JOB.toml|init", "A job's file, or init PART."
 JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
 
 
+#: What stands in a job's file for the options that planning names
+KEYS = {
+    "--part": "part",
+    "--fixture": "fixture",
+    "--units": "cell.part.unit",
+    "--up": "up",
+    "--part-pose": "pose",
+    "--region": "regions",
+    "--pad-diameter": "tool",
+    "--stepover": "plan.stepover_m",
+    "--contact-force": "process.contact_force_n",
+    "--feed": "process.feed_m_s",
+}
+
+
+@contextmanager
+def naming_keys() -> Iterator[None]:
+    """Say behind the errors of the block which keys of a job stand for the options they name."""
+    try:
+        yield
+    except PolishSimError as error:
+        named = re.findall(r"--[a-z-]+", str(error))
+        said = ", ".join(f"{key} for {option}" for option, key in KEYS.items() if option in named)
+        raise type(error)(f"{error} In a job's file: {said}." if said else str(error)) from error
+
+
 @takes(
     Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed."),
     *("--check", *OUTPUT_OPTIONS),
 )
+@naming_keys()
 def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
     if what == INIT:
@@ -61,9 +89,10 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
             facts = plan_facts(plan, f"Delete '{plan.parents[1]}': --resume does that pass again.")
             again = "Do the job anew with --overwrite."
             check_part(plan, asked.passes[0].scenario.part.file, facts["part"], again)
+        recorded = len(_passes(folder, "pieces/*/0*.npz"))
         console.note(
             f"note: resumed with {len(_passes(folder, 'run'))} of {len(asked.passes) * asked.head.parts} "
-            f"passes done, and {len(_passes(folder, 'pieces/*/0*.npz'))} s of the next one recorded"
+            f"passes done{f', and {recorded} s of the next one recorded' if recorded else ''}"
         )
     rows: list[PassRow] = []
     with occupied(folder, LOCK, "job"):
@@ -79,8 +108,8 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
             console.note(
                 f"interrupted before the first new pass was there: what was in '{folder}' stays"
                 if draft.exists()
-                else "interrupted: what was recorded up to now is kept; the same command resumes it with "
-                f"--resume --out '{folder}'"
+                else "interrupted: what was recorded up to now is kept; "
+                f"polish-sim job {shlex.quote(what)} --resume --out {shlex.quote(str(folder))} resumes it"
             )
             return INTERRUPTED
         except PolishSimError:

@@ -187,11 +187,13 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
         PlanError: No setup reaches anything of the part.
     """
     from polish_sim.planning.moves.stroke import NO_WAY
+    from polish_sim.planning.quality.areas import FAR
 
     done: list[PlanResult] = []
-    while (setup := search.next()) is not None:
+    for tried, setup in enumerate(iter(search.next, None), 1):
         name = f"setup_{len(done) + 1}"
-        observer.stage(f"{name}: {setup.scenario.part.up} up, {len(setup.patches)} of {search.count} patches")
+        patches = f"{len(setup.patches)} of {search.count} patches"
+        observer.stage(f"try {tried}, {name}: {setup.scenario.part.up} up, {patches}")
         try:
             result, unreached = plan_once(setup.scenario, folder / name, wanted, observer, forced=False)
         except (PlanError, ReachError) as error:
@@ -219,7 +221,7 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
     area = {"part_area_m2": search.part_area, "unreached_area_m2": sum(patch.area for patch, _ in missed)}
     write_json(folder / "metrics.json", {"setups": rows, **area, "unreached": named})
     notes = [*search.notes, *(f"{row['folder']}: {note}" for row, plan in zip(rows, done, strict=True)
-             for note in plan.notes if "left out" in note or "--check" in note),
+             for note in plan.notes if any(word in note for word in ("left out", "--check", FAR))),
              *_missed_notes(missed)]  # fmt: skip
     return partial(_show_setups, done, area, notes)
 

@@ -108,6 +108,7 @@ BAD_FILES = [
     ("[guide]\ncoulomb_nm = [7, 7, 5, -1, 1, 1]", ["'guide.coulomb_nm'", "-1", "0 to 100", "[N m]"]),
     ("[pad]\nradius_m = -0.02", ["'pad.radius_m'", "-0.02", "0.001 to 0.2", "[m]"]),
     ("[pad\nradius_m = 1", ["not valid TOML"]),
+    ("seed = 6 60", ["newline or end of document after"]),
     ("\xff\xfe", ["scenario.toml"]),
 ]
 

@@ -26,7 +26,7 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as caught:
-        why = str(caught).replace("end of document", f"line {len(text.splitlines())}, its end")
+        why = str(caught).replace("(at end of document", f"(at line {len(text.splitlines())}, its end")
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught
 
 

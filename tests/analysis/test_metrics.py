@@ -14,6 +14,7 @@ from polish_sim.experiments.rows import PAYLOAD_CLAIMS
 from polish_sim.hand_guiding.drag import measure_taught
 from polish_sim.identification import IDENTIFY
 from polish_sim.log import Trace
+from polish_sim.planning.toolpath import BEFORE
 from polish_sim.scenario_file import merge, override
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, removal_map, surface_trace, trace_of
 from tests.planning.shapes import path_through
@@ -125,6 +126,8 @@ def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished
     assert not notes()
     (note,) = notes(unpolished_share=0.1)
     assert "did not touch 6.49 cm^2" in note
+    (note,) = notes(left_out={BEFORE: 1e-3})
+    assert "of this run alone" in note
     # Of a lone vertex inside the border there is no spread.
     places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.4, 0.4, 0.0]])
     border = np.array([[0, 1], [1, 2], [2, 0]])

@@ -188,6 +188,7 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
         ("compare other", "no whole ROS bag"), ("calibrate tcp --data empty.csv", "holds no"),
         ("calibrate tcp --data binary.csv", "is not a text file"),
         ("job init plate --out mine.toml/job.toml", "cannot write 'mine.toml/job.toml'"),
+        ("job bad.toml", "In a job's file: up for --up."),
         ("sweep arc --out other", "holds something that is not a sweep"),
         ("score --out other", "is not a score"),
         ("sweep arc --vary nothing", "'--vary nothing' is not KEY=VALUES"),  # a folder that is no study
@@ -201,7 +202,8 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_files_are_left_al
     for folder in ("other", "arc"):
         Path(folder).mkdir()
     Path("other/notes.txt").touch()
-    held = ("deep.toml", "mine.toml", "empty.csv", "binary.csv", "other", "arc")
+    Path("bad.toml").write_text('[[setup]]\nup = "w"\n[[setup.pass]]\n')
+    held = ("bad.toml", "deep.toml", "mine.toml", "empty.csv", "binary.csv", "other", "arc")
     assert_refused(polish_sim(*words.split()), said, *held)
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
 

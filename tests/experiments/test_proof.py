@@ -221,9 +221,10 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     assert_it_runs_on_a_drawn_part(proven)
 
 
-def with_pads_that_fit(monkeypatch, much, answer):
+def with_pads_that_fit(monkeypatch, much, answer, choice="auto"):
     """How many pads are tried at the soft corner if proofs end with an answer, and the best of them."""
     scenario, plan = soft_corner()
+    scenario = replace(scenario, pad=replace(scenario.pad, choice=choice))
     tried = []
 
     def proven(scenario, plan, observer, work):
@@ -252,14 +253,21 @@ def test_smaller_pads_that_cannot_be_used_or_take_too_long_leave_the_plan_with_t
         assert with_pads_that_fit(monkeypatch, 0.0, answer) == (pads, proven_at_the_corner())
 
 
-@pytest.mark.parametrize(("reason", "pads"), [(HOLLOW, 1 + proof.MOST_PADS), ("at the border", 1)])
-def test_smaller_pads_are_tried_where_the_region_is_too_hollow_for_the_first(monkeypatch, reason, pads):
+@pytest.mark.parametrize(
+    ("reason", "choice", "pads"),
+    [(HOLLOW, "auto", 1 + proof.MOST_PADS), ("at the border", "auto", 1), (HOLLOW, "stepover", 1)],
+)
+def test_smaller_pads_are_tried_or_missed_where_it_is_too_hollow_for_the_first(
+    monkeypatch, reason, choice, pads
+):
     area = proven_at_the_corner().plan.area
     row = next(iter(area.left_out.values()))
     plan = replace(soft_corner()[1], area=replace(area, left_out={reason: row}))
     much = 0.5 * row.area_m2 / area.region_m2
-    found = with_pads_that_fit(monkeypatch, much, lambda number, scenario, work: Proven(plan, scenario))
-    assert found[0] == pads
+    answer = lambda number, scenario, work: Proven(plan, scenario)  # noqa: E731
+    tried, best = with_pads_that_fit(monkeypatch, much, answer, choice)
+    assert tried == pads
+    assert (best.plan.notes[-1:] == (proof.NO_SMALLER,)) == (choice == "stepover")
 
 
 def five_minutes_in(strokes):
@@ -386,7 +394,9 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
         doubt = why_not_proven(override(there, [changes]), path, proof)
         assert named in doubt
         assert bool(doubt) == bool(named)
-    assert why_not_proven(there, soft_corner()[1].path, proof) == "of another path"
+    for begin, named in ((0.0, "another path"), (0.01, "--from")):
+        rest = replace(there, plan=replace(there.plan, begin_m=begin))
+        assert named in why_not_proven(rest, soft_corner()[1].path, proof)
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_path):

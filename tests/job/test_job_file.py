@@ -56,6 +56,8 @@ def test_what_is_wrong_is_refused_with_its_line(tmp_path, old, new):
     (changed,) = [n for n, line in enumerate(text.splitlines(), 1) if line not in TEXT.splitlines()]
     with pytest.raises(PolishSimError, match=rf"line {changed}\b"):
         read(tmp_path, text)
+    with pytest.raises(PolishSimError, match="Did you mean 'pass'"):
+        read(tmp_path, TEXT.replace("setup.pass", "setup.pas"))
 
 
 def test_mutated_files_are_read_or_refused_with_one_error(tmp_path):

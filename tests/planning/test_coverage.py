@@ -14,7 +14,7 @@ from polish_sim.planning.ground import prepare_ground, triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.points import thin
 from polish_sim.planning.quality import coverage
-from polish_sim.planning.quality.areas import CutOut
+from polish_sim.planning.quality.areas import FAR, CutOut
 from polish_sim.planning.quality.coverage import PadSteps, pad_depths, time_under_pad
 from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
@@ -134,7 +134,13 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     account = account_area(result.ready.asked, rest, ProcessConfig(), result.tool.pad, [cut])
     # 120 mm less the two radii the pad covers from the turns on either side.
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
-    again = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)]).figures
+    gapped = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)])
+    again, far = gapped.figures, gapped.area.marked[FAR]
     assert again["left_out"] == account.figures["left_out"]
+    # Beside the gap the pad's rim polishes what is up to its radius from a turn: no step-over shows that.
+    assert result.figures["beyond_stepover_area_m2"] == 0.0 < 0.016 < again["furthest_from_path_m"] <= R
+    assert again["beyond_stepover_area_m2"] == pytest.approx(2.0 * 0.120 * (R - 0.016), rel=0.15)
+    assert np.abs(far[..., 0]).max() < 0.060 - 0.016 + 0.006
+    assert any(note.startswith(FAR) for note in gapped.notes)
     accounted = again["polished_area_m2"] + again["left_out_area_m2"]
     assert accounted == pytest.approx(again["region_area_m2"], rel=1e-9)

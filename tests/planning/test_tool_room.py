@@ -14,13 +14,14 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.urscript import urscript_text
-from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
+from polish_sim.exchange.viewers import FAR_COLOR, IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
 from polish_sim.planning import inspect_path, measure_given_path, plan_part, plan_path
 from polish_sim.planning.ground import prepare_ground
 from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
+from polish_sim.planning.quality.areas import FAR
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Discs, Tool, standing_above
 from tests.cell.cells import drawn_vertices, meshes_of
 from tests.geometry.shapes import prism, surface_of
@@ -184,13 +185,14 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
 
 
 def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(planned, in_pocket):
-    for shown, label, kind, color in (
-        (planned("pocket", "contour", 20.0), "left out: pad too near the part", "left out", LEFT_OUT_COLOR),
-        (in_pocket[0], "tool in the part", "tool in the part", IN_PART_COLOR),
+    for shown, label, color in (
+        (planned("pocket", "contour", 20.0), "left out: pad too near the part", LEFT_OUT_COLOR),
+        (planned("pocket", "contour", 20.0), FAR, FAR_COLOR),
+        (in_pocket[0], "tool in the part", IN_PART_COLOR),
     ):
         figure = plot_plan(shown)
         assert label in [text.get_text() for text in figure.legends[0].get_texts()]
-        marked = next(solid for solid in path_page(shown, ExportSetup()).solids if solid.kind == kind)
+        marked = next(solid for solid in path_page(shown, ExportSetup()).solids if solid.kind == label)
         assert len(marked.vertices) > 100
         assert 255.0 * np.array(marked.color) == pytest.approx(color)
 
@@ -290,8 +292,9 @@ def test_inspect_and_the_robot_program_say_of_a_pad_in_a_wall_what_the_plan_says
     # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm wide, is in it.
     softer = replace(PAD, stiffness_n_m=4000.0)
     soft = inspect_path(result.path, part, result.plan, pad=softer).quality.pad_in_part
-    assert soft.lengths[[body == "pad" for body in soft.bodies]].sum() == pytest.approx(4 * 0.116, rel=0.02)
-    assert np.median(soft.depths[[body == "shaft" for body in soft.bodies]]) == pytest.approx(0.003, abs=1e-5)
+    pad, shaft = (np.array([found == body for found, _ in soft.pairs]) for body in ("pad", "shaft"))
+    assert soft.lengths[pad].sum() == pytest.approx(4 * 0.116, rel=0.02)
+    assert np.median(soft.depths[shaft]) == pytest.approx(0.003, abs=1e-5)
     text = urscript_text(result, ExportSetup())
     assert re.search(r"^# - DO NOT RUN .*: the pad runs up to [78]\.\d+ mm into the part", text, re.M)
     assert 'popup("Continue? the pad runs up to' in text

@@ -195,6 +195,8 @@ def map_notes(figures: Mapping[str, Any], _: object) -> list[str]:
          f"middle may be; the other {1e4 * rim:.3g} cm^2 that are polished only the pad's rim reaches"),
         (bare, mapped, f"of the {1e4 * mapped:.3g} cm^2 whose removal is mapped the pad did not touch "
          f"{1e4 * bare:.3g} cm^2 of the part as it is"),
+        (figures.get("left_out", {}).get(BEFORE, 0.0), polished, "figures of removal are of this run alone: "
+         "what was polished before (--from) counts as nothing in them"),
     )  # fmt: skip
     return [note for area, whole, note in notes if area > LEFT_OUT * whole]
 

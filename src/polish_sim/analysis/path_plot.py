@@ -164,12 +164,12 @@ def _fill(view: _View, triangles: Array, color: Any, width: float) -> None:
 
 
 def _draw_reach(view: _View, result: PlanResult) -> None:
-    """What is left out in a colour for each reason, and in red where the tool is in the part."""
-    for (reason, row), color in zip(result.area.left_out.items(), cycle(LEFT_OUT), strict=False):
-        out = row.triangles
+    """What is left out in a colour for each reason, what is far from the path, and in red where the tool is
+    in the part."""
+    for (label, out), color in zip(result.area.marked.items(), cycle(LEFT_OUT), strict=False):
         if len(out):
             _fill(view, out[view.sees(out.mean(axis=1), unit(facet_cross(out)))], color, 0.3)
-            view.axes.plot([], [], "s", color=color, label=f"left out: {reason}")
+            view.axes.plot([], [], "s", color=color, label=label)
     view.mark(result.in_part, "tool in the part", marker=".", color=RED, ms=5.0)
 
 

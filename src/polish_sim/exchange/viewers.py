@@ -34,6 +34,7 @@ from polish_sim.page.page import (
 from polish_sim.planning import PlanResult
 from polish_sim.planning.ground import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
+from polish_sim.planning.quality.areas import FAR
 from polish_sim.planning.quality.figures import path_table
 from polish_sim.planning.toolpath import LINK, PROCESS
 from polish_sim.spatial import rotation_to_axis, transform
@@ -48,6 +49,7 @@ PART_COLOR = (176, 182, 190)
 FIXTURE_COLOR = (112, 124, 143)
 LEAD_COLOR = (230, 120, 20)
 LEFT_OUT_COLOR = (230, 159, 0)
+FAR_COLOR = (240, 228, 66)
 IN_PART_COLOR = (224, 0, 32)
 MENDED_COLORS = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
 
@@ -134,18 +136,17 @@ def part_solids(result: PlanResult) -> list[Solid]:
         solids.append(
             _solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
         )
-    out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
     size = 0.3 * result.plan.stepover_m
     way = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     spots = {"tool in the part": [result.in_part]}
     for what in MENDED_COLORS:
         spots[what] = [np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == what)]
     chips = {what: np.concatenate(places)[:, None] + size * way for what, places in spots.items()}
-    colors = {"left out": LEFT_OUT_COLOR, "tool in the part": IN_PART_COLOR, **MENDED_COLORS}
-    for kind, corners in {"left out": out, **chips}.items():
+    colors = {FAR: FAR_COLOR, "tool in the part": IN_PART_COLOR, **MENDED_COLORS}
+    for kind, corners in {**result.area.marked, **chips}.items():
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-            solids.append(_solid(kind, corners.reshape(-1, 3), triangles, colors[kind]))
+            solids.append(_solid(kind, corners.reshape(-1, 3), triangles, colors.get(kind, LEFT_OUT_COLOR)))
     return solids
 
 

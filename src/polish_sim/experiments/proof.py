@@ -56,6 +56,7 @@ from polish_sim.planning.part_plan import (
     PAD_SIZES_M,
     SLOWED,
     Mend,
+    is_free,
     mend_of,
     out_of_part,
     with_pad,
@@ -88,6 +89,12 @@ FORCE_FAILS = (NO_STOP, *DYNAMIC)
 """What a pad of another size does not help where neither feed nor force does."""
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
+
+
+NO_SMALLER = (
+    "much is left out, and no smaller pad was tried, because the step-over is given: leave --stepover out, "
+    "or set a smaller --pad-diameter"
+)
 
 
 class _Hopeless(PlanError):
@@ -184,6 +191,8 @@ def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Ob
         area = found.plan.area
         if _lost(found.plan) + area.polished_m2 - _pressed(found.plan) < MUCH * area.region_m2:
             break
+        if scenario.pad.choice == "stepover" and is_free(scenario.pad) and not scenario.plan.file:
+            best = found._replace(plan=replace(found.plan, notes=(*found.plan.notes, NO_SMALLER)))
     if best is None:
         raise failed[0]
     return best
@@ -210,7 +219,7 @@ def _pads_from(given: PadConfig, asked: PlanConfig, pad: PadConfig) -> Iterator[
     """The pad that is given, then ones smaller than the ``pad`` a plan has with the step-over in proportion,
     each with what is to be planned."""
     yield given, asked
-    if given.choice == "auto" and given.radius_m == PadConfig().radius_m and not asked.file:
+    if given.choice == "auto" and is_free(given) and not asked.file:
         smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
         for size in smaller[:MOST_PADS]:
             yield with_pad(given, asked, size)

@@ -140,7 +140,7 @@ def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) 
         names = sorted({word.partition("=")[0] for word in words}) or ["a file they name, or the version"]
         return f"of other settings ({', '.join(names[:3])}{', ...' * (len(names) > 3)})"
     if proof["path"] != path_key(path):
-        return "of another path"
+        return "of the path from its start (--from)" if scenario.plan.begin_m else "of another path"
     if scenario.part.pose != tuple(proof["pose"]):
         return "of another pose of the part"
     return "" if scenario.safety.proof in ("nominal", proof["proof"]) else f"with --proof {proof['proof']}"

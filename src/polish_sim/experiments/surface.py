@@ -128,7 +128,7 @@ def measure_run(
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = fed[-1] if len(fed) else -1.0
-    figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
+    figures["coverage"] = coverage_until(plan, reached)
     removal, log = remove_material(scenario, place, part, run)
     figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from polish_sim.config import Checked, Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, named_place, unknown_name
+from polish_sim.errors import ConfigError, named_place, nearest, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.job.tools import JobTool, naming_line, read_tools
@@ -164,6 +164,9 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     if not isinstance(table, dict):
         raise ConfigError("it is no table of keys.")
     own = {name: value for name, value in table.items() if name not in inner}
+    for name in own:
+        if nearest(name, inner):
+            raise unknown_name("key", name, inner)
     return merge(default, own, ""), {k: table[k] for k in inner if k in table}  # type: ignore[type-var]
 
 

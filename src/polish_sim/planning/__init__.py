@@ -7,7 +7,6 @@ from polish_sim.lazy import names_on_use
 if TYPE_CHECKING:
     from polish_sim.planning.inspection import (
         Inspection,
-        guessed_stepover,
         inspect_path,
         measure_given_path,
     )

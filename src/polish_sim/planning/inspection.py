@@ -183,7 +183,8 @@ def inspect_path(
     reach.
 
     The path is on the surface, in the work frame, not pressed in. Region and step-over are found from it
-    without a ``plan``; force and feed of ``process`` count where it has none of its own.
+    without a ``plan``, the step-over also where that has nan; force and feed of ``process`` count where it
+    has none of its own.
 
     Raises:
         PolishSimError: The part cannot be used, or the path does not lie on it; says by how much and what to
@@ -191,7 +192,9 @@ def inspect_path(
     """
     process, pad = process or ProcessConfig(), pad or PadConfig()
     notes = list[str]()
-    plan = plan or PlanConfig(stepover_m=guessed_stepover(path, pad, notes))
+    plan = plan or PlanConfig(stepover_m=np.nan)
+    if np.isnan(plan.stepover_m):
+        plan = replace(plan, stepover_m=_guessed_stepover(path, pad, notes))
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
@@ -211,7 +214,6 @@ def inspect_path(
     notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
     quality.figures.update(
         part_figures(mesh, surface),
-        stepover_expected_m=plan.stepover_m,
         height_above_part_min_m=offset.heights.min(),
         height_above_part_max_m=offset.heights.max(),
         beyond_part_max_m=offset.sideways.max(),
@@ -252,7 +254,7 @@ def measure_given_path(
     return given.result(with_way_down(path, plan.clearance_m), quality, tool_notes(quality), cuts)
 
 
-def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
+def _guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
     """The step-over a path seems to be made with [m]; appends a note that says so.
 
     The pad's diameter is taken where the path has no neighbouring turns.

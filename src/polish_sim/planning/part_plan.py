@@ -348,7 +348,7 @@ def prepare_region(
             continue
         # A measurement takes all of the region, as the account of the plan does.
         asked = replace(asked, edge_margin_m=plan.edge_margin_m)
-        between = width_between_borders(found[1].ground) if _is_free(taken) else width
+        between = width_between_borders(found[1].ground) if is_free(taken) else width
         if between < 2.0 * NARROWEST * taken.radius_m:
             hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
             width = min(width, between)
@@ -366,7 +366,7 @@ def prepare_region(
     raise refused[0]
 
 
-def _is_free(pad: PadConfig) -> bool:
+def is_free(pad: PadConfig) -> bool:
     """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default
     one."""
     return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
@@ -385,7 +385,7 @@ def _pads(
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
     diameter = 2.0 * pad.radius_m
-    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if _is_free(pad) else []
+    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if is_free(pad) else []
     if diameter <= width or not smaller:
         yield pad, plan
     for size in smaller:
@@ -441,7 +441,7 @@ def given_region(
     return PreparedRegion(mesh, surface, region, plan, process, tool, *found)
 
 
-def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
+def coverage_until(plan: PlanResult, s: float) -> float:
     """Share of the region, 0 to 1, under the pad's contact disc when the tool was fed up to arc length ``s``
     [m]."""
     done = plan.path.s <= s + 1e-6
@@ -449,7 +449,7 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
         return float(plan.figures["coverage"])
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
-    account = account_area(plan.ready.asked, plan.path.rows(done), process, pad)
+    account = account_area(plan.ready.asked, plan.path.rows(done), plan.ready.process, plan.tool.pad)
     return account.polished_m2 / account.region_m2
 
 

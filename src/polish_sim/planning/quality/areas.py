@@ -19,6 +19,7 @@ NARROW = "component narrower than half the pad"
 MARGIN = "edge margin"
 UNCOVERED = "not covered by the pattern"
 BORDER = "at the border"
+FAR = "further than a step-over from the path"
 OVER = "; --overrun leads the pad beyond it"
 WORTH_A_NOTE = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
 
@@ -39,6 +40,8 @@ class AskedRegion:
     why: Indices | int = -1  #: Number of each vertex's reason, -1: it may be polished, shape (v,) or of all
     touched: Array | float = 1.0  #: Share of each vertex's area that the pad can touch, shape (v,) or of all
     unreachable_m2: float = 0.0  #: The area it cannot touch
+    #: Distance of each vertex from a path that was followed before [m], shape (v,) or of all
+    before: Array | float = np.inf
 
     def without(self, out: Bools, reason: str) -> AskedRegion:
         """The same with some more vertices (v,) left out; an edge margin is under the pad all the same."""
@@ -49,7 +52,7 @@ class AskedRegion:
     def after(self, whole: AreaAccount, rest: AreaAccount, reason: str) -> AskedRegion:
         """The same for the ``rest`` of a ``whole`` path: what the rest lacks is left out for a reason."""
         why = np.where((whole.why < 0) & (rest.why >= 0), len(whole.reasons), whole.why)
-        return replace(self, reasons=(*whole.reasons, reason), why=why)
+        return replace(self, reasons=(*whole.reasons, reason), why=why, before=whole.distances)
 
     @property
     def area_m2(self) -> float:
@@ -80,6 +83,8 @@ class AreaAccount:
     left_out: Mapping[str, LeftOutRow]  #: By reason, the largest first
     reasons: tuple[str, ...]
     why: Indices  #: Number of each vertex's reason, -1: it is polished, shape (v,)
+    far: LeftOutRow  #: What is polished further than a step-over from the path; its place is the furthest
+    distances: Array  #: Of each polished vertex from the path [m], shape (v,)
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -90,24 +95,48 @@ class AreaAccount:
             "left_out_area_m2": sum(row.area_m2 for row in self.left_out.values()),
             "left_out": {reason: row.area_m2 for reason, row in self.left_out.items()},
             "coverage": self.polished_m2 / self.region_m2,
+            "beyond_stepover_area_m2": self.far.area_m2,
+            "furthest_from_path_m": self.distances.max(),
+            "furthest_from_path_at_m": self.far.place.tolist(),
         }
 
     @property
     def notes(self) -> list[str]:
-        """What is left out, why, and where."""
-        return [
+        """What is left out, why, and where; and what is polished far from the path."""
+        found = [
             f"left out {1e4 * row.area_m2:.3g} cm^2 of the region, at {place_in_mm(row.place)} and about: "
             f"{reason}{OVER * (reason == BORDER)}"
             for reason, row in self.left_out.items()
             if row.area_m2 > WORTH_A_NOTE * self.region_m2
         ]
+        if self.far.area_m2 > 0.0:
+            found.append(
+                f"{FAR}: {1e4 * self.far.area_m2:.3g} cm^2 of what is polished, up to "
+                f"{1e3 * self.distances.max():.3g} mm at {place_in_mm(self.far.place)}. Only the pad's outer "
+                "part is on them; where the tool has no room, a smaller --pad-diameter comes nearer"
+            )
+        return found
+
+    @property
+    def marked(self) -> dict[str, Array]:
+        """Triangles (t, 3, 3) [m] to show in a picture, by what they are."""
+        out = {f"left out: {reason}": row.triangles for reason, row in self.left_out.items()}
+        return out | {FAR: self.far.triangles}
 
 
-def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut]) -> AreaAccount:
+def account_for(
+    asked: AskedRegion,
+    polished: Bools,
+    pad: PadConfig,
+    cuts: Sequence[CutOut],
+    distances: Array | float = 0.0,
+    stepover: float = 0.0,
+) -> AreaAccount:
     """Sort the area of a region into rows.
 
     What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
     the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
+    ``distances`` (v,) [m] of the vertices from the path are far if they are more than a ``stepover`` [m].
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
     reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
@@ -126,18 +155,25 @@ def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Seque
     rows: dict[str, Bools] = {}
     for number, reason in enumerate(reasons):
         rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
-    left_out = {reason: _row(asked, areas, out) for reason, out in rows.items() if out.any()}
+    left_out = {
+        reason: _row(asked, out, _middle(mesh.vertices[out])) for reason, out in rows.items() if out.any()
+    }
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
-    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out, reasons, why)
+    off = np.where(polished & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
+    far = _row(asked, off > stepover, mesh.vertices[off.argmax()])
+    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out, reasons, why, far, off)
 
 
-def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
+def _row(asked: AskedRegion, out: Bools, place: Array) -> LeftOutRow:
     """The row of some vertices (v,)."""
     mesh = asked.ground.mesh
     shown = (out[mesh.triangles].sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
-    where = mesh.vertices[out]
-    middle = norms(where - where.mean(axis=0)).argmin()
-    return LeftOutRow(areas[out].sum(), mesh.vertices[mesh.triangles[shown]], where[middle])
+    return LeftOutRow(asked.areas[out].sum(), mesh.vertices[mesh.triangles[shown]], place)
+
+
+def _middle(places: Array) -> Array:
+    """That of some places (k, 3) which is nearest to their mean, shape (3,)."""
+    return places[norms(places - places.mean(axis=0)).argmin()]
 
 
 def _within(sources: Array, points: Array, reach: float) -> Indices:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from polish_sim.arrays import (
     Array,
@@ -16,6 +17,7 @@ from polish_sim.arrays import (
     chord_lengths,
     directions_at,
     dots,
+    norms,
     running_sums,
     unit,
 )
@@ -44,6 +46,17 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     fine = [Curve(path.points[part], path.normals[part], False) for part in parts]
     feet = nearest_of(fine, points, np.hypot(limit, 0.5 * CHORD * stepover))
     return (feet.distances <= limit) & (dots(feet.normals, normals) > 0.0)
+
+
+def distances_to_path(mesh: Triangulation, runs: Sequence[Curve], stepover: float) -> Array:
+    """Distances of vertices from what of a path's runs in contact lies on their side of the part [m],
+    (v,)."""
+    path = Strands(runs).sample(CHORD * stepover)
+    # With the normals as further coordinates a path on the other side, or round an edge, is far.
+    both = (mesh.vertices, mesh.normals), (path.points, path.normals)
+    here, there = (np.hstack([points, stepover * normals]) for points, normals in both)
+    nearest = cKDTree(there).query(here)[1]
+    return norms(mesh.vertices - path.points[nearest])
 
 
 def strict_share(mesh: Triangulation, areas: Array, runs: Sequence[Curve], stepover: float) -> float:
@@ -249,11 +262,9 @@ class ExposureMap(NamedTuple):
     """Time under the pad, and its distribution over the region's area without holes."""
 
     times: Array  #: At every vertex of the region [s], shape (v,)
-    mean_s: float
-    median_s: float  #: Of the vertices that come under the pad
-    variation: float  #: Standard deviation over mean
-    over_area_m2: float  #: More than twice the median
-    under_area_m2: float  #: Less than half of it, what is not covered included
+    #: For metrics.json: the median is of the vertices that come under the pad, cv the standard deviation over
+    #: the mean; over-polished are more than two medians, under-polished less than half of one, bare ones too
+    figures: dict[str, float]
 
 
 def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | float = 1.0) -> ExposureMap:
@@ -272,14 +283,15 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | f
     spread = np.sqrt((areas * (times - mean) ** 2).sum() / total)
     under = times > 0.0
     median = _median(times[under], areas[under])
-    return ExposureMap(
-        times=times[some.stands_for],
-        mean_s=mean,
-        median_s=median,
-        variation=spread / mean if mean > 0.0 else float("nan"),
-        over_area_m2=areas[times > OVER * median].sum(),
-        under_area_m2=areas[times < UNDER * median].sum(),
-    )
+    figures = {
+        "exposure_mean_s": mean,
+        "exposure_median_s": median,
+        "exposure_max_s": times.max(),
+        "exposure_cv": spread / mean if mean > 0.0 else float("nan"),
+        "over_polished_area_m2": areas[times > OVER * median].sum(),
+        "under_polished_area_m2": areas[times < UNDER * median].sum(),
+    }
+    return ExposureMap(times[some.stands_for], figures)
 
 
 def _median(values: Array, weights: Array) -> float:

@@ -18,7 +18,7 @@ from polish_sim.geometry.regions.patches import middle_points
 from polish_sim.page import Table, figure_rows
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
-from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
+from polish_sim.planning.quality.coverage import ExposureMap, distances_to_path, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
 from polish_sim.planning.quality.spacing import Stepover, guess_stepover, measure_stepover, stepover_of
@@ -115,44 +115,32 @@ def measure_quality(
     if guess_stepover(path) is None:  # no stretch of the path runs beside another
         spacing = stepover_of(np.empty(0), spacing.excluded)
     exposure = expose(ground, on, pad, asked.touched)
-    area = account_for(asked, exposure.times > 0.0, pad, cuts)
-    quality = Quality(
-        figures={},
-        area=area,
-        exposure=exposure,
-        pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
-        spacing=spacing,
-        crossings=find_crossings(on.runs),
-        runs=on.runs,
-    )
-    strict = strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover)
-    quality.figures.update(
-        _path_figures(on, path, process)
-        | {f"stepover_{name}": value for name, value in spacing._asdict().items() if name != "distances_m"}
-        | {"overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m)}
-        | _coverage_figures(quality, strict)
-        | quality.pad_in_part.figures
-        | _sharpness_figures(on, quality)
-        | {
-            "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
-            "bridged_holes": ground.holes,
-            "unreachable_area_m2": asked.unreachable_m2,
-        }
-        | area.figures
-    )
-    return quality
-
-
-def _path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
-    """Length, time and lifts of a path."""
+    distances = distances_to_path(ground.mesh, on.runs, stepover)
+    area = account_for(asked, exposure.times > 0.0, pad, cuts, distances, stepover)
+    in_part = find_pad_in_part(on, part or ground.region.surface, pad, fixture)
+    crossings = find_crossings(on.runs)
     length = sum(run.length for run in on.runs)
-    return {
+    figures = {
         "path_length_m": length,
         **_path_times(path, process),
         "retracts": len(on.runs),
         "lifts": len(on.runs) - 1,
         "max_distance_to_surface_m": on.distances.max(),
+        **{f"stepover_{name}": value for name, value in spacing._asdict().items() if name != "distances_m"},
+        "overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m),
+        "coverage_stepover": strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover),
+        **exposure.figures,
+        **in_part.figures,
+        **_sharpness_figures(on),
+        "self_crossings": len(crossings),
+        "stepover_expected_m": stepover,
+        "pad_diameter_m": 2.0 * pad.radius_m,
+        "length_ratio": length * stepover / ground.region.area_m2,
+        "bridged_holes": ground.holes,
+        "unreachable_area_m2": asked.unreachable_m2,
+        **area.figures,
     }
+    return Quality(figures, area, exposure, in_part, spacing, crossings, on.runs)
 
 
 def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
@@ -172,31 +160,16 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
     }
 
 
-def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
-    exposure = quality.exposure
+def _sharpness_figures(on: PathOnSurface) -> dict[str, Any]:
+    """How suddenly path and tool axis turn, and how far the axis leans off the surface's normal."""
+    corner, rate = _sharpest_corner(on.runs), _fastest_turn(on)
     return {
-        "coverage_stepover": strict,
-        "exposure_mean_s": exposure.mean_s,
-        "exposure_median_s": exposure.median_s,
-        "exposure_max_s": exposure.times.max(),
-        "exposure_cv": exposure.variation,
-        "over_polished_area_m2": exposure.over_area_m2,
-        "under_polished_area_m2": exposure.under_area_m2,
-    }
-
-
-def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
-    corner = _sharpest_corner(on.runs)
-    rate = _fastest_turn(on)
-    lean = angles_between(on.axes, on.under.normals)
-    return {
-        "self_crossings": len(quality.crossings),
         "sharpest_corner_rad": corner.value,
         "sharpest_corner_at_m": corner.position.tolist(),
         "corner_scale_m": CORNER_M,
         "max_axis_rate_rad_m": rate.value,
         "max_axis_rate_at_m": rate.position.tolist(),
-        "max_axis_lean_rad": lean.max(),
+        "max_axis_lean_rad": angles_between(on.axes, on.under.normals).max(),
     }
 
 
@@ -238,6 +211,7 @@ HOW_WELL = (
     ("  at, along the path with its leads", "m", "feed_least_at_m", ".3f"),
     ("motion beside the path, at most", "mm", "smoothed_off_max_m", ".2g"),
     ("  tool axis", "deg", "smoothed_axis_off_max_rad", ".2g"),
+    ("pad / step-over, asked or found", "mm", "pad_diameter_m stepover_expected_m", ".4g"),
     (
         "step-over, min / p5 / mean / p95 / max",
         "mm",
@@ -246,14 +220,14 @@ HOW_WELL = (
     ),
     ("overlap of neighbouring turns, of the pad", "%", "overlap", ".1f"),
     ("region covered by the pad", "%", "coverage", ".1f"),
-    ("  within 0.55 step-overs", "%", "coverage_stepover", ".1f"),
+    ("  within 0.55 step-overs of the path", "%", "coverage_stepover", ".1f"),
+    ("  polished furthest from the path", "mm", "furthest_from_path_m", ".2f"),
     ("time under the pad, mean", "s", "exposure_mean_s", ".3g"),
     ("  its variation over the area", "cv", "exposure_cv", ".3f"),
     ("  area over twice the median", "mm^2", "over_polished_area_m2", ".4g"),
     ("crossings of the path with itself", "", "self_crossings", ".0f"),
     ("sharpest corner", "deg", "sharpest_corner_rad", ".1f"),
     ("largest turn of the tool axis", "deg/mm", "max_axis_rate_rad_m", ".2f"),
-    ("out of the tool's reach", "mm^2", "unreachable_area_m2", ".4g"),
     ("tool in the part, at most", "mm", "pad_in_part_max_m", ".3g"),
     ("  over a length of the path", "m", "pad_in_part_length_m", ".3g"),
     ("retracts", "", "retracts", ".0f"),

@@ -19,7 +19,7 @@ from polish_sim.planning.toolpath import ToolPath, stretches
 
 SAMPLES = 8  #: Samples per step-over along the path
 OWN_STRETCH = 2.0  #: Points closer than this many step-overs along the path belong to the same turn
-#: A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps
+#: A neighbour further away than this many step-overs is no neighbour; `AreaAccount.far` shows such gaps
 FURTHEST = 2.0
 SHARP = np.radians(60.0)  #: Change of direction of a corner of 120 deg [rad]
 
@@ -57,7 +57,7 @@ def stepover_of(kept: Array, excluded: float) -> Stepover:
     """The figures of some distances (k,) [m], a share of the path left out."""
     if len(kept) == 0:
         return Stepover(*5 * (np.nan,), excluded, kept)
-    p5, p95 = (float(value) for value in np.percentile(kept, [5.0, 95.0]))
+    p5, p95 = np.percentile(kept, [5.0, 95.0])
     return Stepover(kept.min(), p5, kept.mean(), p95, kept.max(), excluded, kept)
 
 

@@ -200,8 +200,7 @@ class PadInPart(NamedTuple):
     depths: Array  #: How deep it is [m], shape (k,)
     reaches: Array  #: How much further away from there the tool point would have to be [m], shape (k,)
     lengths: Array  #: Length of the path each stands for [m], shape (k,)
-    bodies: tuple[str, ...]  #: What is deepest there
-    beside: tuple[str, ...]  #: And in what
+    pairs: tuple[tuple[str, str], ...]  #: What is deepest there, and in what
     pad_radius: float  #: [m]
 
     @property
@@ -217,13 +216,16 @@ class PadInPart(NamedTuple):
     @property
     def figures(self) -> dict[str, Any]:
         """For metrics.json; place and body are empty if the tool is nowhere in the part."""
-        worst = self.depths.argmax() if len(self.depths) else -1
+        place, (body, beside) = [], ("", "")
+        if self.pairs:
+            worst = self.depths.argmax()
+            place, (body, beside) = self.positions[worst].tolist(), self.pairs[worst]
         return {
             "pad_in_part_max_m": self.max_m,
             "pad_in_part_length_m": self.length_m,
-            "pad_in_part_at_m": self.positions[worst].tolist() if worst >= 0 else [],
-            "pad_in_part_body": self.bodies[worst] if worst >= 0 else "",
-            "pad_in_part_beside": self.beside[worst] if worst >= 0 else "",
+            "pad_in_part_at_m": place,
+            "pad_in_part_body": body,
+            "pad_in_part_beside": beside,
         }
 
 
@@ -243,24 +245,20 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: 
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
     lengths = 0.5 * (np.append(way, 0.0) + np.append(0.0, way))
     hit = np.flatnonzero(found.depths)
-    bodies, beside = (
-        zip(*(tool.pairs[number] for number in found.bodies[hit]), strict=True) if len(hit) else ((), ())
-    )
+    pairs = tuple(tool.pairs[number] for number in found.bodies[hit])
     at = places.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit]
-    return PadInPart(*at, bodies, beside, pad.radius_m)
+    return PadInPart(*at, pairs, pad.radius_m)
 
 
 def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
     """The figures as a sentence with the worst place; empty if the tool is nowhere in the part."""
-    deepest = figures.get("pad_in_part_max_m", 0.0)
+    deepest, body, beside = (figures[f"pad_in_part_{name}"] for name in ("max_m", "body", "beside"))
     if deepest <= 0.0:
         return ""
-    length = figures["pad_in_part_length_m"]
-    place = place_in_mm(np.array(figures["pad_in_part_at_m"]))
-    body, beside = figures.get("pad_in_part_body") or "pad", figures.get("pad_in_part_beside") or PART
     return (
-        f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over {length:.3g} m of the path, "
-        f"worst at {place}"
+        f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over "
+        f"{figures['pad_in_part_length_m']:.3g} m of the path, worst at "
+        f"{place_in_mm(figures['pad_in_part_at_m'])}"
     )
 
 
