@@ -192,8 +192,10 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
     done: list[PlanResult] = []
     for tried, setup in enumerate(iter(search.next, None), 1):
         name = f"setup_{len(done) + 1}"
-        patches = f"{len(setup.patches)} of {search.count} patches"
-        observer.stage(f"try {tried}, {name}: {setup.scenario.part.up} up, {patches}")
+        observer.stage(
+            f"try {tried}, {name}: {setup.scenario.part.up} up, "
+            f"{len(setup.patches)} of {search.count} patches"
+        )
         try:
             result, unreached = plan_once(setup.scenario, folder / name, wanted, observer, forced=False)
         except (PlanError, ReachError) as error:

@@ -53,9 +53,8 @@ def distances_to_path(mesh: Triangulation, runs: Sequence[Curve], stepover: floa
     (v,)."""
     path = Strands(runs).sample(CHORD * stepover)
     # With the normals as further coordinates a path on the other side, or round an edge, is far.
-    both = (mesh.vertices, mesh.normals), (path.points, path.normals)
-    here, there = (np.hstack([points, stepover * normals]) for points, normals in both)
-    nearest = cKDTree(there).query(here)[1]
+    tree = cKDTree(np.hstack([path.points, stepover * path.normals]))
+    nearest = tree.query(np.hstack([mesh.vertices, stepover * mesh.normals]))[1]
     return norms(mesh.vertices - path.points[nearest])
 
 

@@ -211,7 +211,7 @@ HOW_WELL = (
     ("  at, along the path with its leads", "m", "feed_least_at_m", ".3f"),
     ("motion beside the path, at most", "mm", "smoothed_off_max_m", ".2g"),
     ("  tool axis", "deg", "smoothed_axis_off_max_rad", ".2g"),
-    ("pad / step-over, asked or found", "mm", "pad_diameter_m stepover_expected_m", ".4g"),
+    ("pad / step-over asked or found", "mm", "pad_diameter_m stepover_expected_m", ".4g"),
     (
         "step-over, min / p5 / mean / p95 / max",
         "mm",
