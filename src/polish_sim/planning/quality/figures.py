@@ -21,7 +21,7 @@ from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, 
 from polish_sim.planning.quality.coverage import ExposureMap, distances_to_path, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
-from polish_sim.planning.quality.spacing import Stepover, guess_stepover, measure_stepover, stepover_of
+from polish_sim.planning.quality.spacing import guess_stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
@@ -87,7 +87,6 @@ class Quality:
     area: AreaAccount  #: Where every cm^2 of the region is
     exposure: ExposureMap  #: Time under the pad
     pad_in_part: PadInPart  #: Where the pad runs into the part
-    spacing: Stepover
     crossings: Array  #: Places where the path crosses itself [m], shape (k, 3)
     runs: tuple[Curve, ...]  #: The path between lifts, with surface normals
 
@@ -140,7 +139,7 @@ def measure_quality(
         "unreachable_area_m2": asked.unreachable_m2,
         **area.figures,
     }
-    return Quality(figures, area, exposure, in_part, spacing, crossings, on.runs)
+    return Quality(figures, area, exposure, in_part, crossings, on.runs)
 
 
 def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
