@@ -102,7 +102,7 @@ def list_names(kind: Kind = None) -> None:
     known = _known()
     if kind is None:
         for each, entries in known.items():
-            console.say_names(f"{each}:", list(entries))
+            console.say(f"{each}: {', '.join(entries)}")
         return
     width = max(len(name) for name in known[kind])
     for name, text in known[kind].items():

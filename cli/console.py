@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 import sys
-import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -22,24 +20,11 @@ if TYPE_CHECKING:
     from polish_sim.cli.progress import ProgressObserver
 
 PLAIN_WIDTH = 160  #: Width of tables when the output is not a terminal: wide enough not to wrap
-LABEL_WIDTH = 14  #: Of the labels that stand before names
 
 
 def say(text: str = "") -> None:
     """Print a line of results on stdout, as it is."""
     print(text, flush=True)
-
-
-def say_names(label: str, names: Sequence[str]) -> None:
-    """Print names beside their label on stdout; on a terminal they wrap there, else they are one line."""
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    head = f"{label:<{LABEL_WIDTH}}"
-    margin = " " * LABEL_WIDTH
-    say(
-        textwrap.fill(
-            ", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False
-        )
-    )
 
 
 def say_folder(folder: Path) -> None:
