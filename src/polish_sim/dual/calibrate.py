@@ -233,8 +233,9 @@ def simulate_tracked(
     tracked = {}
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
-        seen = arm.tracked(gears[robot].arrive(q, rng) if gears else q[None], noise, rng)
-        tracked[robot] = TrackedArm(q, seen, gears[robot].weight(q) if gears else None)
+        gear = gears[robot] if gears else None
+        seen = arm.tracked(gear.arrive(q, rng) if gear else q[None], noise, rng)
+        tracked[robot] = TrackedArm(q, seen, gear.weight(q), gear.real) if gear else TrackedArm(q, seen)
     return tracked
 
 
