@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
-import subprocess
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -26,7 +27,7 @@ from polish_sim.cli.pictures import FrameSink
 from polish_sim.config import Scenario
 from polish_sim.errors import duration_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
-from polish_sim.kernel_cache import event, is_warm, kernels_under
+from polish_sim.kernel_cache import event, is_warm, kernels_under, load_registries
 from polish_sim.scenario_file import merge
 from polish_sim.workers import processors
 
@@ -43,6 +44,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
 
     def __init__(self, show: Callable[[str], None]) -> None:
         self._show = show
+        self._process = os.getpid()
         self._depth = 0
         self._needed: dict[Any, None] = {}
         self._ahead = (0, 0)
@@ -65,8 +67,9 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         return done + self._ahead[0], len(self._needed) + self._ahead[1]
 
     def _update(self) -> None:
-        done, needed = self.count()
-        self._show(f"{done}/{needed}")
+        if self._process == os.getpid():  # not in a copy, which counts by itself
+            done, needed = self.count()
+            self._show(f"{done}/{needed}")
 
     @contextmanager
     def ahead(self, scenario: Scenario) -> Iterator[None]:
@@ -75,22 +78,26 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         if scenario.experiment not in REHEARSED or is_warm() or processors() < 2:
             yield
             return
-        command = [sys.executable, "-m", __name__, scenario.controller.name]
-        pipe = subprocess.PIPE
-        with subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
-        ) as process:
-            reader = threading.Thread(target=self._listen, args=(process.stdout,), daemon=True)
-            reader.start()
-            try:
-                yield
-            finally:
-                process.kill()
-                reader.join()
+        # On Linux a copy of this process, with all that it has imported.
+        load_registries()
+        context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+        counts, said = context.Pipe(duplex=False)
+        process = context.Process(target=_rehearse, args=(scenario.controller.name, said))
+        process.start()
+        said.close()
+        lines = iter(counts.recv, "")
+        reader = threading.Thread(target=self._listen, args=(lines,), daemon=True)
+        reader.start()
+        try:
+            yield
+        finally:
+            process.kill()
+            process.join()
+            reader.join()
 
-    def _listen(self, lines: Any) -> None:
-        for line in lines:
-            with suppress(ValueError):
+    def _listen(self, lines: Iterable[str]) -> None:
+        with suppress(EOFError):
+            for line in lines:
                 done, needed = map(int, line.split("/"))
                 self._ahead = done, needed
                 self._update()
@@ -117,8 +124,9 @@ def now_and_then(say: Callable[[str], None]) -> Callable[[str], None]:
     return show
 
 
-def _rehearse(controller: str) -> None:
-    """Begin a run in free space, for its kernels; ends when the process that began it does."""
+def _rehearse(controller: str, said: Any) -> None:
+    """Begin a run in free space, for its kernels, whose counts are ``said``; ends when the process that began
+    it does."""
     from polish_sim.cell import Silent
     from polish_sim.control import CONTROLLERS
 
@@ -127,16 +135,23 @@ def _rehearse(controller: str) -> None:
             os._exit(0)  # it simulates, so its kernels are compiled
 
     gc.disable()  # it ends soon, by `_exit`
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with compiling_shown(lambda count: print(count, flush=True)):
+    end_with_starter()
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115  (until it ends)
+    with compiling_shown(said.send):
         # a user's own stays here
         chosen = {"controller": {"name": controller}} if controller in CONTROLLERS else {}
         run_experiment(merge(default_scenario("arc"), chosen, ""), None, Begun())
 
 
-def _end_with_parent() -> None:
-    sys.stdin.read()
-    os._exit(1)
+def end_with_starter() -> None:
+    """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        multiprocessing.parent_process().join()  # type: ignore[union-attr]
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 # The observer that turns a run's stages into a progress bar; it satisfies the protocol of the experiments.
@@ -218,7 +233,3 @@ class ProgressObserver:
         """Hand a moment of the simulation on to those who want to see it."""
         for sink in self._sinks:
             sink.take(model, data)
-
-
-if __name__ == "__main__":
-    _rehearse(sys.argv[1])

@@ -21,6 +21,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import BUG, DONE, exit_code
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.progress import end_with_starter
 from polish_sim.cli.run import checked_run, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
@@ -153,21 +154,9 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
 
 def _beside(given: Given, address: str, folder: Path) -> None:
     """Another robot, in a process of its own."""
-    _end_with_starter()
+    end_with_starter()
     console.note(f"the robot at {address}:")
     sys.exit(exit_code(lambda: _robot(given, [address], [folder])))
-
-
-def _end_with_starter() -> None:
-    """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        starter = multiprocessing.parent_process()
-        multiprocessing.connection.wait([starter.sentinel])  # type: ignore[union-attr]
-        signal.raise_signal(signal.SIGTERM)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 # What is served.
@@ -245,7 +234,7 @@ def _reader() -> Executor:
 
     translate(READY)  # refuses here what it would refuse when a client waits
     context = multiprocessing.get_context("spawn")
-    reader = ProcessPoolExecutor(1, context, _end_with_starter)
+    reader = ProcessPoolExecutor(1, context, end_with_starter)
     reader.submit(read, READY).result()  # started before a client waits
     return reader
 

@@ -70,7 +70,7 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
-from numba.core.types import Dispatcher
+from numba.core.types import BaseFunction, Dispatcher
 from numba.core.types.misc import unliteral
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
@@ -103,13 +103,13 @@ _log = logging.getLogger(__name__)
 
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 _target = cpu_target.target_context
-_load_registries = cache(_target.load_additional_registries)
+load_registries = cache(_target.load_additional_registries)  #: Load what compiling needs
 
 
 def _refresh_registries() -> None:
     """Let the compiler see functions defined since it looked last; what defines numba's own is imported
     once, not with each function it meets."""
-    _load_registries()
+    load_registries()
     for registry in tuple(_target._registries):
         _target.install_registry(registry)
 
@@ -117,6 +117,27 @@ def _refresh_registries() -> None:
 _target.load_additional_registries = _refresh_registries
 # Numba notes the begin and the end of each call of LLVM, 100 000 in a first start; nobody here reads that.
 llvm.ffi.lib._lock._cblist.clear()
+
+
+_resolve: Any = BaseFunction.get_call_type
+
+
+def _resolve_once(self: Any, context: Any, args: Any, named: Any) -> Any:
+    """Types of a call of an operation of numba's own, found once for each kind of arguments.
+
+    Numba tries each product of two numbers as one of arrays first, and so on: a tenth of a first start.
+    """
+    known = vars(self).setdefault("_known", {})
+    given = *args, *named.items()
+    if given in known:
+        return known[given]
+    found = _resolve(self, context, args, named)
+    if self._impl_keys[found.args] == self.typing_key:  # not compiled for it, with the options of its caller
+        known[given] = found
+    return found
+
+
+BaseFunction.get_call_type = _resolve_once  # type: ignore[assignment, method-assign]
 
 
 def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **options: Any) -> Any:
@@ -131,7 +152,8 @@ def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **op
         if numba.config.DISABLE_JIT:
             return numba.njit(**options)(function)
         kind = _Kernel if cache else _Part
-        return kind(function, targetoptions={"nopython": True, "boundscheck": None, **options})
+        targetoptions = {"nopython": True, "boundscheck": None, **options}
+        return kind(function, targetoptions=targetoptions, pipeline_class=_Compiler)
 
     return decorate if function is None else decorate(function)
 
@@ -346,6 +368,18 @@ def _in_one_chunk(work: Callable[..., Any], signature: Any) -> Any:
 _in_one_chunk.__code__ = _in_one_chunk.__code__.replace(co_stacksize=1 << 16)
 
 
+class _Compiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler without its passes for what no kernel has: functions within it, numba's functions put
+    in the place of their calls, expressions of whole arrays in one loop."""
+
+    def define_pipelines(self) -> Any:
+        """Its passes, in their order."""
+        (pipeline,) = super().define_pipelines()
+        unused = "InlineClosureLikes", "InlineOverloads", "NopythonRewrites"
+        pipeline.passes = [step for step in pipeline.passes if step[0].__name__ not in unused]
+        return [pipeline]
+
+
 class _Function(CPUDispatcher):  # type: ignore[misc]
     """A function of kernels. Integer literals are passed as plain integers; numba would specialise on
     each."""
@@ -381,7 +415,7 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _part_compiler(typing: Any, target: Any, _: None, *rest: Any) -> Any:
-    return Compiler(typing, target, _PartLibrary(target.codegen(), "part"), *rest)
+    return _Compiler(typing, target, _PartLibrary(target.codegen(), "part"), *rest)
 
 
 class _Part(_Function):

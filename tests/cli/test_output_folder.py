@@ -2,6 +2,7 @@
 
 import ctypes
 import errno
+import multiprocessing
 import os
 import pty
 import shlex
@@ -194,17 +195,19 @@ def test_compiling_is_told_once_and_only_when_it_happens():
     with compiling_shown(now_and_then(said.append)):
         assert double(4) == 8
     assert said == [FIRST_START]
-    progress.CompileProgress(said.append)._listen(["1/57\n", "a line of something else\n", "2/57\n"])  # ahead
+    progress.CompileProgress(said.append)._listen(["1/57", "2/57"])  # ahead
     assert said[1:] == ["1/57", "2/57"]
 
 
 def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_parent_is_gone():
-    command = [sys.executable, "-m", "polish_sim.cli.progress", "hybrid-pi"]
-    for gone in (False, True):
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-            if gone:
-                process.stdin.close()
-            assert process.wait() == gone
+    _counts, said = multiprocessing.Pipe(duplex=False)
+    ahead = multiprocessing.Process(target=progress._rehearse, args=("hybrid-pi", said))
+    ahead.start()
+    ahead.join()
+    assert ahead.exitcode == 0
+    names = "import multiprocessing, os, time; from polish_sim.cli.progress import end_with_starter as end"
+    start = "multiprocessing.Process(target=lambda: (end(), time.sleep(60))).start(); os._exit(0)"
+    subprocess.run([sys.executable, "-c", f"{names}; {start}"], stdout=-1, timeout=30, check=True)
 
 
 NOTHING = "error: interrupted; nothing was recorded yet.\n"

@@ -136,7 +136,7 @@ def _poses(stroke: Stroke, s: Array) -> _Poses:
     return poses
 
 
-@njit(cache=True)
+@njit
 def _sample(table: PathTable, forces: Array, places: Array, poses: _Poses) -> None:
     tangent, quaternion = np.empty(3), np.empty(4)
     for i in range(len(places)):
@@ -145,7 +145,7 @@ def _sample(table: PathTable, forces: Array, places: Array, poses: _Poses) -> No
         poses.force[i] = sample_column(table, forces, places[i])
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type: ignore[no-untyped-def]
     """Depth beyond each pose at which head spring and pad press with the wanted ``forces`` (n,) [N].
 
@@ -177,7 +177,7 @@ def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type:
     return surplus, stiffness, moment, tilt_stiffness
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _press_disc(field, nodes, x, y, k, p, R, u):  # type: ignore[no-untyped-def]
     """Press the disc, its face ``u`` [m] beyond a pose, on the part."""
     force = slope = moment_x = moment_y = 0.0

@@ -67,7 +67,7 @@ def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
     return distances, facets
 
 
-@njit
+@part
 def signed_distance(skin, point, hint, limit):  # type: ignore[no-untyped-def]
     """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
     distance2, facet, u, v = closest_in_tree(

@@ -255,7 +255,7 @@ def solve_all(lengths: Array, T_base_flange: Array, q6_if_aligned: float) -> Arr
     return solutions
 
 
-@njit
+@part
 def solve_row(lengths: Array, T_base_flange: Array, row: int, q6_if_aligned: float, q: Array) -> None:
     """Write one row (6,) of the solutions of `solve_all`."""
     side, wrist, elbow = 2.0 * (row // 4) - 1.0, 1.0 - row // 2 % 2 * 2.0, 1.0 - row % 2 * 2.0

@@ -69,7 +69,7 @@ def place_arm(state: ArmState, rows: Array, T_flange_tool: Array) -> bool:
     return invert(state.jacobian, state.inverse, state.scratch)
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
     """Axes and link vectors by the chain of Denavit-Hartenberg frames."""
     T = state.scratch[:3, :4]
@@ -86,7 +86,7 @@ def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
     add_to(state.links[5], matvec(T, T_flange_tool[:, 3]))
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _fill_jacobian(state: ArmState) -> None:
     """Columns z x (tool point - joint); z."""
     J, axes, links = state.jacobian, state.axes, state.links
@@ -105,7 +105,7 @@ def solve_rates(state: ArmState) -> None:
     _solve_third(state)
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _solve(state: ArmState, row: int, linear: Triple, angular: Triple) -> None:
     """rates[row] = inverse (twists[row] - (linear; angular))."""
     m = state.inverse
@@ -118,7 +118,7 @@ def _solve(state: ArmState, row: int, linear: Triple, angular: Triple) -> None:
         )
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _solve_second(state: ArmState) -> None:
     """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
     axes, links, q1 = state.axes, state.links, state.rates[0]
@@ -130,7 +130,7 @@ def _solve_second(state: ArmState) -> None:
     _solve(state, 1, linear, e)
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _solve_third(state: ArmState) -> None:
     """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
     axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
@@ -145,7 +145,7 @@ def _solve_third(state: ArmState) -> None:
     _solve(state, 2, linear, f)
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
     """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
 

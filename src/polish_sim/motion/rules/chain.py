@@ -140,7 +140,7 @@ def _fill_segments(chain: Chain) -> None:
         chain.rolls[k] = _roll(chain, k)
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _fill_turn(chain: Chain, k: int) -> None:
     """Angle and axis between both ends' tool axes."""
     a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
@@ -153,7 +153,7 @@ def _fill_turn(chain: Chain, k: int) -> None:
         n[i] = n[i] / sine if angle > SAME_AXIS else 0.0
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def _roll(chain: Chain, k: int) -> float:
     """Turn about the tool axis left to the next frame once the axis is there [rad]."""
     n, angle = chain.turn_axes[k], chain.angles[k]

@@ -290,7 +290,7 @@ def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None
     add_to(spin[0], scaled(phi_1, n))
 
 
-@njit(_nrt=False, inline="always")
+@njit(inline="always")
 def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
     w, dw, ddw, o = spin[0], spin[1], spin[2], axis[0]
