@@ -37,7 +37,6 @@ JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
 
 #: What stands in a job's file for the options that planning names
 KEYS = {
-    "--fixture": "fixture",
     "--units": "cell.part.unit",
     "--up": "up",
     "--part-pose": "pose",

@@ -164,6 +164,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is_and_turns_are_a_whole_nu
     _, out, err = done(polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "ring"))
     apart = 1e3 * metrics_of("ring")["stepover_mean_m"]
     assert 11.5 < apart < 14.0
+    assert " / 15" in next(line for line in out.splitlines() if "asked" in line)
     assert f" / {apart:.2f} / " in next(line for line in out.splitlines() if "step-over," in line)
     assert "more than 46 deg" not in err
 

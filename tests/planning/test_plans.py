@@ -82,6 +82,14 @@ def test_arms_necks_and_frames_are_covered_in_few_strokes(shape, pattern, stroke
     assert figures["coverage_stepover"] > share
 
 
+@pytest.mark.parametrize(("width", "pattern"), [(9.5, "contour"), (10.0, "spiral"), (10.0, "fermat")])
+def test_a_strip_a_little_wider_than_a_step_over_gets_its_one_turn(width, pattern, tmp_path):
+    plan, pad = PlanConfig(pattern=pattern, stepover_m=STEP), PadConfig(radius_m=0.5 * STEP, choice="given")
+    figures = plan_of(block((120, width, 6)), tmp_path / "strip.stl", plan, pad).figures
+    assert figures["retracts"] == 1
+    assert figures["coverage_stepover"] > 0.98
+
+
 def test_a_sphere_s_path_has_its_curvature_is_the_same_again_and_reports_growing_progress():
     path = shipped_plan("sphere_100").path
     assert path.curvature[path.process] == pytest.approx(10.0, rel=0.02)

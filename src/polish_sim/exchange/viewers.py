@@ -143,7 +143,7 @@ def part_solids(result: PlanResult) -> list[Solid]:
         spots[what] = [np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == what)]
     chips = {what: np.concatenate(places)[:, None] + size * way for what, places in spots.items()}
     colors = {FAR: FAR_COLOR, "tool in the part": IN_PART_COLOR, **MENDED_COLORS}
-    for kind, corners in {**result.area.marked, **chips}.items():
+    for kind, corners in (result.area.marked | chips).items():
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
             solids.append(_solid(kind, corners.reshape(-1, 3), triangles, colors.get(kind, LEFT_OUT_COLOR)))

@@ -91,10 +91,7 @@ HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
 
 
-NO_SMALLER = (
-    "much is left out, and no smaller pad was tried, because the step-over is given: leave --stepover out, "
-    "or set a smaller --pad-diameter"
-)
+NO_SMALLER = "no smaller pad was tried, as the step-over is given: leave --stepover out or set --pad-diameter"
 
 
 class _Hopeless(PlanError):

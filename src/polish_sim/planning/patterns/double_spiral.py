@@ -45,7 +45,7 @@ MOST = 0.1  #: Longest move in one round, in step-overs: strands must not get pa
 FEW = 0.2  #: Fewer places per point than this draw less
 
 
-def double_spirals(request: PatternRequest, roots: Sequence[Turn]) -> list[Run]:
+def double_spirals(request: PatternRequest, roots: list[Turn]) -> list[Run]:
     """Join nested turns to one line that winds in and out around all holes, or to few; none without turns."""
     mesh, stepover = request.mesh, request.stepover
     turns = list(all_turns(with_loops(request, roots, SHALLOWEST).roots))

@@ -54,9 +54,10 @@ def nested_turns(request: PatternRequest) -> Nested:
     return with_loops(request, grown_turns(request).roots)
 
 
-def with_loops(request: PatternRequest, roots: Sequence[Turn], shallowest: float = 0.0) -> Nested:
-    """Turns without slivers, and loops in the gaps whose middle is at least that many step-overs away."""
-    kept = _without_slivers(roots, request.stepover)
+def with_loops(request: PatternRequest, roots: list[Turn], shallowest: float = 0.0) -> Nested:
+    """Turns without slivers, unless all are, and loops in the gaps whose middle is at least that many
+    step-overs away."""
+    kept = _without_slivers(roots, request.stepover) or roots
     loops: list[Turn] = []
     for _ in range(PASSES):
         loops += _close_gaps(request.mesh, list(all_turns(kept)), request.stepover, shallowest)
@@ -80,7 +81,10 @@ def grown_turns(request: PatternRequest) -> Grown:
     pitch = ring or stepover
     roots = grow_turns(surface, mesh, borders[:1] if ring else borders, pitch, request.report)
     for turn in all_turns(roots):
-        turn.curve = without_tails(turn.curve, TAIL * stepover)
+        cut = without_tails(turn.curve, TAIL * stepover)
+        # Of a strip the whole turn runs back along itself.
+        if enclosed(cut.positions) > 0.5 * enclosed(turn.curve.positions):
+            turn.curve = cut
     return Grown(roots, pitch, ring is not None)
 
 
