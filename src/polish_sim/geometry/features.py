@@ -28,9 +28,8 @@ FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases 
 ROUNDED = np.radians(1.0)
 #: Facets are coplanar if they deviate by less than this share of the size (float32 noise)
 FLAT_TOLERANCE = 5e-7
-#: At a vertex a flat face this many times larger than what it blends into keeps its own normal
+#: At a vertex a flat face this many times wider than what it blends into keeps its own normal
 FLAT_DOMINANCE = 4.0
-WIDTH_DOMINANCE = 4.0  #: It must also be this many times wider: a narrow flat ring belongs to the rounding
 
 
 class SmoothCorners(NamedTuple):
@@ -102,37 +101,26 @@ def _keep_flat_faces(
     vertices: Array, faces: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, normals: Array
 ) -> tuple[Array, Bools]:
     """Replace normals at the rim of flat faces that dominate their vertex by the face's normal."""
-    labels, face_areas, face_normals_ = flat_faces(vertices, faces, adjacency)
-    owner, by_area = _dominant(face_areas, FLAT_DOMINANCE, labels, adjacency, smooth, index, len(normals))
-    widths = _widths(vertices, faces, adjacency, labels, face_areas)
-    widest, by_width = _dominant(widths, WIDTH_DOMINANCE, labels, adjacency, smooth, index, len(normals))
-    dominates = by_area & by_width & (owner == widest)
-    return np.where(dominates[:, None], face_normals_[owner], normals), dominates
-
-
-def _dominant(
-    sizes: Array, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
-) -> tuple[Indices, Bools]:
-    """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the
-    factor."""
+    labels, areas, face_normals_ = flat_faces(vertices, faces, adjacency)
+    widths = _widths(vertices, faces, adjacency, labels, areas)
     at, label = index.ravel(), np.repeat(labels, 3)
-    corner_size = sizes[label]
-    largest = np.zeros(count)
-    np.maximum.at(largest, at, corner_size)
-    # The largest flat face at each smooth vertex, and the largest among the others.
-    is_largest = corner_size == largest[at]
-    owner = np.zeros(count, dtype=np.int64)
-    owner[at[is_largest]] = label[is_largest]
+    corner_widths = widths[label]
+    # The widest flat face at each smooth vertex, and the widest among the others.
+    widest, second = np.zeros((2, len(normals)))
+    np.maximum.at(widest, at, corner_widths)
+    is_widest = corner_widths == widest[at]
+    owner = np.zeros(len(normals), dtype=np.int64)
+    owner[at[is_widest]] = label[is_widest]
     others = label != owner[at]
-    second = np.zeros(count)
-    np.maximum.at(second, at[others], corner_size[others])
+    np.maximum.at(second, at[others], corner_widths[others])
     # Where a face is alone at a vertex, what it blends into elsewhere.
-    beside = np.zeros(len(sizes))
+    beside = np.zeros(len(widths))
     facet, edge = np.nonzero(smooth)
     other = labels[adjacency.facets[facet, edge]]
     differ = other != labels[facet]
-    np.maximum.at(beside, labels[facet][differ], sizes[other[differ]])
-    return owner, largest > times * np.where(second > 0.0, second, beside[owner])
+    np.maximum.at(beside, labels[facet][differ], widths[other[differ]])
+    dominates = widest > FLAT_DOMINANCE * np.where(second > 0.0, second, beside[owner])
+    return np.where(dominates[:, None], face_normals_[owner], normals), dominates
 
 
 def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Array) -> Array:

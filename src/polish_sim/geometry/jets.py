@@ -6,8 +6,8 @@ borders. Here every vertex fits a cubic height function to its neighbours' posit
 Goldfeather and Interrante (2004), with its own slope free as well, and all vertices repeat this a few times.
 
 Where a cone runs into a rounding the curvature jumps, and no cubic fits both: the long facets of the cone
-would bend. Such a vertex shows by the slopes its fit misses; it is fitted again with more weight on its
-nearest neighbours.
+would bend. Where long edges meet short ones all normals are chosen together instead, so that the edges are
+arcs that sag as little as they can.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array, eye_array
+from scipy.sparse.linalg import spsolve
 
 from polish_sim.arrays import (
     Array,
     Bools,
     Indices,
     Ints,
+    dots,
     next_corners,
     norms,
     plane_axes,
@@ -29,7 +32,8 @@ from polish_sim.arrays import (
     summed,
     unit,
 )
-from polish_sim.geometry.features import SmoothCorners, facet_normals
+from polish_sim.geometry.features import SmoothCorners, facet_cross, facet_normals
+from polish_sim.geometry.topology import Adjacency, extremes
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, part
 
@@ -42,7 +46,10 @@ _TENSOR = (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0)
 _TRUSTED_NEEDED = 2
 _LINKS_NEEDED = 3
 _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own tilt [rad] no fit is believed
-_JUMPS = 0.5  # share of the facets' tilt that a fit leaves over only where the curvature jumps
+# A normal may be chosen with others where a vertex's longest edge is that many shortest ones, and a facet off
+# by more than this [m]; normals that differ nowhere by more than this share of the facets' tilt are not taken
+_UNEVEN, _FINE, _AGREE = 2.0, 1e-5, 0.1
+_SAG = 1e-5  # weight of the sag: it only decides between arcs
 
 
 class VertexJets(NamedTuple):
@@ -51,14 +58,6 @@ class VertexJets(NamedTuple):
     normals: Array  #: Unit normals, shape (k, 3)
     #: Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)
     shape: Array
-
-
-class HeightFits(NamedTuple):
-    """Height functions around k vertices."""
-
-    fitted: Array  #: Coefficients, shape (k, 9)
-    seen: Indices  #: Trusted neighbours of each vertex, shape (k,)
-    left_over: Array  #: What they miss of the slopes at trusted neighbours, rms [-], shape (k,)
 
 
 class _Links(NamedTuple):
@@ -70,7 +69,9 @@ class _Links(NamedTuple):
     steps: Array  #: Way from here to there in units of the mean edge at ``here``, shape (p, 3)
 
 
-def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
+def fit_vertex_jets(
+    vertices: Array, faces: Ints, adjacency: Adjacency, corners: SmoothCorners, smooth: Bools
+) -> VertexJets:
     """Refine the normals of smooth vertices and find how the surface bends there.
 
     A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it
@@ -84,35 +85,63 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
     room = np.minimum(_ROOM * tilt, tilt + _ROUGH)
     bent = ~corners.flat & ~lonely
 
-    def swept(
-        normals: Array, known: Bools, which: Bools, jumps: Bools
-    ) -> tuple[Array, Bools, Array, HeightFits]:
-        """Normals after the sweeps over ``which`` vertices, where one is known, frames and fits."""
-        chosen = _chosen(links, which[links.here])
-        for _ in range(SWEEPS if which.any() else 0):
-            frames = tangent_frames(normals)
-            fits = _fit_heights(chosen, normals, frames, known, jumps)
-            able = fits.seen >= _TRUSTED_NEEDED
-            tilted = unit(normals - np.einsum("kf,kfj->kj", fits.fitted[:, :2], frames))
-            able &= norms(tilted - corners.normals) <= room
-            normals = np.where(able[:, None], tilted, normals)
-            known = known | able
+    normals, known = corners.normals, trusted
+    for _ in range(SWEEPS if bent.any() else 0):
         frames = tangent_frames(normals)
-        return normals, known, frames, _fit_heights(links, normals, frames, ~lonely, jumps)
-
-    nowhere = np.zeros(len(size), dtype=bool)
-    normals, known, frames, fits = swept(corners.normals, trusted, bent, nowhere)
-    jumps = bent & (fits.left_over > _JUMPS * tilt)
-    if jumps.any():
-        # A rim beside them keeps the mean of its facets: what it had continued was as far off.
-        beside = jumps.copy()
-        beside[links.here[jumps[links.there]]] = True
-        again = np.where(beside[:, None], corners.normals, normals)
-        normals, _, frames, fits = swept(again, known, beside & bent & trusted, jumps)
-    fitted = fits.fitted
+        fitted, seen = _fit_heights(links, bent, normals, frames, known)
+        able = seen >= _TRUSTED_NEEDED
+        tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
+        able &= norms(tilted - corners.normals) <= room
+        normals = np.where(able[:, None], tilted, normals)
+        known = known | able
+    normals = _join_long_and_short(vertices[faces], adjacency, smooth, corners, normals, tilt)
+    frames = tangent_frames(normals)
+    fitted, _ = _fit_heights(links, np.ones_like(bent), normals, frames, ~lonely)
     # none where there is no neighbour
     shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])
     return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & ~corners.flat)
+
+
+def _join_long_and_short(
+    triangles: Array, adjacency: Adjacency, smooth: Bools, corners: SmoothCorners, normals: Array, tilt: Array
+) -> Array:
+    """Choose the normals (k, 3) where long edges meet short ones together, if that moves the surface.
+
+    Along an edge of length L (in median lengths) the surface rises by h over the tangent plane at one end,
+    and by h' over that at the other. The sum of c ((h - h')^2 + SAG L^2 (h + h')^2) is least: arcs, as even
+    as they can be, and among them those that sag least. With the cotangents c of the angles opposite to an
+    edge the diagonals of quadrilaterals do not count. ``tilt`` (k,) [rad]: the facets'.
+    """
+    ways, ends = next_corners(triangles) - triangles, np.stack([corners.ids, next_corners(corners.ids)], 2)
+    lengths = np.repeat(norms(ways), 2)
+    shortest, longest = extremes(ends.ravel(), lengths, lengths, len(normals))
+    uneven = (longest > _UNEVEN * shortest) & (tilt * np.maximum(longest, 0.0) > 8.0 * _FINE)
+    uneven[corners.ids[uneven[corners.ids].any(axis=1)]] = True
+    uneven &= ~corners.flat
+    if not uneven.any():
+        return normals
+    opposite = -dots(next_corners(ways), np.roll(ways, 1, axis=1))
+    cotangents = opposite / np.maximum(norms(facet_cross(triangles)), 1e-300)[:, None]
+    cotangents = cotangents + np.where(smooth, cotangents[adjacency], 0.0)
+    counts = (cotangents > 0.0) & uneven[ends].any(axis=2)
+    ends, ways, scale = ends[counts], ways[counts], np.median(lengths)
+    frames, from_ends = tangent_frames(normals), np.stack([ways, -ways], axis=1)
+    slopes = np.einsum("pefj,pej->pef", frames[ends], from_ends)
+    weights = cotangents[counts, None] * np.column_stack(
+        [np.ones(len(ways)), _SAG / scale**2 * dots(ways, ways)]
+    )
+    signs = np.sqrt(weights)[..., None] * [[1.0, -1.0], [1.0, 1.0]]
+    entries = signs[..., None] * slopes[:, None]
+    columns = np.broadcast_to((2 * ends[..., None] + [0, 1])[:, None], entries.shape)
+    begins = np.arange(0, entries.size + 1, 4)
+    rows = csr_array((entries.ravel(), columns.ravel(), begins), (len(begins) - 1, 2 * len(normals)))
+    rows = rows[:, np.flatnonzero(np.repeat(uneven, 2))]
+    rises = np.einsum("pke,pe->pk", signs, dots(normals[ends], from_ends)).ravel()
+    matrix = rows.T @ rows + 1e-12 * scale**2 * eye_array(rows.shape[1])
+    tilts = spsolve(matrix.tocsc(), -(rows.T @ rises)).reshape(-1, 2)
+    found = normals.copy()
+    found[uneven] = unit(normals[uneven] + np.einsum("kf,kfj->kj", tilts, frames[uneven]))
+    return found if (norms(found - normals) > _AGREE * tilt).any() else normals
 
 
 def _lend_to_lonely(
@@ -164,16 +193,7 @@ def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bo
         there[order],
         steps[order] / np.maximum(size, 1e-300)[here[order]][:, None],
     )
-    return _Links(_firsts(here, len(size)), here, there, steps), size
-
-
-def _chosen(links: _Links, which: Bools) -> _Links:
-    here = links.here[which]
-    return _Links(_firsts(here, len(links.first) - 1), here, links.there[which], links.steps[which])
-
-
-def _firsts(here: Ints, count: int) -> Ints:
-    return running_sums(np.bincount(here, minlength=count))
+    return _Links(running_sums(np.bincount(here, minlength=len(size))), here, there, steps), size
 
 
 def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
@@ -200,23 +220,25 @@ def tangent_frames(normals: Array) -> Array:
     return np.stack(plane_axes(normals), axis=1)
 
 
-def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools, jumps: Bools) -> HeightFits:
-    """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around each vertex, lengths in mean edges;
-    where the curvature ``jumps``, neighbours count by a further power of their distance."""
+def _fit_heights(
+    links: _Links, which: Bools, normals: Array, frames: Array, trusted: Bools
+) -> tuple[Array, Indices]:
+    """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around ``which`` vertices, lengths in mean
+    edges: the coefficients, shape (k, 9), and the number of trusted neighbours, shape (k,)."""
     around = links.first, links.there, links.steps
-    return HeightFits(*_fit_each(*around, normals, frames, trusted, jumps, np.array(_TENSOR)))
+    fitted: tuple[Array, Indices] = _fit_each(*around, which, normals, frames, trusted, np.array(_TENSOR))
+    return fitted
 
 
 @njit
-def _fit_each(first, there, steps, normals, frames, trusted, jumps, tensor):  # type: ignore[no-untyped-def]
+def _fit_each(first, there, steps, which, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
     """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
     fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
-    left_over = np.zeros(len(normals))
     height = np.zeros(10)
     slopes = np.zeros((2 * np.max(first[1:] - first[:-1]), 10))
     slopes[::2, 0] = slopes[1::2, 1] = 1.0
     sums = np.zeros((9, 10))
-    for at in range(len(normals)):
+    for at in np.flatnonzero(which):
         sums[:] = 0.0
         for link in range(first[at], first[at + 1]):
             other = there[link]
@@ -228,16 +250,15 @@ def _fit_each(first, there, steps, normals, frames, trusted, jumps, tensor):  # 
                 continue
             height[0], height[1], height[2], height[3], height[4] = x, y, 0.5 * x * x, x * y, 0.5 * y * y
             height[5], height[6], height[7], height[8], height[9] = x**3, x * x * y, x * y * y, y**3, z
-            far = far2 * far2 if jumps[at] else far2
-            _add_row(sums, height, _HEIGHT_WEIGHT / (far * far2))
+            _add_row(sums, height, _HEIGHT_WEIGHT / (far2 * far2))
             if trusted[other]:
                 along, across = slopes[2 * seen[at]], slopes[2 * seen[at] + 1]
                 seen[at] += 1
                 along[2], along[3], along[5], along[6], along[7] = x, y, 3.0 * x * x, 2.0 * x * y, y * y
                 across[3], across[4], across[6], across[7], across[8] = x, y, x * x, 2.0 * x * y, 3.0 * y * y
                 along[9], across[9] = -a / c, -b / c
-                _add_row(sums, along, 1.0 / far)
-                _add_row(sums, across, 1.0 / far)
+                _add_row(sums, along, 1.0 / far2)
+                _add_row(sums, across, 1.0 / far2)
         # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the
         # weights are those of the squares of all entries of a symmetric tensor, which turning leaves as they
         # are.
@@ -248,12 +269,7 @@ def _fit_each(first, there, steps, normals, frames, trusted, jumps, tensor):  # 
             for i in range(begin, end):
                 sums[i, i] += share * mean * tensor[i]
         _solve(sums, fitted[at])
-        for row in slopes[: 2 * seen[at]]:
-            off = -row[9]
-            for i in range(9):
-                off += row[i] * fitted[at, i]
-            left_over[at] += off * off / seen[at]
-    return fitted, seen, np.sqrt(left_over)
+    return fitted, seen
 
 
 @part
