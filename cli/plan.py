@@ -116,7 +116,7 @@ def plan_once(
 ) -> tuple[PlanResult, str]:
     """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless
     ``forced``."""
-    from polish_sim.analysis.metrics import much_left_out
+    from polish_sim.analysis.metrics import faults_of_plan
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
@@ -152,7 +152,7 @@ def plan_once(
     for surface in (result.surface, result.region.surface):
         surface.free_tree()
     page = path_page(result, setup)
-    bad = (f"bad: {text}." for text in much_left_out(result.figures))
+    bad = (f"bad: {text}." for text in faults_of_plan(result.figures))
     page = page._replace(notes=[*page.notes, *bad])
     if reach is not None and strokes:
         page = plan_page(page, scenario, result, reach, strokes)
@@ -162,7 +162,7 @@ def plan_once(
 
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
-    from polish_sim.analysis.metrics import much_left_out
+    from polish_sim.analysis.metrics import faults_of_plan
     from polish_sim.planning.quality.figures import path_table
 
     console.notes(result.notes)
@@ -172,7 +172,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
         from polish_sim.dual.scene import seat_note
 
         console.note(seat_note(result.figures))
-    for text in much_left_out(result.figures):
+    for text in faults_of_plan(result.figures):
         console.note(f"bad: {text}.")
     console.table(path_table(f"plan of {result.mesh.name}", result.figures))
 
@@ -186,6 +186,7 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
     Raises:
         PlanError: No setup reaches anything of the part.
     """
+    from polish_sim.analysis.metrics import faults_of_plan
     from polish_sim.planning.moves.stroke import NO_WAY
     from polish_sim.planning.quality.areas import FAR
 
@@ -224,6 +225,7 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
     write_json(folder / "metrics.json", {"setups": rows, **area, "unreached": named})
     notes = [*search.notes, *(f"{row['folder']}: {note}" for row, plan in zip(rows, done, strict=True)
              for note in plan.notes if any(word in note for word in ("left out", "--check", FAR))),
+             *(f"{row['folder']}: bad: {text}." for row in rows for text in faults_of_plan(row)),
              *_missed_notes(missed)]  # fmt: skip
     return partial(_show_setups, done, area, notes)
 

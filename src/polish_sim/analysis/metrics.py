@@ -134,9 +134,10 @@ SPEED_WINDOW_S = 0.05
 BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
 
 
-AREAS = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out")
+AREAS = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out", "fit_unsure_m")
 WITHIN_BAND = 0.995  #: Share of the process in which the force is to be within its band
 MOST_FORCE = 1.25  #: Of the set force: more is a blow
+UNSURE_M = 3e-4  #: Form error that real parts are drawn with: what a proof allows for [m]
 LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 
@@ -169,10 +170,22 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
         found.append(
             f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set"
         )
-    return found + much_left_out(figures)
+    return found + faults_of_plan(figures)
 
 
-def much_left_out(figures: Mapping[str, Any]) -> list[str]:
+def faults_of_plan(figures: Mapping[str, Any]) -> list[str]:
+    """What is bad about a plan, or about that of a run, in sentences: its fit, and what is left out."""
+    unsure, left_out = figures.get("fit_unsure_m", 0.0), _much_left_out(figures)
+    if unsure <= UNSURE_M:
+        return left_out
+    return [
+        *left_out,
+        f"the fit is unsure by {1e3 * unsure:.2g} mm between vertices of the mesh: mesh the part finer, or "
+        "set --feature-angle to less than its edges bend",
+    ]
+
+
+def _much_left_out(figures: Mapping[str, Any]) -> list[str]:
     """What a plan or run leaves out of its region, in a sentence, if it is more than a hundredth of it."""
     region = figures.get("region_area_m2", 0.0)
     lost = {reason: area for reason, area in figures.get("left_out", {}).items() if reason != BEFORE}

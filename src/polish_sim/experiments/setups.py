@@ -22,7 +22,7 @@ from polish_sim.errors import PlanError
 from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.reach_map import outermost
 from polish_sim.geometry import PartMesh, Surface, fit_surface
-from polish_sim.geometry.fit import bulge_notes, joined_meshes, joined_surfaces, load_fixture
+from polish_sim.geometry.fit import joined_meshes, joined_surfaces, load_fixture
 from polish_sim.geometry.orientation import SIDES, UP_CONE, side_name
 from polish_sim.geometry.regions.patches import facing, middle_points
 from polish_sim.geometry.regions.region import SLIVER_SHARE, patches_of
@@ -94,7 +94,7 @@ class SetupSearch:
                 self.given_up.append((patch, str(error)))
                 continue
             if not self.left:  # the pad of the largest is the pad of all
-                self.notes = *bulge_notes(mesh, surface, plan.feature_angle_rad), *ready.notes
+                self.notes = ready.notes
                 scenario = replace(scenario, plan=ready.plan, pad=replace(ready.tool.pad, choice="given"))
             self.left.append(patch)
         if not self.left:

@@ -31,10 +31,6 @@ FLAT_TILT = 1e-7  #: A facet is flat when its corners' normals differ from its o
 #: A patch folds where its area element, seen along the facet's normal, turns negative by this share
 FOLDED = -1e-3
 UNFOLD_ROUNDS = 4
-BULGES = (
-    0.15  #: Share by which a patch is larger than its facet only if it bulges; on a ball of 80 facets 0.07
-)
-WORTH_SAYING = 0.01  #: Share of the facets' area
 STEEPEST = np.radians(45.0)  #: An edge whose end tangents leave the chord by more stays straight [rad]
 
 
@@ -67,21 +63,6 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     )
     rows, control = np.arange(len(faces), dtype=np.int32), _unfold(control, normals, adjacency)
     return build_on(source, rows, vertices, faces, control, *adjacency, smooth)
-
-
-def bulge_notes(mesh: PartMesh, surface: Surface, feature_angle: float) -> list[str]:
-    """What the user should know where patches fitted with a ``feature_angle`` [rad] are much larger than
-    their facets."""
-    _, flat = facet_normals(mesh.vertices, mesh.faces)
-    more = surface.facet_areas - flat
-    if more[more > BULGES * flat].sum() < WORTH_SAYING * flat.sum():
-        return []
-    return [
-        f"the fitted surface bulges: it has {1e4 * more.sum():.3g} cm^2 more than the "
-        f"{1e4 * flat.sum():.4g} cm^2 of its facets. Long facets bend beside edges that bend by less than "
-        f"--feature-angle {np.degrees(feature_angle):.3g}: set a smaller angle where these are edges, a "
-        "larger one where they are a rounding, or mesh the part finer"
-    ]
 
 
 def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:

@@ -49,7 +49,7 @@ _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own
 # A normal may be chosen with others where a vertex's longest edge is that many shortest ones, and a facet off
 # by more than this [m]; normals that differ nowhere by more than this share of the facets' tilt are not taken
 _UNEVEN, _FINE, _AGREE = 2.0, 1e-5, 0.1
-_SAG = 1e-5  # weight of the sag: it only decides between arcs
+_SAG = 1e-3  # weight of the sag: it only decides between arcs
 
 
 class VertexJets(NamedTuple):
@@ -124,20 +124,17 @@ def _join_long_and_short(
     cotangents = opposite / np.maximum(norms(facet_cross(triangles)), 1e-300)[:, None]
     cotangents = cotangents + np.where(smooth, cotangents[adjacency], 0.0)
     counts = (cotangents > 0.0) & uneven[ends].any(axis=2)
-    ends, ways, scale = ends[counts], ways[counts], np.median(lengths)
-    frames, from_ends = tangent_frames(normals), np.stack([ways, -ways], axis=1)
-    slopes = np.einsum("pefj,pej->pef", frames[ends], from_ends)
-    weights = cotangents[counts, None] * np.column_stack(
-        [np.ones(len(ways)), _SAG / scale**2 * dots(ways, ways)]
-    )
-    signs = np.sqrt(weights)[..., None] * [[1.0, -1.0], [1.0, 1.0]]
+    ends, ways, frames = ends[counts], ways[counts] / np.median(lengths), tangent_frames(normals)
+    weights = np.column_stack([np.ones(len(ways)), _SAG * dots(ways, ways)]) * cotangents[counts, None]
+    signs = np.sqrt(weights)[..., None] * [[1.0, 1.0], [1.0, -1.0]]
+    slopes = np.einsum("pefj,pj->pef", frames[ends], ways)
     entries = signs[..., None] * slopes[:, None]
     columns = np.broadcast_to((2 * ends[..., None] + [0, 1])[:, None], entries.shape)
     begins = np.arange(0, entries.size + 1, 4)
     rows = csr_array((entries.ravel(), columns.ravel(), begins), (len(begins) - 1, 2 * len(normals)))
     rows = rows[:, np.flatnonzero(np.repeat(uneven, 2))]
-    rises = np.einsum("pke,pe->pk", signs, dots(normals[ends], from_ends)).ravel()
-    matrix = rows.T @ rows + 1e-12 * scale**2 * eye_array(rows.shape[1])
+    rises = np.einsum("pke,pej,pj->pk", signs, normals[ends], ways).ravel()
+    matrix = rows.T @ rows + 1e-12 * eye_array(rows.shape[1])
     tilts = spsolve(matrix.tocsc(), -(rows.T @ rises)).reshape(-1, 2)
     found = normals.copy()
     found[uneven] = unit(normals[uneven] + np.einsum("kf,kfj->kj", tilts, frames[uneven]))

@@ -213,7 +213,7 @@ def inspect_path(
     ground = given.asked.ground
     notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
     quality.figures.update(
-        part_figures(mesh, surface),
+        part_figures(mesh, surface, region.surface),
         height_above_part_min_m=offset.heights.min(),
         height_above_part_max_m=offset.heights.max(),
         beyond_part_max_m=offset.sideways.max(),

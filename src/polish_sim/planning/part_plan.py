@@ -14,7 +14,7 @@ from polish_sim.arrays import Array, Bools, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.geometry.fit import Fixture, bulge_notes, joined_meshes, joined_surfaces, load_fixture
+from polish_sim.geometry.fit import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
     NARROWEST,
@@ -263,8 +263,7 @@ class PreparedRegion:
     def part_notes(self) -> tuple[str, ...]:
         """On the part, its fixture and the region."""
         fixture = self.tool.fixture
-        bulges = bulge_notes(self.mesh, self.surface, self.plan.feature_angle_rad)
-        return (*self.mesh.notes, *bulges, *(fixture.notes if fixture else ()), *self.region.notes)
+        return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
 
     @property
     def air(self) -> AirSpace:
@@ -282,7 +281,7 @@ class PreparedRegion:
         self, path: ToolPath, quality: Quality, remarks: Sequence[str], cuts: tuple[CutOut, ...] = ()
     ) -> PlanResult:
         """The plan, with ``remarks`` on how the path was made or given among its notes."""
-        figures = part_figures(self.mesh, self.surface) | quality.figures
+        figures = part_figures(self.mesh, self.surface, self.region.surface) | quality.figures
         notes = (
             *self.part_notes,
             *self.notes,

@@ -8,7 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, angles_between, chord_lengths, into_plane, norms
+from polish_sim.arrays import (
+    Array,
+    Figures,
+    angles_between,
+    chord_lengths,
+    dots,
+    into_plane,
+    next_corners,
+    norms,
+    unit,
+)
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
@@ -182,13 +192,26 @@ def account_area(
     )
 
 
-def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
-    """Facets of the part, how far its smooth surface stands off the middles of them, rms by area [m], and its
-    area [m^2]."""
+def fit_doubt(surface: Surface) -> float:
+    """How far apart the arcs from either end of a smooth edge put its middle, at most [m]; arcs of a circle
+    agree."""
+    corners, normals = surface.control[:, :3], unit(surface.normal_control[:, :3])
+    change = dots(normals + next_corners(normals), next_corners(corners) - corners)
+    return 0.25 * float(np.abs(change[surface.smooth]).max(initial=0.0))
+
+
+def part_figures(mesh: PartMesh, surface: Surface, region: Surface) -> dict[str, Any]:
+    """Facets of the part, how far its smooth surface stands off the middles of them, rms by area [m], how far
+    that of the region may be off in itself [m], and its area [m^2]."""
     _, areas = facet_normals(mesh.vertices, mesh.faces)
     gap = norms(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1))
     off = np.sqrt((areas * gap**2).sum() / areas.sum())
-    return {"facets": len(mesh.faces), "fit_rms_m": off, "part_area_m2": surface.facet_areas.sum()}
+    return {
+        "facets": len(mesh.faces),
+        "fit_rms_m": off,
+        "fit_unsure_m": fit_doubt(region),
+        "part_area_m2": surface.facet_areas.sum(),
+    }
 
 
 # What of them is shown, of a plan and of a path that was inspected.
