@@ -193,11 +193,14 @@ def account_area(
 
 
 def fit_doubt(surface: Surface) -> float:
-    """How far apart the arcs from either end of a smooth edge put its middle, at most [m]; arcs of a circle
-    agree."""
+    """How far apart arcs from either end of a smooth edge put its middle, on all but a hundredth of the area
+    at most [m]; arcs of a circle agree."""
     corners, normals = surface.control[:, :3], unit(surface.normal_control[:, :3])
     change = dots(normals + next_corners(normals), next_corners(corners) - corners)
-    return 0.25 * float(np.abs(change[surface.smooth]).max(initial=0.0))
+    apart = 0.25 * np.where(surface.smooth, np.abs(change), 0.0).max(axis=1)
+    order = np.argsort(apart)
+    areas = np.cumsum(surface.facet_areas[order])
+    return float(apart[order[np.searchsorted(areas, 0.99 * areas[-1])]])
 
 
 def part_figures(mesh: PartMesh, surface: Surface, region: Surface) -> dict[str, Any]:
