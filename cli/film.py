@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,10 +78,12 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     figure = new_figure(*CURVE_INCH)
     figure.set_dpi(DPI)
     axes = figure.add_subplot()
-    for number, line in enumerate(plot.lines):
-        look = {"color": GREEN, "ls": "--"} if line.role == "asked" else line_look(number)
+    looks = map(line_look, count())
+    for line in plot.lines:
+        asked = line.role == "asked"
+        look = {"color": GREEN, "ls": "--"} if asked else next(looks)
         axes.plot(time[kept], line.values, label=line.label, lw=1.0, **look)
-        if line.role == "asked" and band and not np.isnan(line.values).all():
+        if asked and band and not np.isnan(line.values).all():
             shade_band(axes, float(np.nanmedian(line.values)), band, f"± {band:g} N")
     axes.set(xlabel="time [s]", ylabel=f"[{plot.unit}]", xlim=(time[0], time[-1]))
     head(figure, plot.title, legend=(axes,))

@@ -140,7 +140,7 @@ SETUP = ExportSetup()
 
 def test_the_tube_wraps_the_path_and_ply_and_glb_hold_it_and_the_part_in_metres_with_colours():
     result = shipped_plan("plate_two_holes")
-    tube = viewers.path_tube(result)
+    tube = viewers.path_rods(result)
     assert tube.is_watertight
     assert tube.volume > 0.0
     radius, points = viewers.RADIUS_SHARE * result.plan.stepover_m, result.path.positions_work
@@ -149,7 +149,7 @@ def test_the_tube_wraps_the_path_and_ply_and_glb_hold_it_and_the_part_in_metres_
     ends = np.lexsort((rod[:, 2], rod[:, 0] ** 2 + rod[:, 1] ** 2 > 0.5))[:2]
     line = tube.vertices.reshape(-1, len(rod), 3)[:, ends].reshape(-1, 3)
     assert to_polyline(points[::25], line).max() < viewers.CHORD_SHARE * radius * 1.01
-    part, tube = sphere().mesh, viewers.path_tube(sphere())
+    part, tube = sphere().mesh, viewers.path_rods(sphere())
     drawn = tube.visual.vertex_colors[:, :3]
     in_the_air = (drawn == viewers.LEAD_COLOR).all(axis=1)
     assert in_the_air[[0, -1]].all()

@@ -57,12 +57,13 @@ def plot_removal(records: Records, path_words: Callable[[Scenario], str]) -> Fig
     scale = ScalarMappable(SCALE, removal_colors())
     for record, flat in zip(records, grid, strict=False):
         _draw_map(flat, record)
-        run = f"{record.scenario.controller.label}, {path_words(record.scenario)} ({record.name})"
+        run = f"{record.scenario.controller.label}, {path_words(record.scenario)}"
+        run += f" ({record.name})" if len(records) > 1 else ""
         figure.colorbar(scale, ax=flat, shrink=0.75, pad=0.02, extend="both", label=RELATIVE)
         flat.set_title(f"{run}\n{_facts(record)}", fontsize=9.0, fontweight="normal")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
-    head(figure, "Removal", legend=list(grid[:1]))
+    head(figure, "Removal", legend=list(grid))
     return figure
 
 
@@ -107,7 +108,7 @@ def _facts(record: RunRecord) -> str:
         f"{amount}, standard deviation {100.0 * m['removal_cv']:.1f}%\n"
         f"under {UNDER:g}: {100.0 * m['under_polished_share']:.1f}%, "
         f"over {OVER:g}: {100.0 * m['over_polished_share']:.1f}%, "
-        f"untouched: {100.0 * m['unpolished_share']:.2f}% of the area"
+        f"untouched: {100.0 * m['unpolished_share']:.2f}%"
     )
 
 

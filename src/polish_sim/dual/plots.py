@@ -219,7 +219,7 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
     axes.set_xticks(place, [f"{name}\n({INSTRUMENTS.get(name, 'all')})" for name in shares])
     axes.set_ylabel("tool on the part, error, rms [mm]")
     axes.grid(visible=False, axis="x")
-    axes.set_ylim(0.0, 1.1 * columns.max())
+    axes.set_ylim(0.0, 1.1 * (columns + columns[:, 4:]).max())
 
 
 def _draw_lengths(axes: Axes, lengths: Array, asked: tuple[float, float]) -> None:

@@ -54,7 +54,7 @@ IN_PART_COLOR = (224, 0, 32)
 MENDED_COLORS = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
 
 
-def path_tube(result: PlanResult) -> Any:
+def path_rods(result: PlanResult) -> Any:
     """The path as a mesh of a thin rod for each of its chords, coloured along its length in contact."""
     import trimesh  # slow to import
     from matplotlib import colormaps  # slow to import
@@ -217,7 +217,7 @@ def glb_bytes(result: PlanResult, setup: ExportSetup) -> bytes:
 
 
 def _meshes(result: PlanResult) -> tuple[Any, Any]:
-    return _mesh(result.mesh.vertices, result.mesh.faces, PART_COLOR), path_tube(result)
+    return _mesh(result.mesh.vertices, result.mesh.faces, PART_COLOR), path_rods(result)
 
 
 def _mesh(vertices: Array, faces: Any, colors: Any) -> Any:

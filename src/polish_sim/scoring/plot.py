@@ -50,11 +50,14 @@ def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequen
         _draw_limits(axes, panel, list(cases), asked)
     panels[0].set_yticks(range(len(cases)), list(cases))
     panels[0].set_ylim(len(cases) - 0.4, -0.6)
-    head(figure, f"Score: {' and '.join(labels)}", ["a mark a run, a line a case; further left is better"])
+    rest = (
+        f" and {len(labels) - 1} more" if len(labels) > 2 else "".join(f" and {name}" for name in labels[1:])
+    )
+    head(figure, f"Score: {labels[0]}{rest}", ["a mark a run, a line a case; further left is better"])
     figure.legend(
         handles=_legend(labels, any(one.applies(case) for one in asked for case in cases)),
         loc="outside lower center",
-        ncols=len(labels) + 3,
+        ncols=min(len(labels) + 3, 5),
     )
     return figure
 
@@ -76,8 +79,16 @@ def _draw_panel(
         place = labels.index(row["controller"])
         y = cases.index(row["case"]) + offsets[place]
         x = right if value is None else max(float(value), panel.least)
-        marker = MARKS[place % len(MARKS)] if row["stable"] else "x"
-        axes.plot(x, y, marker, ms=4.0, color=SERIES[place % len(SERIES)], alpha=0.75, mew=1.1)
+        look = _mark(place) if row["stable"] else _mark(place) | {"marker": "x"}
+        axes.plot(x, y, ls="", ms=4.0, alpha=0.75, mew=1.1, **look)
+
+
+def _mark(number: int) -> dict[str, str]:
+    """Mark and colour of a controller: another pair for each of the first thirty-six."""
+    return {
+        "marker": MARKS[number % len(MARKS)],
+        "color": SERIES[(number + number // len(MARKS)) % len(SERIES)],
+    }
 
 
 def _scale(axes: Axes, span: float) -> None:
@@ -96,10 +107,7 @@ def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequenc
 
 
 def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
-    marks = [
-        Line2D([], [], marker=MARKS[i % len(MARKS)], ls="", ms=5, color=SERIES[i % len(SERIES)], label=label)
-        for i, label in enumerate(labels)
-    ]
+    marks = [Line2D([], [], ls="", ms=5, label=label, **_mark(i)) for i, label in enumerate(labels)]  # type: ignore[arg-type]
     marks.append(
         Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)")
     )

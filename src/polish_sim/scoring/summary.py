@@ -188,7 +188,7 @@ def about_score(score: Score) -> str:
 
 def markdown(score: Score, tables: Iterable[Table]) -> str:
     """The whole score as a Markdown page."""
-    names = " and ".join(entry.label for entry in score.entries)
+    names = ", ".join(entry.label for entry in score.entries)
     cases = [[case.name, case.text, case.experiment, " ".join(case.settings)] for case in score.cases]
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
     parts = [f"# Score of {names}", about_score(score), "\n".join(f"- {note}" for note in score_notes(score))]
