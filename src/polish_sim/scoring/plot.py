@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -83,7 +83,7 @@ def _draw_panel(
         axes.plot(x, y, ls="", ms=4.0, alpha=0.75, mew=1.1, **look)
 
 
-def _mark(number: int) -> dict[str, str]:
+def _mark(number: int) -> dict[str, Any]:
     """Mark and colour of a controller: another pair for each of the first thirty-six."""
     return {
         "marker": MARKS[number % len(MARKS)],
@@ -107,7 +107,7 @@ def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequenc
 
 
 def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
-    marks = [Line2D([], [], ls="", ms=5, label=label, **_mark(i)) for i, label in enumerate(labels)]  # type: ignore[arg-type]
+    marks = [Line2D([], [], ls="", ms=5, label=label, **_mark(i)) for i, label in enumerate(labels)]
     marks.append(
         Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)")
     )
