@@ -222,11 +222,12 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
         "95%, drawn",
         "along tool axis",
     ]
+    lengths = ("predicted_rms_m", "drawn_rms_m", "drawn_rms_std_m", "drawn_p95_m")
     rows = [
         [
             name,
             INSTRUMENTS.get(name, "all"),
-            *(f"{1e3 * value:.4f}" for value in share[:4]),
+            *(f"{1e3 * getattr(share, length):.4f}" for length in lengths),
             f"{100.0 * share.drawn_axial_share:.0f}%",
         ]
         for name, share in shares.items()

@@ -14,7 +14,7 @@ from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import Scenario
-from polish_sim.errors import count_text
+from polish_sim.errors import InputError, count_text
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.page import Table, number_or_dash
 
@@ -80,8 +80,10 @@ def _refuse_idle(given: Given) -> None:
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
     refuse_beside(given, "--report", *OF_SIMULATED, *files)
     refuse_beside(given, "--data", *OF_SIMULATED)
+    if given["--payload-data"] is not None and given["--data"] is None:
+        raise InputError("--payload-data needs --data, the same robot's log without the payload: add it.")
     log_options = (option.name for option in LOG_OPTIONS)
-    refuse_without(given, "--data", "--payload-data", "--period", *log_options)
+    refuse_without(given, "--data", "--period", *log_options)
     refuse_without(given, "--data --report", "--model", "--arm")
     refuse_without(given, "--model", "--joints")
     refuse_beside(given, "--model", "--arm")

@@ -38,8 +38,19 @@ _RETIRED = (
 )  # fmt: skip
 """Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed
 over."""
-_RETIRED_OF_DUAL = ("master_arc_radius_m", "master_axis", "master_center")
-"""Likewise of [dual], where they say nothing: 0, [] or auto."""
+_AS_POSES = "It is gone: give arcs and other axes as poses over time, in the file of dual.master_path."
+_SAID_NOTHING = (0.0, [], AUTO)
+_GONE = {
+    "dual.master_arc_radius_m": (_SAID_NOTHING, _AS_POSES),
+    "dual.master_axis": (_SAID_NOTHING, _AS_POSES),
+    "dual.master_center": (_SAID_NOTHING, _AS_POSES),
+    "drag.tolerance_m": (
+        (3e-4,),
+        "It is gone: a path was simplified to lines within it. A spline is fitted now, of the rms distance "
+        "drag.fit_rms_m.",
+    ),
+}
+"""Keys that are gone: values of older configs that are passed over, and what stands for the others."""
 
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
@@ -57,10 +68,10 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
         for name, key in _RETIRED:
             if isinstance(section := controller.get(name), dict):
                 section.pop(key, None)
-    if isinstance(dual := table.get("dual"), dict):
-        for key in _RETIRED_OF_DUAL:
-            if dual.get(key) in (0.0, [], "auto"):
-                del dual[key]
+    for where, (passed_over, _) in _GONE.items():
+        place, _, key = where.partition(".")
+        if isinstance(section := table.get(place), dict) and section.get(key) in passed_over:
+            del section[key]
     return merge(base, table, "")
 
 
@@ -127,6 +138,8 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
     changes: dict[str, Any] = {}
     for name, value in table.items():
         where = f"{place}{name}"
+        if where in _GONE:
+            raise ConfigError(f"unknown key '{where}'. {_GONE[where][1]}")
         if name not in known:
             raise ConfigError(
                 f"unknown key '{where}'.{_nearest_key(name, place, known, isinstance(value, dict))} "

@@ -57,6 +57,8 @@ def test_a_calibration_leaves_files_that_agree_and_give_the_same_tool_again(fold
         ("fy_n fx_n fz_n", (1.0, 1.0, 1.0), "the forces do not follow a tool's weight"),
         ("fx_n fy_n fz_n", (1.0, 1.0, -1.0), "the forces do not follow a tool's weight"),
         ("tx_nm tz_nm ty_nm", (1.0, 1.0, 1.0), "the torques do not follow a tool's weight"),
+        ("tx_nm ty_nm tz_nm", (1.0, 1.0, -1.0), "is the sign of one lost"),
+        ("fx_n fy_n fz_n", (0.102, 0.102, 0.102), "centre of mass comes out 0.95"),
         ("tx_nm ty_nm tz_nm", (1e3, 1e3, 1e3), "are the torques in N m"),
         ("fx_n fy_n fz_n", (-1.0, -1.0, -1.0), "the readings have the opposite sign"),
     ],

@@ -102,7 +102,7 @@ def exchanged(rows):
 
 METRES = {"x_mm": "x_m", "y_mm": "y_m", "z_mm": "z_m"}
 BAD = [
-    ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "columns swapped"),
+    ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "0 mm rms. Wanted"),
     ("tcp", lambda r: renamed(r, qx="qy", qy="qx"), "columns swapped"),
     ("tcp", lambda r: renamed(r, x_mm="x_m"), "mixes units"),
     ("tcp", lambda r: renamed(r, z_mm="height"), "lacks the column z_mm"),
@@ -232,6 +232,8 @@ def test_what_cannot_be_arms_is_refused(polish_sim, tracked):
         ([head, *degrees], "Are they in degrees?"),
         ([head, *far], "units"),
         ([tracked[0].replace("x_mm", "x_m"), *tracked[1:]], "mixes units"),
+        ([tracked[0].replace("x_mm,y_mm", "y_mm,x_mm"), *tracked[1:]], "no arm near the maker's table fits"),
+        ([tracked[0].replace("q2_rad,q3_rad", "q3_rad,q2_rad"), *tracked[1:]], "no arm near"),
     ):
         Path("poses.csv").write_text("\n".join(lines))
         assert_refused(polish_sim("calibrate", "arm", "--data", "poses.csv"), said, "poses.csv")

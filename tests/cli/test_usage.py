@@ -119,6 +119,7 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("identify --arm ur5e --data log.npz --model a.xml", "--arm would change nothing with --model"),
         ("identify --arm ur10e", "--arm would change nothing without --data"),
         ("identify --arm ur11 --report", "unknown arm 'ur11'"),
+        ("identify --payload-data b.csv", "--payload-data needs --data"),
         ("identify --run a --arm ur5e --report", "--run would change nothing without --data"),
         (f"serve {FLANGED}", "leave it out of 'serve'"),
         (f"plan plate {FLANGED} --export urscript", "leave it out of '--export urscript'"),

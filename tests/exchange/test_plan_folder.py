@@ -14,7 +14,7 @@ from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments import default_scenario
 from polish_sim.log import read_log
 from polish_sim.planning.toolpath import PROCESS
-from polish_sim.scenario_file import load_scenario, to_toml
+from polish_sim.scenario_file import load_scenario, override, to_toml
 from tests.cli.conftest import done, polish_sim
 from tests.exchange.test_cam_files import PROGRAM
 from tests.planning.shapes import shipped_plan, with_wishes
@@ -171,9 +171,15 @@ def test_an_older_config_gives_the_same_settings_when_written_again(tmp_path):
     gone = tmp_path / "gone.toml"
     gone.write_text('[dual]\nmaster_arc_radius_m = 0.0\nmaster_axis = "auto"\n', encoding="utf-8")
     assert load_scenario(gone, defaults) == defaults
-    gone.write_text("[dual]\nmaster_arc_radius_m = 0.1\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="master_arc_radius_m"):
-        load_scenario(gone, defaults)
+    for section, line, cure in (
+        ("dual", "master_arc_radius_m = 0.1", "dual.master_path"),
+        ("drag", "tolerance_m = 0.0005", "drag.fit_rms_m"),
+    ):
+        gone.write_text(f"[{section}]\n{line}\n", encoding="utf-8")
+        with pytest.raises(ConfigError, match=cure):
+            load_scenario(gone, defaults)
+        with pytest.raises(ConfigError, match=cure):
+            override(defaults, [f"{section}.{line}"])
 
 
 @pytest.mark.pictures

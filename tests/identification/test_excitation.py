@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -37,6 +38,13 @@ def test_gradients_are_the_slopes_of_the_cost():
     way, step = rng.normal(size=x.size), 1e-6
     slope = (search.cost(x + step * way)[0] - search.cost(x - step * way)[0]) / (2.0 * step)
     assert gradient @ way == pytest.approx(slope, rel=1e-3)
+
+
+def test_boxes_far_apart_may_touch_later():
+    box = '<geom type="box" size="0.1 0.1 0.1"/>'
+    body = f'<body pos="1 0.3 0"><joint/>{box}</body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{box}{body}</worldbody></mujoco>")
+    assert RobotClearance(model, 1).measure(np.zeros((1, 1))).distance.shape == (1, 1)
 
 
 def designed(task):

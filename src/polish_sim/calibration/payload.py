@@ -32,7 +32,9 @@ LEAST_SPREAD = 0.02
 LARGEST_CONDITION = 1e5  #: Of the whole regressor; beyond it the drift cannot be separated from the rest
 LARGEST_REST = 0.3  #: Of weight and its moment, what forces and torques may leave unexplained, rms
 LEAST_LEVER = 0.05  #: Of a weight whose moment torques are to follow [m]
-FARTHEST = 1.0  #: How far from the sensor's origin a tool's centre of mass may be [m]
+FARTHEST = 0.6  #: How far from the sensor's origin a tool's centre of mass may be [m]
+LARGEST_EXCESS = 5.0  #: How many times what noise and forces explain the torques may leave
+LEAST_TO_COMPARE = 7  #: Readings; torques that go with the pose in any way take four of them
 NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
 """Noise of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
 
@@ -228,11 +230,36 @@ def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> Non
                 f"{unit}. Are columns swapped, a sign lost or units mixed, lines of several tools in one "
                 "file, or the orientations not those of the readings?"
             )
+    _refuse_other_torques(readings, estimate)
     far = np.linalg.norm(estimate.center)
     if far > FARTHEST:
         raise CalibrationError(
-            f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as "
-            "the header says, and about the sensor's origin?"
+            f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m and "
+            "the forces in N, as the header says, and the torques about the sensor's origin?"
+        )
+
+
+def _refuse_other_torques(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
+    """Refuse torques that go with the pose, but not as a weight's: columns swapped, or the sign of one lost.
+
+    Orientations that are somewhat off leave as much of the forces, times the centre's distance.
+    """
+    used = estimate.used
+    if used.sum() < LEAST_TO_COMPARE:
+        return
+    poses = np.column_stack([readings.up_sensor, np.ones(len(used))])[used]
+    torques = readings.wrenches[used, 3:]
+    free = torques - poses @ np.linalg.lstsq(poses, torques)[0]
+    noise = rms(free) * math.sqrt(len(free) / (len(free) - poses.shape[1]))
+    lever = max(float(np.linalg.norm(estimate.center)), LEAST_LEVER)
+    rest = estimate.residuals[used]
+    left = rms(rest[:, 3:])
+    expected = max(noise, lever * rms(rest[:, :3]), NOISES[1].floor)
+    if left > LARGEST_EXCESS * expected:
+        raise CalibrationError(
+            f"the torques go with the pose, but not as a tool's weight: {1e3 * left:.3g} mN m rms are left, "
+            f"noise and forces explain {1e3 * expected:.2g}. Are columns swapped, is the sign of one lost, "
+            "or does a cable pull? Compare the signs with the table in docs/calibration.md."
         )
 
 

@@ -137,8 +137,8 @@ class DragConfig:
     )
     turn_damping_nm_s_rad: float = key(10.0, "and damps its turning [N m s/rad]", 0.0, 100.0)
     filter_hz: float = key(4.0, "the recording is low-passed, both ways, at this frequency [Hz]", 0.1, 100.0)
-    tolerance_m: float = key(
-        5e-5, "rms distance of a spline fitted to it, of as few knots as that takes [m]", 1e-6, 0.05
+    fit_rms_m: float = key(
+        5e-5, "rms distance of a spline fitted to it, of as few knots as that takes [m]", 1e-6, 0.001
     )
     spacing_m: float = key(0.002, "distance of the taught path's points [m]", 0.0002, 0.05)
 

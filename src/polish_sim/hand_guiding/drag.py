@@ -299,7 +299,7 @@ def _teach(
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
     clock: Array = np.arange(len(read)) * np.float64(every * simulation.timestep_s)
     record = Recording(clock, T_work_tool[:, :3, 3])
-    taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
+    taught = teach_path(record, task.surface, drag.filter_hz, drag.fit_rms_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING
     figures: Figures = dict(measure_taught(record.positions[moving], taught.path, task.path))
     counts = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -213,18 +212,25 @@ class RobotClearance:
 
 
 def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:
-    """Pairs of geoms the engine would let touch: those it finds where every distance is near."""
-    near = copy.copy(model)
-    near.opt.disableflags = 0
-    near.geom_margin[:] = near.body_margin[:] = 1e3
+    """Pairs of geoms the engine would let touch: not on one body, not on neighbours, not excluded."""
+    weld = model.body_weldid
+    parent = model.body_parentid
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    type_ = model.geom_contype.copy()
+    affinity = model.geom_conaffinity.copy()
     for name in also:
-        geom = near.geom(name)
-        near.geom_contype[geom.id] = near.geom_conaffinity[geom.id] = 1
-        near.body_contype[geom.bodyid] = near.body_conaffinity[geom.bodyid] = 1
-    data = mujoco.MjData(near)
-    mujoco.mj_kinematics(near, data)
-    mujoco.mj_collision(near, data)
-    return sorted({(int(one), int(two)) for one, two in np.sort(data.contact.geom, axis=1)})
+        type_[model.geom(name).id] = 1
+        affinity[model.geom(name).id] = 1
+    pairs = []
+    for one in range(model.ngeom):
+        for two in range(one + 1, model.ngeom):
+            meets = (type_[one] & affinity[two]) or (type_[two] & affinity[one])
+            bodies = (int(model.geom_bodyid[one]), int(model.geom_bodyid[two]))
+            a, b = (int(weld[body]) for body in bodies)
+            next_to = 0 not in (a, b) and (a == weld[parent[b]] or b == weld[parent[a]])
+            if meets and a != b and not next_to and bodies not in excluded and bodies[::-1] not in excluded:
+                pairs.append((one, two))
+    return pairs
 
 
 # A load bolted to the robot's last link, unknown to the host.

@@ -31,7 +31,8 @@ from polish_sim.calibration.tables import (
     write_table,
 )
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
-from polish_sim.errors import CalibrationError
+from polish_sim.dual.calibration.tool import LARGEST_LEFT
+from polish_sim.errors import CalibrationError, number_text
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.tables import csv_text
 
@@ -77,9 +78,19 @@ def fit_pair(tracked: Mapping[str, TrackedArm], noise: float | None, tolerance: 
     """Both arms, each from its own poses; ``noise``: of one coordinate [m], None: a good tracker's, then the
     residuals'.
 
-    Raises CalibrationError for too few poses or mixed units.
+    Raises CalibrationError for too few poses, mixed units, or poses that no arm near its table explains.
     """
-    return PairTables({robot: fit_arm(one, noise, tolerance) for robot, one in tracked.items()})
+    arms = {robot: fit_arm(one, noise, tolerance) for robot, one in tracked.items()}
+    for robot, arm in arms.items():
+        left = rms_length(arm.residuals)
+        if left > LARGEST_LEFT:
+            raise CalibrationError(
+                f"no arm near the maker's table fits the poses of the {robot}: they leave "
+                f"{number_text(1e3 * left, 2)} mm rms. Are columns swapped, is a sign lost, are units mixed, "
+                "or joints in another order? Give joint angles as the robot reads them, and where the "
+                "tracker saw the target then."
+            )
+    return PairTables(arms)
 
 
 def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tolerance) -> float:

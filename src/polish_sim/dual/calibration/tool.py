@@ -32,7 +32,7 @@ from polish_sim.calibration.tables import (
     read_table,
     write_table,
 )
-from polish_sim.errors import CalibrationError, InputError
+from polish_sim.errors import CalibrationError, InputError, number_text
 from polish_sim.spatial import matrices, place_of, transform, vectors_from_rotations
 from polish_sim.tables import csv_text
 
@@ -106,7 +106,7 @@ TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
 LEAST_TOUCHES = 4
 #: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
 LEAST_SPREAD = 0.05
-LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
+LARGEST_LEFT = 5e-3  #: No touches by hand, and no tracker, miss by more than this [m]
 
 
 def touch_rows(R_base_flange: Array) -> Array:
@@ -155,9 +155,10 @@ def refuse_far_off(residuals: Array) -> None:
     left = rms_length(residuals)
     if left > LARGEST_LEFT:
         raise CalibrationError(
-            f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and "
-            "orientations of the flange in the base, touch by touch, of one tool and one fixed point. Are "
-            "columns swapped, is a sign lost, or are orientations in degrees or those of another frame?"
+            f"no tip fits these touches: they leave {number_text(1e3 * left, 2)} mm rms. Wanted are "
+            "positions and orientations of the flange in the base, touch by touch, of one tool and one fixed "
+            "point. Are columns swapped, is a sign lost, or are orientations in degrees or those of another "
+            "frame?"
         )
 
 
