@@ -39,8 +39,8 @@ _RETIRED = (
 """Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed
 over."""
 _AS_POSES = "It is gone: give arcs and other axes as poses over time, in the file of dual.master_path."
-_SAID_NOTHING = (0.0, [], AUTO)
-_GONE = {
+_SAID_NOTHING: tuple[Any, ...] = (0.0, [], AUTO)
+_GONE: dict[str, tuple[tuple[Any, ...], str]] = {
     "dual.master_arc_radius_m": (_SAID_NOTHING, _AS_POSES),
     "dual.master_axis": (_SAID_NOTHING, _AS_POSES),
     "dual.master_center": (_SAID_NOTHING, _AS_POSES),
