@@ -286,12 +286,13 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
     write_arrays(file, columns)
 
 
+NOTHING_PRESSED = ("unplaced_share", "field_ratio")  #: They are NaN where the pad never pressed
 FORGET = "take its name from 'files' in metrics.json to see the run without."
 
 
 def read_removal(file: Path) -> RemovalMap:
     """Read a map written by ``write_removal``; InputError if the file is damaged or lacks an entry."""
-    return read_arrays(file, "removal map", f"Delete it, and {FORGET}", _removal_of)
+    return read_arrays(file, "removal map", f"Delete it, and {FORGET}", _removal_of, NOTHING_PRESSED)
 
 
 def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:

@@ -53,6 +53,12 @@ def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path
         run_record.read_record(tmp_path)
 
 
+def test_a_run_that_pressed_on_nothing_is_read(record, tmp_path):
+    idle = replace(record.removal, unplaced_share=np.nan, field_ratio=np.nan)
+    run_record.write_record(tmp_path, replace(record, removal=idle))
+    assert np.isnan(run_record.read_record(tmp_path).removal.unplaced_share)
+
+
 @pytest.mark.parametrize(
     ("name", "array", "change"),
     [

@@ -122,6 +122,14 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
     assert 0.9 * strip_m2 < m["left_out"]["spindle too near the part"] < 1.1 * strip_m2 + 2 * 0.22 * 0.025**2
 
 
+def test_the_margin_that_a_smaller_pad_keeps_off_the_edges_is_no_gap_between_turns(tmp_path):
+    result = plan_of(block((120, 24, 10)), tmp_path / "part.stl", PlanConfig())
+    assert any("mm off the edges chosen" in note for note in result.notes)
+    figures = result.figures
+    assert figures["furthest_from_path_m"] > figures["stepover_expected_m"]
+    assert figures["beyond_stepover_area_m2"] == 0.0
+
+
 def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     plan = PlanConfig(pattern="raster", raster_direction=(0.0, 1.0, 0.0), stepover_m=0.016)
     result = plan_of(block((240, 120, 10)), tmp_path / "part.stl", plan, PadConfig(choice="given"))
@@ -132,6 +140,9 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     # A lift stands where the stretch was: else both sides of it would be one stroke.
     rest = replace(rest, segment=np.where(np.diff(rest.s, append=rest.s[-1]) > 0.01, RETRACT, rest.segment))
     account = account_area(result.ready.asked, rest, ProcessConfig(), result.tool.pad, [cut])
+    assert np.isnan(
+        [account.figures["furthest_from_path_m"], *account.figures["furthest_from_path_at_m"]]
+    ).all()
     # 120 mm less the two radii the pad covers from the turns on either side.
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
     gapped = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)])

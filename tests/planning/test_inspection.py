@@ -9,6 +9,7 @@ import pytest
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import inspect_path, measure_given_path, plan_part
+from polish_sim.planning.quality.areas import FAR
 from polish_sim.planning.quality.spacing import guess_stepover, measure_stepover
 from tests.planning.shapes import level, path_through, shipped_plan
 
@@ -170,6 +171,15 @@ def test_a_path_whose_sides_only_meet_at_a_corner_has_no_step_over():
     planned = measure_given_path(corner, PLATE, PlanConfig(stepover_m=0.05))
     for figures in (found.figures, planned.figures):
         assert np.isnan([figures["stepover_mean_m"], figures["overlap"]]).all()
+
+
+def test_one_turn_has_no_step_over_and_no_note_on_what_lies_further_from_it():
+    t = np.linspace(0.0, 2.0 * np.pi, 361)
+    loop = path_through(np.column_stack([0.06 * np.cos(t), 0.015 * np.sin(t), np.full(361, TOP)]))
+    assert guess_stepover(loop) is None
+    given = measure_given_path(loop, PLATE, PlanConfig(stepover_m=0.008))
+    assert given.figures["beyond_stepover_area_m2"] > 0.004
+    assert not any(note.startswith(FAR) for note in given.notes)
 
 
 def archimedes(turns, count=6000):

@@ -195,6 +195,9 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(pl
         marked = next(solid for solid in path_page(shown, ExportSetup()).solids if solid.kind == label)
         assert len(marked.vertices) > 100
         assert 255.0 * np.array(marked.color) == pytest.approx(color)
+        if label == FAR:
+            drawn = [line.get_color() for line in figure.axes[1].lines if line.get_label() == FAR]
+            assert 255.0 * np.array(drawn) == pytest.approx(np.array([FAR_COLOR]))
 
 
 def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad():

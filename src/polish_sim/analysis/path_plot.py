@@ -35,10 +35,12 @@ from polish_sim.analysis.style import (
     views_of,
 )
 from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side, unit
+from polish_sim.exchange.viewers import FAR_COLOR
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.part_plan import LEFT_OUT as CUT
+from polish_sim.planning.quality.areas import FAR
 from polish_sim.planning.toolpath import (
     APPROACH,
     LEAD_IN,
@@ -168,6 +170,7 @@ def _draw_reach(view: _View, result: PlanResult) -> None:
     in the part."""
     for (label, out), color in zip(result.area.marked.items(), cycle(LEFT_OUT), strict=False):
         if len(out):
+            color = np.array(FAR_COLOR) / 255.0 if label == FAR else color
             _fill(view, out[view.sees(out.mean(axis=1), unit(facet_cross(out)))], color, 0.3)
             view.axes.plot([], [], "s", color=color, label=label)
     view.mark(result.in_part, "tool in the part", marker=".", color=RED, ms=5.0)

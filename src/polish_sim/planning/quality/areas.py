@@ -83,8 +83,12 @@ class AreaAccount:
     left_out: Mapping[str, LeftOutRow]  #: By reason, the largest first
     reasons: tuple[str, ...]
     why: Indices  #: Number of each vertex's reason, -1: it is polished, shape (v,)
-    far: LeftOutRow  #: What is polished further than a step-over from the path; its place is the furthest
-    distances: Array  #: Of each polished vertex from the path [m], shape (v,)
+    #: What is polished further than a step-over from the path, outside the edge margin a small pad keeps
+    far: LeftOutRow
+    far_m: float  #: Distance of its place, the furthest, from the path [m]
+    distances: Array  #: Of each polished vertex from the path [m], shape (v,); NaN if they are not known
+    furthest: Array  #: Where they are largest [m], shape (3,)
+    beside: bool  #: Whether stretches of the path run beside each other: else no step-over is its own
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -97,7 +101,7 @@ class AreaAccount:
             "coverage": self.polished_m2 / self.region_m2,
             "beyond_stepover_area_m2": self.far.area_m2,
             "furthest_from_path_m": self.distances.max(),
-            "furthest_from_path_at_m": self.far.place.tolist(),
+            "furthest_from_path_at_m": self.furthest.tolist(),
         }
 
     @property
@@ -109,11 +113,12 @@ class AreaAccount:
             for reason, row in self.left_out.items()
             if row.area_m2 > WORTH_A_NOTE * self.region_m2
         ]
-        if self.far.area_m2 > 0.0:
+        if self.beside and self.far.area_m2 > 0.0:
             found.append(
                 f"{FAR}: {1e4 * self.far.area_m2:.3g} cm^2 of what is polished, up to "
-                f"{1e3 * self.distances.max():.3g} mm at {place_in_mm(self.far.place)}. Only the pad's outer "
-                "part is on them; where the tool has no room, a smaller --pad-diameter comes nearer"
+                f"{1e3 * self.far_m:.3g} mm at {place_in_mm(self.far.place)}. Only the pad's outer part "
+                "polishes it: a turn there comes nearer or, where the tool has no room for one, a plan with "
+                "a smaller --pad-diameter"
             )
         return found
 
@@ -129,14 +134,16 @@ def account_for(
     polished: Bools,
     pad: PadConfig,
     cuts: Sequence[CutOut],
-    distances: Array | float = 0.0,
-    stepover: float = 0.0,
+    distances: Array | float = np.nan,
+    stepover: float = np.inf,
+    beside: bool = True,
 ) -> AreaAccount:
     """Sort the area of a region into rows.
 
     What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
     the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
-    ``distances`` (v,) [m] of the vertices from the path are far if they are more than a ``stepover`` [m].
+    ``distances`` (v,) [m] of the vertices from the path are far if they are more than a ``stepover`` [m],
+    outside an edge margin; a note says so if stretches of the path run ``beside`` each other.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
     reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
@@ -160,8 +167,13 @@ def account_for(
     }
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
     off = np.where(polished & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
-    far = _row(asked, off > stepover, mesh.vertices[off.argmax()])
-    return AreaAccount(asked.area_m2, areas[why < 0].sum(), left_out, reasons, why, far, off)
+    furthest = np.where(np.isfinite(off.max()), mesh.vertices[off.argmax()], np.nan)
+    margin = [number for number, reason in enumerate(asked.reasons) if reason == MARGIN]
+    gaps = np.where(np.isin(asked.why, margin), 0.0, off)
+    far = _row(asked, gaps > stepover, mesh.vertices[gaps.argmax()])
+    polished_m2 = areas[why < 0].sum()
+    shown = far, gaps.max(), off, furthest, beside
+    return AreaAccount(asked.area_m2, polished_m2, left_out, reasons, why, *shown)
 
 
 def _row(asked: AskedRegion, out: Bools, place: Array) -> LeftOutRow:

@@ -121,11 +121,12 @@ def measure_quality(
     ground = asked.ground
     on = locate(ground, path, process)
     spacing = measure_stepover(on.runs, stepover)
-    if guess_stepover(path) is None:  # no stretch of the path runs beside another
+    beside = guess_stepover(path) is not None
+    if not beside:
         spacing = stepover_of(np.empty(0), spacing.excluded)
     exposure = expose(ground, on, pad, asked.touched)
     distances = distances_to_path(ground.mesh, on.runs, stepover)
-    area = account_for(asked, exposure.times > 0.0, pad, cuts, distances, stepover)
+    area = account_for(asked, exposure.times > 0.0, pad, cuts, distances, stepover, beside)
     in_part = find_pad_in_part(on, part or ground.region.surface, pad, fixture)
     crossings = find_crossings(on.runs)
     length = sum(run.length for run in on.runs)
@@ -246,7 +247,7 @@ HOW_WELL = (
     ("overlap of neighbouring turns, of the pad", "%", "overlap", ".1f"),
     ("region covered by the pad", "%", "coverage", ".1f"),
     ("  within 0.55 step-overs of the path", "%", "coverage_stepover", ".1f"),
-    ("  polished furthest from the path", "mm", "furthest_from_path_m", ".2f"),
+    ("  polished place furthest from the path", "mm", "furthest_from_path_m", ".2f"),
     ("time under the pad, mean", "s", "exposure_mean_s", ".3g"),
     ("  its variation over the area", "cv", "exposure_cv", ".3f"),
     ("  area over twice the median", "mm^2", "over_polished_area_m2", ".4g"),

@@ -192,7 +192,7 @@ def guess_stepover(path: ToolPath) -> float | None:
         guess = _refined_guess(strands, total, coarse * total / ASKED)
         if guess is not None:
             exact = measure_stepover(runs, guess).distances_m
-            return np.median(exact) if len(exact) else guess
+            return np.median(exact) if len(exact) else None
     return None
 
 
