@@ -170,9 +170,9 @@ def _draw_reach(view: _View, result: PlanResult) -> None:
     in the part."""
     for (label, out), color in zip(result.area.marked.items(), cycle(LEFT_OUT), strict=False):
         if len(out):
-            color = np.array(FAR_COLOR) / 255.0 if label == FAR else color
-            _fill(view, out[view.sees(out.mean(axis=1), unit(facet_cross(out)))], color, 0.3)
-            view.axes.plot([], [], "s", color=color, label=label)
+            tint: Any = np.array(FAR_COLOR) / 255.0 if label == FAR else color
+            _fill(view, out[view.sees(out.mean(axis=1), unit(facet_cross(out)))], tint, 0.3)
+            view.axes.plot([], [], "s", color=tint, label=label)
     view.mark(result.in_part, "tool in the part", marker=".", color=RED, ms=5.0)
 
 
