@@ -18,6 +18,7 @@ plan says that it may fail from 1/1.4 of a limit on.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 import tempfile
@@ -168,8 +169,8 @@ def print_outcome(outcome: Outcome, job: str) -> None:
         left, region = (1e4 * figures[f"{name}_area_m2"] for name in ("left_out", "region"))
         said += [f"{left:.1f} of {region:.1f} cm^2 left out", *["may fail"] * may_fail(plan)]
     runs = "; ".join(
-        f"{run.code}, {run.figures['force_max_deviation_n']:.1f} N, "
-        f"{1e3 * run.figures['tracking_error_max_m']:.2f} mm"
+        f"{run.code}, {run.figures['force_max_deviation_n'] or math.nan:.1f} N, "
+        f"{1e3 * (run.figures['tracking_error_max_m'] or math.nan):.2f} mm"
         for run in outcome.runs
         if run.figures
     )

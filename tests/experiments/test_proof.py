@@ -377,6 +377,16 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
     assert run.stop_reason is None
 
 
+def test_a_path_that_was_cut_is_played_anew_where_its_run_presses_another_side_of_the_part():
+    prover = prover_of(*across_the_plate())
+    prover.sampled = replace(prover.path, axes_work=-prover.path.axes_work)
+    assert prover.place._kept
+    for alike in (False, True):
+        prover.cut = True
+        assert prover._moves_as_a_run() == alike
+        assert not prover.place._kept
+
+
 def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():
     proven = proven_at_the_corner()
     proof, path = proven.plan.proof, proven.plan.path

@@ -30,7 +30,7 @@ from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import modelled_depth
-from polish_sim.cell.real_part import NORMAL_SHARE
+from polish_sim.cell.real_part import NORMAL_SHARE, facing_tool
 from polish_sim.config import Checked, PadConfig, PlanConfig
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, ReachError, place_in_mm
@@ -42,6 +42,7 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.part_pose import PartPlacing
+from polish_sim.experiments.part_setup import touched
 from polish_sim.experiments.placement import check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, Failure, Play
 from polish_sim.experiments.proof_record import drift_notes, drift_of, path_key, proof_notes, proof_settings
@@ -62,7 +63,7 @@ from polish_sim.planning.part_plan import (
     with_pad,
 )
 from polish_sim.planning.quality.access import HOLLOW
-from polish_sim.planning.toolpath import stretches
+from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
 SLOWER = 0.5  #: A stretch that fails is slowed to this share of its feed
@@ -250,6 +251,7 @@ class _Prover:
         self.most = np.full(len(plan.path.s), math.inf)
         self.easiest = EASIEST if scenario.plan.removal else EASIER  #: Share of the force, at least
         self.cut = False  #: Since the path was placed
+        self.sampled = plan.path  #: That the side of the part it presses was found along
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
@@ -374,14 +376,22 @@ class _Prover:
 
     def _moves_as_a_run(self) -> bool:
         """Whether the arm does a path that was cut in the same configuration as a run, which looks for one
-        anew in this pose; from here on it does."""
+        anew in this pose, and presses the same side of the part; from here on it does."""
         if not self.cut:
             return True
-        before, scenario = self.place.reach, self.scenario
+        before, scenario, sampled = self.place.reach, self.scenario, self.sampled
         pose = to_pose(before.T_base_work)
         self._place_anew(replace(scenario, part=replace(scenario.part, pose=pose)))
-        self.cut = False
-        return float(np.abs(self.place.reach.q_start - before.q_start).max()) < SAME_WAY
+        self.cut, self.sampled = False, self.path
+        alike = np.array_equal(self._side_under(sampled), self._side_under(self.path))
+        if not alike:
+            self.place = replace(self.place)  # samples the part anew
+        return alike and float(np.abs(self.place.reach.q_start - before.q_start).max()) < SAME_WAY
+
+    def _side_under(self, path: ToolPath) -> Bools:
+        """Facets of the part that count as pressed where the pad goes along a path, shape (m,)."""
+        shape, pad = self.place.shape, self.scenario.pad
+        return facing_tool(shape.surface, touched(shape, path, pad.radius_m, 0.0))
 
     def _place_anew(self, asked: Checked) -> None:
         """Place the path as it is mended so far as a run of a scenario does."""
