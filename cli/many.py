@@ -147,7 +147,7 @@ def _difference(begun: Metrics, asked: Metrics, file: str) -> str:
     """The first thing in which two works differ, in words; ``file`` says what the one begun is of."""
     if begun.get("of") != asked["of"]:
         if "of" not in begun:
-            return f"its {file}, which says of what, is damaged or gone"
+            return f"its {file}, which names the work, is damaged or gone"
         return f"a {begun['of']}, not a {asked['of']}"
     for name in (name for name in asked if name not in ("of", "rows")):
         if begun.get(name) != asked.get(name):

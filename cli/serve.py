@@ -130,7 +130,7 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
     with ExitStack() as started, results_kept():
         for process in beside:
             process.start()
-            started.callback(process.kill)  # of what has ended already it does nothing
+            started.callback(process.kill)  # one that has ended stays as it is
         with ExitStack() as open_:
             with console.progress() as observer:
                 job = _prepared(given, _case(given), observer)

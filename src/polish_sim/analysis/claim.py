@@ -93,7 +93,7 @@ def figure_table(
         columns: Their values by heading.
         settings: Rows above them: label, unit, a value for each column.
         met: Whether there is such a verdict.
-        conditions: Other conditions than those the figures are asked for: there is none then.
+        conditions: Other conditions than those the figures are asked for; there is no verdict then.
     """
     runs = list(columns.values())
     met = met and not conditions

@@ -151,7 +151,7 @@ def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
     kind = read_toml(file, "calibration", InputError).get("kind")
     if kind not in wanted:
         raise InputError(
-            f"'{file}' is none of the calibrations a run can take (kind = {kind!r}): give a calibration.toml "
+            f"'{file}' is no calibration that a run can take (kind = {kind!r}): give a calibration.toml "
             f"made by 'calibrate {' | '.join(wanted)}'."
         )
     return str(kind)
