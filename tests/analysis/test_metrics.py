@@ -111,29 +111,14 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
     assert ever[5] <= 0.0  # no contact to lose where the force is not held yet
     calm = {"contact_lost_s": 0.0, "force_within_4n": 1.0}
     for peak, bad in ((9.99, 0), (10.01, 1)):
-        assert len(metrics.shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
+        assert len(metrics.faults_of_force({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
-def test_a_removal_map_that_leaves_out_more_than_a_hundredth_of_what_is_polished_says_how_much():
-    whole = {"polished_area_m2": 65e-4, "removal_area_m2": 64.9e-4, "unpolished_share": 0.01}
-
-    def notes(**changed):
-        return metrics.map_notes(whole | changed, default_scenario("surface"))
-
-    (note,) = notes(removal_area_m2=52.9e-4)
-    assert "52.9 cm^2" in note
-    assert "12.1 cm^2" in note
-    assert not notes()
-    (note,) = notes(unpolished_share=0.1)
-    assert "did not touch 6.49 cm^2" in note
-    (note,) = notes(left_out={BEFORE: 1e-3})
+def test_removal_beside_what_was_polished_before_says_that_it_is_of_this_run_alone():
+    before = {"region_area_m2": 65e-4, "left_out": {BEFORE: 1e-3}}
+    (note,) = metrics.map_notes(before, default_scenario("surface"))
     assert "of this run alone" in note
-    # Of a lone vertex inside the border there is no spread.
-    places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.4, 0.4, 0.0]])
-    border = np.array([[0, 1], [1, 2], [2, 0]])
-    found = metrics.spreads(np.array([0.5, 1.0, 1.0, 1.5]), np.ones(4), places, border, 0.5)
-    assert found[0] > 0.3
-    assert np.isnan(found[1])
+    assert not metrics.map_notes(before | {"region_area_m2": 0.2}, default_scenario("surface"))
 
 
 def test_a_path_taught_two_millimetres_high_and_too_short():

@@ -134,7 +134,6 @@ SPEED_WINDOW_S = 0.05
 BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
 
 
-AREAS = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out", "fit_unsure_m")
 WITHIN_BAND = 0.995  #: Share of the process in which the force is to be within its band
 MOST_FORCE = 1.25  #: Of the set force: more is a blow
 UNSURE_M = 3e-4  #: Form error that real parts are drawn with: what a proof allows for [m]
@@ -154,8 +153,8 @@ def force_shares(force: Array, wanted: Array, most: float, held: Bools) -> tuple
     return np.maximum(error / (MOST_FORCE * most - wanted), lost), band
 
 
-def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
-    """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the largest one set [N]."""
+def faults_of_force(figures: Mapping[str, Any], contact_force: float) -> list[str]:
+    """What is bad about the force of a run, in sentences; ``contact_force`` is the largest one set [N]."""
     found = []
     lost = figures["contact_lost_s"]
     within = figures["force_within_4n"]
@@ -170,11 +169,11 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
         found.append(
             f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set"
         )
-    return found + faults_of_plan(figures)
+    return found
 
 
 def faults_of_plan(figures: Mapping[str, Any]) -> list[str]:
-    """What is bad about a plan, or about that of a run, in sentences: its fit, and what is left out."""
+    """What is bad about a plan or what a run made of it, in sentences: its fit, and what is left out."""
     unsure, left_out = figures.get("fit_unsure_m", 0.0), _much_left_out(figures)
     if unsure <= UNSURE_M:
         return left_out
@@ -197,21 +196,11 @@ def _much_left_out(figures: Mapping[str, Any]) -> list[str]:
 
 
 def map_notes(figures: Mapping[str, Any], _: object) -> list[str]:
-    """What of the polished region the removal map leaves out, and what of the map the pad did not touch, if
-    it is more than a hundredth."""
-    polished, mapped, missed = (
-        figures.get(name, math.nan) for name in ("polished_area_m2", "removal_area_m2", "unpolished_share")
-    )
-    rim, bare = polished - mapped, mapped * missed
-    notes = (
-        (rim, polished, f"removal is mapped and measured on {1e4 * mapped:.3g} cm^2, where the tool's "
-         f"middle may be; the other {1e4 * rim:.3g} cm^2 that are polished only the pad's rim reaches"),
-        (bare, mapped, f"of the {1e4 * mapped:.3g} cm^2 whose removal is mapped the pad did not touch "
-         f"{1e4 * bare:.3g} cm^2 of the part as it is"),
-        (figures.get("left_out", {}).get(BEFORE, 0.0), polished, "figures of removal are of this run alone: "
-         "what was polished before (--from) counts as nothing in them"),
-    )  # fmt: skip
-    return [note for area, whole, note in notes if area > LEFT_OUT * whole]
+    """What a run's figures of removal do not say, if that is more than a hundredth of the region."""
+    before = figures.get("left_out", {}).get(BEFORE, 0.0)
+    if before <= LEFT_OUT * figures.get("region_area_m2", 0.0):
+        return []
+    return ["figures of removal are of this run alone: what was polished before it (--from) is not in them"]
 
 
 class Circle(NamedTuple):

@@ -162,7 +162,8 @@ class _Problem:
         self.quick = QUICK * process.feed_m_s / self.steps.sum() * (self.steps @ self.knots)
         at_feed = self.rates @ self.steps / process.feed_m_s
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
-        self.goal = shape * (self.weights @ at_feed) / (self.weights @ shape)
+        touched = np.where(at_feed > 0.0, self.weights, 0.0)
+        self.goal = shape * (touched @ at_feed) / (touched @ shape)
 
     def _spacing(self) -> float:
         """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""

@@ -7,7 +7,13 @@ import math
 
 import numpy as np
 
-from polish_sim.analysis.metrics import AREAS, measure_force, measure_removal, measure_surface, shortcomings
+from polish_sim.analysis.metrics import (
+    faults_of_force,
+    faults_of_plan,
+    measure_force,
+    measure_removal,
+    measure_surface,
+)
 from polish_sim.arrays import Array, Figures
 from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
@@ -29,8 +35,9 @@ from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.log import RemovalMap, RunLog, with_column
-from polish_sim.planning import PlanResult, coverage_until
+from polish_sim.planning import PlanResult
 from polish_sim.planning.part_plan import load_mesh
+from polish_sim.planning.quality.areas import UNTOUCHED, area_figures
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 
@@ -127,20 +134,35 @@ def measure_run(
     path = plan.path
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
-    reached = fed[-1] if len(fed) else -1.0
-    figures["coverage"] = coverage_until(plan, reached)
     removal, log = remove_material(scenario, place, part, run)
     figures |= measure_removal(removal, scenario.pad.radius_m)
+    figures |= areas_after(plan, removal)
     figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
     figures |= shape_figures(place.shape, path)
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs
-    figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
-    figures["bad_figures"] = shortcomings(figures, path.largest_force(scenario.process.contact_force_n))
+    figures["fit_unsure_m"] = plan.figures["fit_unsure_m"]
+    most = path.largest_force(scenario.process.contact_force_n)
+    figures["bad_figures"] = [*faults_of_force(figures, most), *faults_of_plan(figures)]
     return RunResult(
         scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal,
         run.files,
     )  # fmt: skip
+
+
+def areas_after(plan: PlanResult, removal: RemovalMap) -> Figures:
+    """Where every cm^2 of a plan's region is after it was run: touched by the pad, or left out for the plan's
+    reason or one of the run's."""
+    asked, area = plan.ready.asked, plan.area
+    nearest = asked.ground.mesh.tree.query(removal.vertices)[1]
+    why = np.where(asked.why >= 0, asked.why, area.why)[nearest]
+    areas = removal.areas * (area.region_m2 / removal.areas.sum())
+    bare = removal.exposure <= 0.0
+    lost: dict[str, float] = {}
+    for number in np.unique(why[bare]):
+        reason = (*area.reasons, UNTOUCHED)[number]
+        lost[reason] = lost.get(reason, 0.0) + float(areas[bare & (why == number)].sum())
+    return area_figures(area.region_m2, float(areas[~bare].sum()), lost)
 
 
 def place_work(scenario: Checked) -> Workplace:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import bound_text, figure_of, shortfalls, value_text
-from polish_sim.analysis.metrics import AREAS, measure_removal
+from polish_sim.analysis.metrics import faults_of_force, faults_of_plan, measure_removal
 from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, write_record
 from polish_sim.arrays import norms
 from polish_sim.cell import Cell, Observer
@@ -32,7 +32,7 @@ from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.proof import prove_with_a_pad_that_fits
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.experiments.result import RunResult
-from polish_sim.experiments.surface import measure_run, prepare_surface
+from polish_sim.experiments.surface import areas_after, measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.tools import naming_line
@@ -123,6 +123,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
     left = one.tool.left(worn)
     process = replace(one.scenario.process, feed_m_s=max(one.scenario.process.feed_m_s * left, 1e-4))
     plan, scenario = _planned(one, replace(one.scenario, process=process), folder, observer)
+    whole = plan
     parts: list[RunResult] = []
     planned_s = math.nan
     while True:
@@ -145,7 +146,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         # Of a stroke more than a step-over: a shorter one would be left out.
         stroke = np.searchsorted(ends, reached)
         plan = plan.behind(min(reached, max(starts[stroke], ends[stroke] - 1.5 * plan.plan.stepover_m)))
-    _write(one, folder, parts, worn, left, planned_s)
+    _write(one, folder, whole, parts, worn, left, planned_s)
 
 
 def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> tuple[PlanResult, Checked]:
@@ -231,7 +232,13 @@ def summed_maps(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
 
 
 def _write(
-    one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float
+    one: Pass,
+    folder: Path,
+    plan: PlanResult,
+    parts: list[RunResult],
+    worn: float,
+    left: float,
+    planned_s: float,
 ) -> None:
     last = parts[-1]
     maps = [result.removal for result in parts if result.removal is not None]
@@ -243,8 +250,7 @@ def _write(
     work = sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
     figures = {
         **last.figures,
-        **{name: parts[0].figures[name] for name in AREAS},
-        "bad_figures": [*dict.fromkeys(text for result in parts for text in result.figures["bad_figures"])],
+        **areas_after(plan, removal),
         "tracking_error_max_m": max(result.figures["tracking_error_max_m"] for result in parts),
         **measure_removal(removal, scenario.pad.radius_m),
         "cycle_time_s": simulated,
@@ -260,6 +266,9 @@ def _write(
         "wall_s": 0.0,
         "real_time_factor": 0.0,
     }
+    most = plan.path.largest_force(scenario.process.contact_force_n)
+    faults = (text for result in parts for text in faults_of_force(result.figures, most))
+    figures["bad_figures"] = [*dict.fromkeys(faults), *faults_of_plan(figures)]
     with whole_folder(folder / "run") as draft:
         write_record(draft, RunRecord(scenario.experiment, scenario, figures, last.log, last.path, removal))
     shutil.rmtree(folder / "pieces")
@@ -309,7 +318,11 @@ SUMMED = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s"
 PASS_KEYS = (
     "tool",
     "grit",
-    *AREAS,
+    "region_area_m2",
+    "polished_area_m2",
+    "left_out_area_m2",
+    "left_out",
+    "fit_unsure_m",
     *SUMMED,
     "pieces",
     "path_done",

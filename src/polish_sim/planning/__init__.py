@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from polish_sim.planning.part_plan import (
         PlanObserver,
         PlanResult,
-        coverage_until,
         measure_path,
         plan_mesh,
         plan_part,

@@ -88,7 +88,7 @@ class PlanResult:
 
     mesh: PartMesh
     surface: Surface
-    region: Region
+    region: Region  #: All of the region asked for
     path: ToolPath
     figures: dict[str, Any]  #: The keys of metrics.json of a plan folder
     plan: PlanConfig
@@ -141,12 +141,13 @@ class PlanResult:
         twice = max(s - path.s[remaining.source[first]], 0.0)
         force *= 1.0 - np.interp(left.s - left.s[first], [0.0, 2.0 * pad], [twice / pad, 0.0])
         ready, done = self.ready, []
+        eased = replace(left, force=force)
         if remaining.lost.any():  # before the tool has landed there is nothing done
-            rest = account_area(ready.asked, left, ready.process, self.tool.pad)
+            rest = account_area(ready.asked, eased, ready.process, self.tool.pad)
             ready = replace(ready, asked=ready.asked.after(self.area, rest, BEFORE))
             done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)]
         # Measured with its whole force: pressed with less, the pad yields less to what it was planned over.
-        return replace(replace(self, ready=ready).along(left, done), path=replace(left, force=force))
+        return replace(replace(self, ready=ready).along(left, done), path=eased)
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
@@ -289,10 +290,9 @@ class PreparedRegion:
             *quality.area.notes,
             *remarks,
         )
-        within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
         found = figures, self.plan, notes, self, quality.area, cuts, inside, self.tool
-        return PlanResult(self.mesh, self.surface, within, path, *found)
+        return PlanResult(self.mesh, self.surface, self.region, path, *found)
 
 
 PAD_CHOICES = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
@@ -438,18 +438,6 @@ def given_region(
         ground = prepare_ground(region, plan)
         found = ground, AskedRegion(ground), None
     return PreparedRegion(mesh, surface, region, plan, process, tool, *found)
-
-
-def coverage_until(plan: PlanResult, s: float) -> float:
-    """Share of the region, 0 to 1, under the pad's contact disc when the tool was fed up to arc length ``s``
-    [m]."""
-    done = plan.path.s <= s + 1e-6
-    if done[plan.path.process].all():
-        return float(plan.figures["coverage"])
-    if np.count_nonzero(done & plan.path.process) < 2:
-        return 0.0
-    account = account_area(plan.ready.asked, plan.path.rows(done), plan.ready.process, plan.tool.pad)
-    return account.polished_m2 / account.region_m2
 
 
 def load_mesh(part: PartConfig, observer: PlanObserver = UNSEEN) -> PartMesh:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground import Ground
@@ -20,6 +20,7 @@ MARGIN = "edge margin"
 UNCOVERED = "not covered by the pattern"
 BORDER = "at the border"
 FAR = "further than a step-over from the path"
+UNTOUCHED = "not touched when it was run"
 OVER = "; --overrun leads the pad beyond it"
 WORTH_A_NOTE = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
 
@@ -93,12 +94,9 @@ class AreaAccount:
     @property
     def figures(self) -> dict[str, Any]:
         """The keys of metrics.json."""
+        lost = {reason: row.area_m2 for reason, row in self.left_out.items()}
         return {
-            "region_area_m2": self.region_m2,
-            "polished_area_m2": self.polished_m2,
-            "left_out_area_m2": sum(row.area_m2 for row in self.left_out.values()),
-            "left_out": {reason: row.area_m2 for reason, row in self.left_out.items()},
-            "coverage": self.polished_m2 / self.region_m2,
+            **area_figures(self.region_m2, self.polished_m2, lost),
             "beyond_stepover_area_m2": self.far.area_m2,
             "furthest_from_path_m": self.distances.max(),
             "furthest_from_path_at_m": self.furthest.tolist(),
@@ -127,6 +125,17 @@ class AreaAccount:
         """Triangles (t, 3, 3) [m] to show in a picture, by what they are."""
         out = {f"left out: {reason}": row.triangles for reason, row in self.left_out.items()}
         return out | {FAR: self.far.triangles}
+
+
+def area_figures(region_m2: float, polished_m2: float, lost: Mapping[str, float]) -> Figures:
+    """What metrics.json says of a region's area, polished and ``lost`` by reason [m^2]."""
+    return {
+        "region_area_m2": region_m2,
+        "polished_area_m2": polished_m2,
+        "left_out_area_m2": sum(lost.values()),
+        "left_out": dict(lost),
+        "coverage": polished_m2 / region_m2,
+    }
 
 
 def account_for(
