@@ -16,8 +16,10 @@ from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.assembly import check, place_key
 from polish_sim.experiments.even_removal import SMOOTH, _least_near, _Problem, even_out, plan_removal, planned
+from polish_sim.experiments.surface import areas_after
 from polish_sim.log import RemovalMap
 from polish_sim.planning import plan_part
+from polish_sim.planning.quality.areas import UNTOUCHED
 from polish_sim.scenario_file import override
 from tests.kept import plate_file
 
@@ -115,6 +117,21 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
     assert again.ready.region.area_m2 == pytest.approx(0.5 * ready.region.area_m2, rel=0.03)
     away, nearest = cKDTree(mesh.vertices).query(again.ready.ground.mesh.vertices)
     assert np.mean(exposure[nearest[away < 0.002]] == 1.0) > 0.95
+
+
+def test_what_a_run_does_not_touch_is_left_out_for_its_plans_reason_or_as_untouched():
+    plan = without_removal()
+    mesh, path = plan.ready.ground.mesh, plan.path
+    rest = plan.behind(float(np.median(path.s[path.process])))
+    on = mesh.vertices, mesh.normals, mesh.triangles, mesh.vertex_areas
+    right = (mesh.vertices[:, 0] > np.median(mesh.vertices[:, 0])).astype(float)
+    for whole, exposure in ((plan, right), (rest, 0.0 * right)):
+        found = areas_after(whole, RemovalMap(*on, exposure, np.zeros(3), 0.0, 0.0, 0.0, 1.0))
+        touched = found["coverage"] * whole.area.region_m2
+        assert touched == pytest.approx(on[-1] @ exposure, rel=1e-6)
+        assert found["polished_area_m2"] + found["left_out_area_m2"] == pytest.approx(whole.area.region_m2)
+        known = {**whole.figures["left_out"], UNTOUCHED: whole.area.polished_m2 - touched}
+        assert found["left_out"] == pytest.approx(known, rel=1e-6)
 
 
 def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(plan):
