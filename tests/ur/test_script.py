@@ -1,5 +1,6 @@
 """URScript: what a programme computes, how its threads take turns, what is refused and where."""
 
+import marshal
 import random
 import socket
 import struct
@@ -200,7 +201,7 @@ SIX = "p[0, 0, 0, 0, 0, 0]"
         ("movej([0, 0, 0])", "6 numbers are needed"), ('socket_open("10.0.0.1", 80)', "reach the sender"),
         ("q = get_inverse_kin(p[2, 0, 0, 0, 0, 0])", "no inverse kinematics"),
         ("thread g():\n while True:\n  sync()\n end\nend\nwhile True:\n t = run g()\nend", "64 threads"),
-        ("if False:\n y = 1\nend\nx = y", "no value yet"),
+        ("if False:\n y = 1\nend\nx = y", "no value yet"), ("x = 1\ndef g(a=x):\nend", "no value yet"),
         ("x = pose_inv(p[1e300, 0, 0, 1, 0, 1e300])", "finite number"),
         ("x = pose_add(p[1e308, 0, 0, 0, 0, 0], p[1e308, 0, 0, 0, 0, 0])", "finite number"),
         ("x = wrench_trans(p[0, 0, 0, 1e300, 0, 0], p[0, 0, 1, 0, 0, 0])", "finite number"),
@@ -249,7 +250,7 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only():
     body = "".join(f"{word} = 1\ndef {word}_(a):\n local {word} = a\n return {word}\nend\n" for word in words)
     text = f"def f():\n{body}x = 'a\\\\\" + __import__(1)'\nsync()\nend\n"
     machine = Machine(translate(text), Notes())
-    codes, seen = [machine.program.code], set[str]()
+    codes, seen = [marshal.loads(machine.program.code)], set[str]()
     while codes:
         code = codes.pop()
         seen |= set(code.co_names)

@@ -115,7 +115,6 @@ class RobotController:
         self.program = ""
         self.popups = 0
         self.log: deque[str] = deque(maxlen=KEPT)
-        self.line = 0
         self._stopped_at = -UNLOCK_TICKS
         self._unlocking = False
         self._safety = NORMAL
@@ -225,7 +224,6 @@ class RobotController:
     def _ended(self) -> None:
         self.machine = None
         self.program = ""
-        self.line = 0
         self._orphan = None
         self.robot.runtime = STOPPED
         self.robot.watchdog = None

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,18 +27,6 @@ from polish_sim.spatial import from_pose, inverse, transform
 from polish_sim.ur.kinematics import joint_speeds, pose_from, tool_at
 
 LEVER_M = 0.25  #: A line's rotation takes as long as a way of this length for each radian
-
-
-class Drive(Protocol):
-    """A motion under way."""
-
-    def advance(self, q: Array, qd: Array, dt: float) -> Array:
-        """Joint angles after ``dt`` [s]."""
-        ...
-
-    def done(self) -> bool:
-        """Whether the programme continues."""
-        ...
 
 
 class Profile(NamedTuple):
@@ -73,33 +61,21 @@ def profile(length: float, a: float, v: float, t: float) -> Profile:
     return Profile(ramp, length / (a * ramp) + ramp)
 
 
-class Way(Protocol):
-    """Where a move leads."""
-
-    length: float  #: [rad] or [m]
-    reach: float  #: Of the TCP [m], which a blend is measured by
-    end: Array  #: Joint angles at the end [rad]
-
-    def at(self, share: float) -> Array:
-        """Joint angles after a share of the way; ValueError where the arm cannot be."""
-        ...
-
-
-class JointWay(Way):
+class JointWay:
     """All joints at once."""
 
     def __init__(self, start: Array, end: Array, reach: float) -> None:
         self.start = start
         self.end = end.copy()
-        self.reach = reach
-        self.length = float(np.abs(end - start).max())
+        self.reach = reach  #: Of the TCP [m], which a blend is measured by
+        self.length = float(np.abs(end - start).max())  #: [rad]; of a line or circle [m]
 
     def at(self, share: float) -> Array:
         """On the straight line in joint space."""
         return self.start + share * (self.end - self.start)
 
 
-class ToolWay(Way):
+class ToolWay:
     """The TCP along a line, or a circle through ``via``, turning about one axis."""
 
     def __init__(
@@ -167,6 +143,9 @@ class ToolWay(Way):
             self._turn = self._angle * self._axis
 
 
+Way = JointWay | ToolWay
+
+
 @dataclass
 class _Under:
     """A way and how it is followed."""
@@ -181,7 +160,7 @@ class _Under:
         return self.way.at(self.profile.place(self.clock))
 
 
-class Moves(Drive):
+class Moves:
     """One move after the other; where the next begins before the last has ended, what is left of that is
     added."""
 
@@ -220,7 +199,7 @@ class Moves(Drive):
         return self._under[-1].way.end
 
 
-class Servo(Drive):
+class Servo:
     """Follows goals behind a filter of second order, critically damped, which lags by the look-ahead time.
 
     What the gain does on a robot is not public: here it does nothing.
@@ -245,63 +224,67 @@ class Servo(Drive):
         return True
 
 
-class JointSpeeds(Drive):
-    """Accelerates to joint speeds and holds them; at rest it is the stop of the joints."""
+class _Speeds:
+    """Accelerates to speeds and holds them; at rest it is a stop."""
 
-    def __init__(self, goal: Array) -> None:
-        self.aim(goal.copy(), 1.0)
+    order: float  #: Of the norm that is limited, as of numpy
 
-    def aim(self, goal: Array, a: float) -> None:
-        """Take joint speeds [rad/s] and the acceleration [rad/s^2]."""
+    def __init__(self, goal: Array, *most: float) -> None:
+        self.aim(goal.copy(), *most)
+
+    def aim(self, goal: Array, *most: float) -> None:
+        """Take speeds (6,) and the largest acceleration of all or of each half of them."""
         self.goal = goal
-        self.a = a
+        self.most = most
         self._short = True
 
-    def advance(self, q: Array, qd: Array, dt: float) -> Array:
-        """The leading axis accelerates at the limit."""
-        short = self.goal - qd
-        most = float(np.abs(short).max())
-        self._short = most > self.a * dt
-        return q + dt * (self.goal if not self._short else qd + short * (self.a * dt / most))
-
-    def done(self) -> bool:
-        """Whether the speed is reached."""
-        return not self._short
-
-
-class ToolSpeed(Drive):
-    """Accelerates to a twist of the TCP and holds it; at rest it is the stop on the line."""
-
-    def __init__(self, tcp: Array, goal: Array) -> None:
-        self._tcp = tcp
-        self.twist: Array | None = None  #: Of the TCP; None before it moves
-        self.aim(goal.copy(), 1.0, 1.0)
-
-    def aim(self, goal: Array, a: float, a_rot: float) -> None:
-        """Take a twist [m/s, rad/s] and its accelerations [m/s^2], [rad/s^2]."""
-        self.goal = goal
-        self.a = a
-        self.a_rot = a_rot
-        self._short = True
-
-    def advance(self, q: Array, qd: Array, dt: float) -> Array:
-        """Linear and angular part accelerate at their limits."""
-        J = tool_at(q, self._tcp)[1]
-        self.twist = J @ qd if self.twist is None else self.twist
+    def nearer(self, speeds: Array, dt: float) -> Array:
+        """The speeds a step later: each part accelerates at its limit."""
+        parts = list[Array]()
         self._short = False
-        for part, a in ((slice(0, 3), self.a), (slice(3, 6), self.a_rot)):
-            short = self.goal[part] - self.twist[part]
-            size = float(np.linalg.norm(short))
+        count = len(self.most)
+        for now, goal, a in zip(np.split(speeds, count), np.split(self.goal, count), self.most, strict=True):
+            size = float(np.linalg.norm(goal - now, self.order))
             late = size > a * dt
             self._short = self._short or late
-            self.twist[part] += short * (a * dt / size) if late else short
-        return q + dt * joint_speeds(J, self.twist)
+            parts.append(now + (goal - now) * (a * dt / size) if late else goal)
+        return np.concatenate(parts)
 
     def done(self) -> bool:
         """Whether the speed is reached."""
         return not self._short
 
 
+class JointSpeeds(_Speeds):
+    """Of the joints [rad/s] at an acceleration of the leading one [rad/s^2]."""
+
+    order = np.inf
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """On from the speeds the joints have."""
+        return q + dt * self.nearer(qd, dt)
+
+
+class ToolSpeed(_Speeds):
+    """A twist of the TCP [m/s, rad/s] at accelerations of both halves [m/s^2], [rad/s^2]."""
+
+    order = 2
+
+    def __init__(self, tcp: Array, goal: Array, *most: float) -> None:
+        super().__init__(goal, *most)
+        self._tcp = tcp
+        self.twist: Array | None = None  #: Of the TCP; None before it moves
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """On from the twist it had."""
+        J = tool_at(q, self._tcp)[1]
+        self.twist = self.nearer(J @ qd if self.twist is None else self.twist, dt)
+        return q + dt * joint_speeds(J, self.twist)
+
+
+Drive = Moves | Servo | JointSpeeds | ToolSpeed
+"""A motion under way: ``advance`` gives the joint angles after a step, ``done`` whether the programme
+continues."""
 GYRATION_M = 0.25  #: Of the virtual mass [m]
 BACK_HZ = 5.0  #: Rate at which the axes that follow return to their set-points [1/s]
 FREE_DAMPING = 0.05  #: Of freedrive: it comes to rest where nothing pulls

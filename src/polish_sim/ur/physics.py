@@ -4,8 +4,6 @@ speedl."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import pairwise
 from tempfile import TemporaryFile
 from typing import Any
 from weakref import finalize
@@ -42,7 +40,6 @@ from polish_sim.ur.script.sockets import TICK_S
 SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S = 1.0  #: A gap in the contact at least so long is a lift [s]
 FAR_M = 10.0  #: Below its place a part that is not there is kept [m]
-_DRAWN = 64  # ticks of the sensor's noise drawn at once
 
 
 class Order(Record):
@@ -138,7 +135,6 @@ class Rig:
         self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed with the rig
         for file in self.files:
             finalize(self, file.close)
-        self._draws = self._drawn()
         self.recording = False  #: From the first programme on
         self.recorded = 0  #: Steps
 
@@ -147,7 +143,8 @@ class Rig:
         before = self._status.stop
         if self.cell.faults.waiting:
             self.cell.faults.inject_due(self.cell)
-        follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
+        draws = self.cell.rng.standard_normal((self.steps, DRAWS))
+        follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, draws, self.steps)
         if self.recording:
             filled = self.recorder.filled
             self.files[0].write(self.recorder.rows[: filled.rows].tobytes())
@@ -206,13 +203,6 @@ class Rig:
         for name in ("path_s_m", "phase"):
             rows[:, columns[name][0]] = trace[name][np.minimum(at, len(trace) - 1)]
         return self.cell.result([Played(rows, trace)], False, wall_s)
-
-    def _drawn(self) -> Iterator[Array]:
-        """Random numbers of the sensor, tick by tick."""
-        while True:
-            many = self.cell.rng.standard_normal((_DRAWN * self.steps, DRAWS))
-            for a, b in pairwise(range(0, len(many) + 1, self.steps)):
-                yield many[a:b]
 
 
 def _lifted(seated: Array, touching: Array) -> NDArray[np.bool_]:

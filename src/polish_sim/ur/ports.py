@@ -140,11 +140,10 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
             1.0,
         ),
         _joints(controller),
-        _part(2, ">18xfB4xfB", 48.0, r.tool_voltage, 30.0, controller.joint_mode),
+        _part(2, ">18xf5xfB", 48.0, 30.0, controller.joint_mode),
         _part(
             3,
-            ">ii18x2b2d3f4xB9x",
-            r.digital_in,
+            ">4xi18x2b2d3f4xB9x",
             r.digital_out,
             *r.analog_domain,
             *r.analog_out,

@@ -101,10 +101,9 @@ class SimulatedRobot:
         self.written = dict[str, int]()  #: Tick in which a client last wrote an input, by its name
         #: Input, ticks it may stay unwritten, and what then happens
         self.watchdog: tuple[str, int, str] | None = None
-        self.digital_in, self.digital_out = 0, 0
+        self.digital_out = 0
         self.analog_out = [0.004, 0.004]
         self.analog_domain = [0, 0]
-        self.tool_voltage = 0
         self.external: Array = np.zeros(6)
         self._external_on = False
         self._torque_left = 0
@@ -279,7 +278,7 @@ class SimulatedRobot:
     def speedj(self, qd: Array, a: float) -> None:
         """Accelerate to joint speeds and hold them."""
         if not isinstance(drive := self._drive, JointSpeeds):
-            self._begin(drive := JointSpeeds(self.target_qd))
+            self._begin(drive := JointSpeeds(self.target_qd, 1.0))
         self._stream(partial(drive.aim, qd, max(a, 1e-3)))
 
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
@@ -288,7 +287,7 @@ class SimulatedRobot:
         Without ``a_rot`` the rotation accelerates as ``a`` at 1 m.
         """
         if not isinstance(drive := self._drive, ToolSpeed):
-            self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed))
+            self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed, 1.0, 1.0))
         self._stream(partial(drive.aim, xd, max(a, 1e-3), max(a_rot or a, 1e-3)))
 
     def stopj(self, a: float) -> None:
@@ -334,8 +333,7 @@ class SimulatedRobot:
         """Leave force mode and torques, and stop the joints from the speeds they are commanded now."""
         self._coming.clear()
         self.compliance = None
-        self._begin(drive := JointSpeeds(np.zeros(6)))
-        drive.a = a
+        self._begin(JointSpeeds(np.zeros(6), a))
 
     def freedrive(self, axes: Array, frame: Array) -> None:
         """Let the arm be led along the free axes (1) of a frame.
@@ -508,7 +506,7 @@ class SimulatedRobot:
             bit = 1 << (first + index)
             if value is not None:
                 self.digital_out = self.digital_out | bit if value else self.digital_out & ~bit
-            return bool((self.digital_out if side == "out" else self.digital_in) & bit)
+            return side == "out" and bool(self.digital_out & bit)
         if index not in (0, 1):
             raise ValueError(f"there is no {name}[{index}]")
         if side == "in":
@@ -563,7 +561,7 @@ class SimulatedRobot:
         Friction at rest is not known and stays in it.
         """
         own = self.mass_matrix(self.actual_q, True) @ self.target_qdd + self._friction(1.0, 1.0)
-        own += self.coriolis(self.actual_q, self.actual_qd) + self._data.qfrc_bias[:6]  # the weight
+        own += self._bias(self.actual_q, self.actual_qd)
         if not self.cell.real_arm.elastic:
             own -= self._data.qfrc_gravcomp[:6]  # carried without motors
         return self.joint_torques - own

@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.spatial import GRAVITY
 from polish_sim.ur.controller import RobotController
-from polish_sim.ur.robot import PINS
+from polish_sim.ur.robot import PINS, PLAYING
 
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
@@ -59,13 +59,47 @@ def _registers(side: str) -> dict[str, tuple[str, Any]]:
     return found
 
 
-RESTING: Mapping[str, Mapping[str, Any]] = {
+SOURCES: Mapping[str, Mapping[str, Any]] = {
     "VECTOR6D": {
+        "target_q": "robot.target_q",
+        "target_qd": "robot.target_qd",
+        "target_qdd": "robot.target_qdd",
+        "target_moment": "robot.joint_torques",
+        **dict.fromkeys(
+            ("target_current", "actual_current", "joint_control_output"),
+            lambda c: c.robot.joint_torques / c.torque_constants,
+        ),
+        "actual_q": "robot.actual_q",
+        "actual_qd": "robot.actual_qd",
+        "actual_current_as_torque": "robot.joint_torques",
+        "actual_TCP_pose": "robot.actual_tcp_pose",
+        "actual_TCP_speed": "robot.actual_tcp_speed",
+        "actual_TCP_force": "robot.tcp_force",
+        "target_TCP_pose": "robot.target_tcp_pose",
+        "target_TCP_speed": "robot.target_tcp_speed",
+        "tcp_offset": "robot.tcp_offset",
+        "payload_inertia": "robot.payload_inertia",
+        "ft_raw_wrench": "robot.raw_wrench",
+        "wrench_calc_from_currents": "robot.tcp_force",
         "actual_current_window": np.full(6, 10.0),
         "joint_temperatures": np.full(6, 30.0),
         "actual_joint_voltage": np.full(6, 48.0),
     },
+    "VECTOR3D": {
+        "payload_cog": "robot.payload_cog",
+        "elbow_position": lambda c: c.elbow()[:3],
+        "elbow_velocity": lambda c: c.elbow()[3:],
+        "actual_tool_accelerometer": [0.0, 0.0, GRAVITY],
+    },
     "DOUBLE": {
+        "timestamp": "robot.time_s",
+        "target_speed_fraction": "robot.speed_fraction",
+        "payload": "robot.payload_mass",
+        "speed_scaling": lambda c: float(c.robot.runtime == PLAYING),
+        "actual_robot_voltage": lambda c: 48.0 * c.powered,
+        "standard_analog_output0": lambda c: c.robot.analog_out[0],
+        "standard_analog_output1": lambda c: c.robot.analog_out[1],
+        "tcp_force_scalar": lambda c: float(np.linalg.norm(c.robot.tcp_force[:3])),
         "actual_execution_time": 1.0,
         "actual_main_voltage": 48.0,
         "actual_robot_current": 0.5,
@@ -87,73 +121,39 @@ RESTING: Mapping[str, Mapping[str, Any]] = {
             0.0,
         ),
     },
-    "VECTOR3D": {"actual_tool_accelerometer": [0.0, 0.0, GRAVITY]},
-    "UINT32": {"euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_analog_input_types": 0},
-    "UINT8": {"tool_output_mode": 0, "tool_digital_output0_mode": 1, "tool_digital_output1_mode": 1},
-    "INT32": {"time_scale_source": 0},
-}
-"""What the cell does not have, by type, at its value of a robot at rest."""
-
-
-OWN = {
-    "VECTOR6D": "target_q target_qd target_qdd actual_q actual_qd actual_TCP_pose actual_TCP_speed "
-    "target_TCP_pose target_TCP_speed tcp_offset payload_inertia",
-    "VECTOR3D": "payload_cog",
-}
-"""What the robot has by the same name in small letters, by type."""
-READ: Mapping[str, Mapping[str, str]] = {
-    "VECTOR6D": {
-        "target_moment": "robot.joint_torques",
-        "actual_current_as_torque": "robot.joint_torques",
-        "actual_TCP_force": "robot.tcp_force",
-        "ft_raw_wrench": "robot.raw_wrench",
-        "wrench_calc_from_currents": "robot.tcp_force",
-    },
-    "DOUBLE": {
-        "timestamp": "robot.time_s",
-        "target_speed_fraction": "robot.speed_fraction",
-        "payload": "robot.payload_mass",
-    },
     "UINT64": {
-        "actual_digital_input_bits": "robot.digital_in",
+        "actual_digital_input_bits": 0,
         "actual_digital_output_bits": "robot.digital_out",
     },
     "INT32": {
         "robot_mode": "robot.mode",
         "safety_mode": "robot.safety",
         "safety_status": "robot.safety",
-        "tool_output_voltage": "robot.tool_voltage",
+        "tool_output_voltage": 0,
+        "time_scale_source": 0,
     },
     "UINT32": {
         "runtime_state": "robot.runtime",
         "robot_status_bits": "status_bits",
         "safety_status_bits": "safety_bits",
         "tool_mode": "joint_mode",
-        "script_control_line": "line",
+        "analog_io_types": lambda c: c.robot.analog_domain[0] << 2 | c.robot.analog_domain[1] << 3,
+        "script_control_line": 0,
+        "euromap67_input_bits": 0,
+        "euromap67_output_bits": 0,
+        "tool_analog_input_types": 0,
     },
+    "UINT8": {"tool_output_mode": 0, "tool_digital_output0_mode": 1, "tool_digital_output1_mode": 1},
+    "VECTOR6INT32": {"joint_mode": lambda c: [c.joint_mode] * 6},
 }
-"""What the controller has as it is, by type."""
+"""Output fields by type: where the controller has them, what asks it for them, or what the cell does not have
+at its value of a robot at rest."""
 FIELDS: Mapping[str, tuple[str, Any]] = {
-    "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
-    "speed_scaling": ("DOUBLE", lambda c: float(c.robot.runtime == 2)),
-    "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
-    "elbow_position": ("VECTOR3D", lambda c: c.elbow()[:3]),
-    "elbow_velocity": ("VECTOR3D", lambda c: c.elbow()[3:]),
-    "analog_io_types": ("UINT32", lambda c: c.robot.analog_domain[0] << 2 | c.robot.analog_domain[1] << 3),
-    "standard_analog_output0": ("DOUBLE", lambda c: c.robot.analog_out[0]),
-    "standard_analog_output1": ("DOUBLE", lambda c: c.robot.analog_out[1]),
-    "tcp_force_scalar": ("DOUBLE", lambda c: float(np.linalg.norm(c.robot.tcp_force[:3]))),
-    **dict.fromkeys(
-        ("target_current", "actual_current", "joint_control_output"),
-        ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
-    ),
     **{
-        name: (kind, attrgetter(f"robot.{name.lower()}"))
-        for kind, some in OWN.items()
-        for name in some.split()
+        name: (kind, attrgetter(source) if isinstance(source, str) else source)
+        for kind, some in SOURCES.items()
+        for name, source in some.items()
     },
-    **{name: (kind, attrgetter(at)) for kind, some in READ.items() for name, at in some.items()},
-    **{name: (kind, value) for kind, some in RESTING.items() for name, value in some.items()},
     **_registers("in"),
     **_registers("out"),
 }

@@ -61,20 +61,18 @@ PLAIN: Mapping[str, Callable[..., Any]] = {
     "get_steptime": lambda: TICK_S,
     "str_cat": lambda op1, op2: to_text(to_text(op1) + to_text(op2)),
     "to_str": lambda val: to_text(val),
-    "str_len": lambda str: len(str),
-    "get_list_length": lambda list: len(list),
-    "length": lambda list: len(list),
-    "pow": lambda base, exponent: math.pow(base, exponent),
+    **dict.fromkeys(("str_len", "get_list_length", "length"), len),
     "log": lambda b, f: math.log(f, b),
-    "atan2": lambda y, x: math.atan2(y, x),
-    "d2r": lambda d: math.radians(d),
-    "r2d": lambda r: math.degrees(r),
+    "d2r": math.radians,
+    "r2d": math.degrees,
     **{
-        name: getattr(values, name)
-        for name in (
-            *("pose_trans", "pose_inv", "pose_add", "pose_sub", "pose_dist", "point_dist"),
-            *("interpolate_pose", "wrench_trans", "norm", "rpy2rotvec", "rotvec2rpy"),
-        )
+        name: getattr(of, name)
+        for of, names in {
+            math: "sin cos tan asin acos atan atan2 sqrt floor ceil exp pow",
+            values: "pose_trans pose_inv pose_add pose_sub pose_dist point_dist interpolate_pose "
+            "wrench_trans norm rpy2rotvec rotvec2rpy",
+        }.items()
+        for name in names.split()
     },
 }
 """What needs no robot, with its parameters as a programme names them."""
@@ -101,8 +99,6 @@ class BuiltIns(Sockets):
         words = {*vars(BuiltIns), *vars(Sockets)} - hidden
         found = {word: getattr(self, word) for word in words if word[0] != "_"}
         found |= {**PLAIN, **self._passed_on()}
-        for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt", "floor", "ceil", "exp"):
-            found[name] = _of_number(getattr(math, name))
         for group in ("standard", "configurable", "tool"):
             found |= self._pins(f"{group}_digital", bool)
         found["get_digital_in"] = found["get_standard_digital_in"]
@@ -391,10 +387,6 @@ class BuiltIns(Sockets):
 def _or(value: Any, usual: Any, size: int = 6) -> Any:
     """Numbers of a list, or what is usual where none is given."""
     return usual if value is None else array(value, size)
-
-
-def _of_number(of: Callable[[float], float]) -> Callable[[Any], float]:
-    return lambda f: of(number(f))
 
 
 def _steps(t: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import marshal
 import re
 from collections.abc import Generator
 from contextlib import suppress
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from polish_sim.ur.script import values
 from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
+from polish_sim.ur.script.sockets import Waiting
 from polish_sim.ur.script.translate import FILE, Program
 
 if TYPE_CHECKING:
@@ -60,13 +62,17 @@ class Machine(BuiltIns):
             space[word] = getattr(values, word)
         space |= {"spend": self._spend, "run": self._run, "join": self._join, "kill": self._kill}
         space |= {f"b_{name}": built_in for name, built_in in self.table().items()}
-        exec(self.program.code, space)
-        self._threads = [_Thread(space["main"]())]
+        self._threads = [_Thread(self._main(space))]
         self._current = self._threads[0]
         self._left = 0
         self._deadline = 0.0
         if not self.program.secondary:
             listener.started(self.program.name)
+
+    def _main(self, space: dict[str, Any]) -> Waiting:
+        """The programme; parameters get their defaults in its first step."""
+        exec(marshal.loads(self.program.code), space)
+        yield from space["main"]()
 
     def stop(self) -> None:
         """End the programme and stop the robot; harmless when it has ended."""

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import inf
-from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
 
 from polish_sim.errors import did_you_mean
 from polish_sim.ur.script.built_ins import BuiltIns
@@ -25,22 +24,13 @@ FILE = "<urscript>"
 LOOK_EVERY = 20  #: Statements between looks at the time that is left
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(NamedTuple):
     """A programme ready to run."""
 
     name: str
     secondary: bool  #: Runs beside the present one and may not wait
-    code: CodeType
+    code: bytes  #: Of Python, as `marshal` has it: another process may have read it
     places: Mapping[int, tuple[int, int]]  #: Line and column of URScript by Python's line
-
-    def __reduce__(self) -> tuple[Callable[..., Program], tuple[Any, ...]]:
-        """For another process."""
-        return _received, (self.name, self.secondary, marshal.dumps(self.code), self.places)
-
-
-def _received(name: str, secondary: bool, code: bytes, places: Mapping[int, tuple[int, int]]) -> Program:
-    return Program(name, secondary, marshal.loads(code), places)
 
 
 @dataclass
@@ -102,7 +92,7 @@ class _Translator:
         except SyntaxError as error:
             line, column = self.places.get(error.lineno or 0, (1, 1))
             raise ScriptError(line, column, error.msg) from None
-        return Program(name, secondary, code, self.places)
+        return Program(name, secondary, marshal.dumps(code), self.places)
 
     # Who owns which variable.
 
