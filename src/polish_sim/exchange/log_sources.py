@@ -1,19 +1,18 @@
-"""Files that hold a robot's log, each as blocks of rows: CSV, npz with named columns, ROS bags. None is read
-whole."""
+"""Files that hold a robot's log, each as blocks of rows: CSV, npz with named columns, ROS bags."""
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from itertools import count, islice
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError, near_file, needed, regular, unknown_name
+from polish_sim.log import read_arrays
 
 BLOCK = 5000  #: Rows read at a time
 SEPARATORS = (",", ";", "\t", "|", " ")
@@ -26,21 +25,6 @@ class Block(NamedTuple):
 
     rows: Array  #: One column for each name asked for, shape (n, k)
     places: Sequence[int]  #: Line or number of each row, counted from 1
-
-
-class LogSource(Protocol):
-    """A log that can be read in blocks."""
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Its columns."""
-
-    @property
-    def row(self) -> str:
-        """What a row is called: line, sample, message."""
-
-    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
-        """Rows of some columns."""
 
 
 def open_source(file: Path, run: str = "") -> LogSource:
@@ -128,79 +112,42 @@ def _is_number(text: str) -> bool:
 
 
 class NpzSource:
-    """Arrays by name, (n,) or (n, k), a column of which is NAME_0 and so on; ``run``: names before a
-    slash."""
+    """Arrays by name, (n,) or (n, k), a column of which is NAME_0 and so on; ``run``: names before a slash.
+
+    They were in memory when the file was written, and are again.
+    """
 
     row = "sample"
 
     def __init__(self, file: Path, run: str = "") -> None:
         self.file = file
-        try:
-            self._zip = zipfile.ZipFile(file)
-        except (zipfile.BadZipFile, OSError) as error:
-            raise InputError(
-                f"'{file}' is no whole npz: it was cut or is of another kind. Copy it again."
-            ) from error
-        members = [name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")]
-        runs = sorted({name.rpartition("/")[0] for name in members} - {""})
+        arrays = read_arrays(file, "npz", "Was it cut? Copy it again.", dict, ("",))
+        runs = sorted({name.rpartition("/")[0] for name in arrays} - {""})
         if run and run not in runs:
             raise unknown_name("--run", run, runs)
-        if runs and not run and not any("/" not in name for name in members):
+        if runs and not run and all("/" in name for name in arrays):
             raise InputError(
                 f"'{file}' holds {len(runs)} runs: choose one with --run NAME, e.g. --run {runs[0]}."
             )
-        prefix = f"{run}/" if run else ""
-        self._at: dict[str, tuple[str, int]] = {}
-        for member in (
-            name for name in members if name.startswith(prefix) and "/" not in name[len(prefix) :]
-        ):
-            with self._zip.open(f"{member}.npy") as stream:
-                shape, _ = _header(stream, f"'{file}', {member}")
-            short = member[len(prefix) :]
-            if len(shape) == 1:
-                self._at[short] = member, 0
-            for column in range(shape[1] if len(shape) == 2 else 0):
-                self._at[f"{short}_{column}"] = member, column
-        self.names = list(self._at)
+        self._columns: dict[str, Array] = {}
+        for name, array in arrays.items():
+            of, _, short = name.rpartition("/")
+            if of == run and array.ndim == 1:
+                self._columns[short] = array
+            elif of == run and array.ndim == 2:
+                self._columns |= {f"{short}_{k}": column for k, column in enumerate(array.T)}
+        self.names = list(self._columns)
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
-        """Rows of some columns; InputError where arrays are of different lengths or the file is damaged."""
-        members = list(dict.fromkeys(self._at[name][0] for name in names))
-        with ExitStack() as stack:
-            streams = {member: stack.enter_context(self._zip.open(f"{member}.npy")) for member in members}
-            heads = {member: _header(stream, member) for member, stream in streams.items()}
-            if len(lengths := {shape[0] for shape, _ in heads.values()}) > 1:
-                found = ", ".join(f"{member} {shape[0]}" for member, (shape, _) in heads.items())
-                raise InputError(f"'{self.file}': columns are of different lengths: {found}.")
-            (length,) = lengths
-            for start in range(0, length, BLOCK):
-                few = min(BLOCK, length - start)
-                parts = {m: self._read(streams[m], *heads[m], few) for m in members}
-                places = (self._at[name] for name in names)
-                rows = np.stack([parts[m][:, column] for m, column in places], 1)
-                yield Block(rows, range(start + 1, start + few + 1))
-
-    def _read(self, stream: IO[bytes], shape: tuple[int, ...], dtype: Any, count: int) -> Array:
-        wide = shape[1] if len(shape) > 1 else 1
-        try:
-            raw = stream.read(count * wide * dtype.itemsize)
-            return np.frombuffer(raw, dtype).reshape(count, wide).astype(float)
-        except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
-            raise InputError(f"'{self.file}' is damaged or cut ({error}). Copy it again.") from error
-
-
-def _header(stream: IO[bytes], what: str) -> tuple[tuple[int, ...], Any]:
-    """Shape and type of an array of numbers, row by row; the stream is then at its first value."""
-    version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
-    read: Any = (
-        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    )
-    shape, by_column, dtype = read(stream)
-    if (by_column and len(shape) > 1) or dtype.kind not in "fiu" or not 1 <= len(shape) <= 2:
-        raise InputError(
-            f"{what}: an array of numbers, (n,) or (n, k), row by row is wanted, it is {shape} {dtype}."
-        )
-    return shape, dtype
+        """Rows of some columns; InputError where they are of different lengths."""
+        columns = {name: self._columns[name] for name in names}
+        if len({*map(len, columns.values())}) > 1:
+            found = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
+            raise InputError(f"'{self.file}': columns are of different lengths: {found}.")
+        rows = np.stack([*columns.values()], axis=1).astype(float)
+        for start in range(0, len(rows), BLOCK):
+            some = rows[start : start + BLOCK]
+            yield Block(some, range(start + 1, start + len(some) + 1))
 
 
 class BagSource:
@@ -276,3 +223,7 @@ class BagSource:
         parts = [np.asarray(part)[at] if len(part) > max(at) else none
                  for part in (message.position, message.velocity, message.effort)]  # fmt: skip
         return np.concatenate([[time], *parts, *([wrench] if _WRENCH in self.topics else [])])
+
+
+LogSource = CsvSource | NpzSource | BagSource
+"""A log: ``names`` of its columns, what a ``row`` is called, ``blocks`` of rows of some columns."""
