@@ -15,7 +15,9 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import Outcome
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
+    DATA,
     PANEL,
+    TRIAL_OPTIONS,
     arm,
     base,
     noise_option,
@@ -36,7 +38,6 @@ from polish_sim.cli.options import (
 from polish_sim.config.key import SENSOR
 from polish_sim.dual import CALIBRATIONS
 from polish_sim.errors import InputError
-from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
 from polish_sim.page import Table
 from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics
@@ -46,16 +47,6 @@ if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
     from polish_sim.experiments import PayloadCalibration
 
-OWN_OPTIONS = (
-    Own(
-        "--data",
-        SENSOR,
-        "FILE.csv",
-        "Poses and readings of a real robot instead of a simulated one; columns: docs/calibration.md.",
-        Path,
-    ),
-    Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias."),
-)
 LEAST_DRAWS = 30
 SETTINGS = {
     "--tracker-noise": "tracker_noise_m", "--touch-noise": "touch_noise_m", "--marks": "marks",
@@ -72,7 +63,9 @@ def _every_calibration() -> None:
 
 
 @takes(
-    *(*OWN_OPTIONS, "--noise", "--poses", *SEED_OPTIONS, "--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
+    DATA,
+    Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias."),
+    *("--noise", "--poses", *CONFIG_OPTIONS, *TRIAL_OPTIONS),
     defaults=PAYLOAD_SCENARIO,
 )
 def payload(given: Given) -> int:

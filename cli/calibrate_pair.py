@@ -107,7 +107,6 @@ def tcp(given: Given) -> int:
 @takes(
     DATA,
     noise_option("--noise", "a measured point", "0.03"),
-    Own("--points", PANEL, "N", "Points of an arc; default 200.", int, 6, 100_000),
     *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def base(given: Given) -> int:
@@ -116,7 +115,7 @@ def base(given: Given) -> int:
     from polish_sim.dual.calibrate import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
 
-    trial = BaseTrial(**chosen(given, "noise", "points"))
+    trial = BaseTrial(**chosen(given, "noise"))
 
     def run(seed: int, _: Observer) -> BasesFound:
         gears = _gears(given, seed)
@@ -134,37 +133,14 @@ def base(given: Given) -> int:
     DATA,
     noise_option("--noise", "a measured point", "0.03"),
     Own("--poses", PANEL, "N", "Poses of each arm, 20 or more; default 60.", int, 20, 10_000),
-    Own(
-        "--length-error",
-        PANEL,
-        "MM",
-        "Error of the simulated arms' d and a, standard deviation (mm); default 0.5.",
-        float,
-        0.0,
-        2.0,
-        MM,
-    ),
-    Own(
-        "--angle-error",
-        PANEL,
-        "DEG",
-        "Error of their joint offsets and alpha (deg); default 0.02.",
-        float,
-        0.0,
-        0.2,
-        DEG,
-    ),
     *(ARM, PAIR, *TRIAL_OPTIONS),
 )
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    from polish_sim.calibration.arm import Tolerance
     from polish_sim.dual.calibrate import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import read_tracked
 
-    errors = {"length": given["--length-error"], "angle": given["--angle-error"]}
-    tolerance = Tolerance()._replace(**{name: error for name, error in errors.items() if error is not None})
-    trial = ArmTrial(tolerance, **chosen(given, "noise", "poses"))
+    trial = ArmTrial(**chosen(given, "noise", "poses"))
 
     def run(seed: int, _: Observer) -> ArmsFound:
         gears = _gears(given, seed)

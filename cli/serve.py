@@ -74,7 +74,6 @@ CELL = (
         "1: real time; max: as fast as a client that answers every packet. Default 1.",
     ),
     Own("--polyscope", RUN, "5.11|5.23|5.26", "Version the controller says it is. Default 5.11."),
-    Own("--port-offset", RUN, "N", "Added to every port, for clients that take a port.", int, 0, 30000),
     Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.01, 1e6),
     *("--live", "--live-port", "--live-host"),
     *OUTPUT_OPTIONS,
@@ -108,7 +107,7 @@ def serve(given: Given) -> int:
 
     for address in addresses:
         for port in PORTS:  # before all is prepared
-            listening(address, port + (given["--port-offset"] or 0)).close()
+            listening(address, port).close()
     with claimed(given, "serve") as folder:
         folders = [folder.draft / address for address in addresses] if addresses[1:] else [folder.draft]
         code = _robot(given, addresses, folders)
@@ -274,7 +273,7 @@ def _serve(
 
     robot = controller.robot
     asked = threading.Event()
-    server = Server(controller, address, real_time, given["--port-offset"] or 0)
+    server = Server(controller, address, real_time)
     signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
     started = time.perf_counter()
     most = (given["--for"] or math.inf) / TICK_S
