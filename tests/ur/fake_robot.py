@@ -20,8 +20,7 @@ class FakeRobot:
         self.joint_torques = self.free_torques = self.tcp_offset = np.zeros(6)
         self.payload_mass, self.payload_cog, self.payload_inertia = 1.0, np.zeros(3), np.zeros(6)
         self.speed_fraction = 1.0
-        self.inputs: dict[tuple[str, int], float] = {}
-        self.outputs: dict[tuple[str, int], float] = {}
+        self.signals: dict[tuple[str, int], float] = {}
         self.told: list[tuple[Any, ...]] = []
         self._left = 0
 
@@ -35,16 +34,11 @@ class FakeRobot:
     def steady(self) -> bool:
         return True
 
-    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
-        if value is not None:
-            self.outputs[name, index] = value
-        return self.outputs.get((name, index), False)
+    def read(self, name: str, index: int) -> float:
+        return self.signals.get((name, index), 0)
 
-    def register(self, side: str, kind: str, index: int) -> float:
-        return (self.inputs if side == "in" else self.outputs).get((kind, index), 0)
-
-    def set_register(self, kind: str, index: int, value: float | bool) -> None:
-        self.outputs[kind, index] = value
+    def write(self, name: str, index: int, value: float) -> None:
+        self.signals[name, index] = value
 
     def forward_kin(self, q: Array, tcp: Array) -> Array:
         return np.asarray(q) / 10.0

@@ -163,7 +163,7 @@ def test_a_programme_ends_force_mode_and_motion_and_a_popup_holds_it_until_it_is
     machine.tick(robot)
     assert notes.texts == ["on"]
     robot, notes, machine = run("sec s():\n set_standard_digital_out(3, True)\nend\n")
-    assert robot.outputs["standard_digital_out", 3] is True
+    assert robot.signals["standard_digital_out", 3] == 1.0
     assert (notes.events, machine.running) == ([], False)
     robot, notes, machine = run("sec s():\n sync()\nend\n")
     assert "may not wait" in notes.events[0][-1]
@@ -202,6 +202,7 @@ SIX = "p[0, 0, 0, 0, 0, 0]"
         ("q = get_inverse_kin(p[2, 0, 0, 0, 0, 0])", "no inverse kinematics"),
         ("thread g():\n while True:\n  sync()\n end\nend\nwhile True:\n t = run g()\nend", "64 threads"),
         ("if False:\n y = 1\nend\nx = y", "no value yet"), ("x = 1\ndef g(a=x):\nend", "no value yet"),
+        ("x = read_input_float_register(-1)", "no such element"),
         ("x = pose_inv(p[1e300, 0, 0, 1, 0, 1e300])", "finite number"),
         ("x = pose_add(p[1e308, 0, 0, 0, 0, 0], p[1e308, 0, 0, 0, 0, 0])", "finite number"),
         ("x = wrench_trans(p[0, 0, 0, 1e300, 0, 0], p[0, 0, 1, 0, 0, 0])", "finite number"),
@@ -351,7 +352,7 @@ while True:
 end
 """
     robot = FakeRobot()
-    robot.inputs["int", 0] = 71
+    robot.signals["input_int_register", 0] = 71
     _, notes, machine = run(body, 10, robot)
     longest = max(calls_of_a_tick(machine, robot) for _ in range(100))
     assert machine.running, notes.events

@@ -129,11 +129,11 @@ def test_rtde_negotiates_and_sends_what_was_asked(served):
     assert times[0] > 42.0
     assert np.diff(times) == pytest.approx(np.full(199, 0.002), abs=1e-6)
     client.send(b"U", struct.pack(">Bi", 1, 7))
-    served.until(lambda: served.robot.registers["in"]["int"][0] == 7)
+    served.until(lambda: served.robot.signals["input_int_register"][0] == 7)
     # Two bytes short, as setExternalForceTorque of ur_rtde 1.6.5 is four: ignored, and the client stays.
     assert b"2 bytes for input recipe 1 of 4" in client.ask(b"U", struct.pack(">Bh", 1, 8), b"M")
     client.send(b"U", struct.pack(">Bi", 1, 9))
-    served.until(lambda: served.robot.registers["in"]["int"][0] == 9)
+    served.until(lambda: served.robot.signals["input_int_register"][0] == 9)
     # What drivers take for the robot's speed is the product of the slider and the limiter.
     client.outputs(500.0, b"speed_scaling,target_speed_fraction")
     served.connect(SECONDARY).sendall(loop())

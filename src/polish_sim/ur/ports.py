@@ -146,7 +146,7 @@ def robot_state(controller: RobotController, configuration: bool) -> bytes:
             ">4xi18x2b2d3f4xB9x",
             r.digital_out,
             *r.analog_domain,
-            *r.analog_out,
+            *r.signals["standard_analog_out"],
             30.0,
             48.0,
             0.5,

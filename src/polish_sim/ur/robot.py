@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Literal
+from itertools import chain
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -35,8 +36,6 @@ from polish_sim.ur.motion import (
 )
 from polish_sim.ur.physics import TICK_S, Rig
 
-SignalType = Literal["int", "double", "bit"]
-
 CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
 NORMAL, PROTECTIVE = 1, 3  #: Safety modes
@@ -50,8 +49,13 @@ TARE = 100  #: Readings that make the sensor's zero
 CONTACT_N = 8.0  #: Change of the force that counts as contact [N]
 TOUCH_N = 2.0  #: Change with which it began [N]
 FEED_HZ = 10.0  #: Least rate of the readings of a client's sensor
-PINS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
-"""First bit and number of the digital inputs and outputs."""
+PINS = {"standard": 8, "configurable": 8, "tool": 2}
+"""How many digital inputs and outputs there are."""
+
+
+def bits_of(values: Sequence[bool]) -> int:
+    """Truth values as the bits of a number, the first the lowest."""
+    return sum(value << k for k, value in enumerate(values))
 
 
 class SimulatedRobot:
@@ -94,15 +98,21 @@ class SimulatedRobot:
         self._mode_settings = Compliance(
             baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling
         )
-        self.registers: dict[str, dict[str, list[Any]]] = {
-            side: {"int": [0] * 48, "double": [0.0] * 48, "bit": [False] * 128} for side in ("in", "out")
+        #: Registers of RTDE, inputs and outputs, by their names in RTDE and URScript
+        self.signals: dict[str, list[Any]] = {
+            **{
+                f"{side}put_{kind}_register": [none] * count
+                for side in ("in", "out")
+                for kind, none, count in (("int", 0, 48), ("double", 0.0, 48), ("bit", False, 128))
+            },
+            **{f"{group}_digital_{side}": [False] * PINS[group] for group in PINS for side in ("in", "out")},
+            **{f"{group}_analog_in": [0.0, 0.0] for group in ("standard", "tool")},
+            "standard_analog_out": [0.004, 0.004],
         }
         self.inputs_read: set[str] = set()  #: Names of registers a programme has read
         self.written = dict[str, int]()  #: Tick in which a client last wrote an input, by its name
         #: Input, ticks it may stay unwritten, and what then happens
         self.watchdog: tuple[str, int, str] | None = None
-        self.digital_out = 0
-        self.analog_out = [0.004, 0.004]
         self.analog_domain = [0, 0]
         self.external: Array = np.zeros(6)
         self._external_on = False
@@ -481,39 +491,21 @@ class SimulatedRobot:
 
     # Registers and IO.
 
-    def register(self, side: Literal["in", "out"], kind: SignalType, index: int) -> float | int | bool:
-        """Read a general-purpose register of RTDE: 48 integers, 48 doubles, 128 bits each way."""
-        if side == "in":
-            self.inputs_read.add(f"input_{kind}_register_{index}")
-        return self.registers[side][kind][index]  # type: ignore[index, no-any-return]
+    def read(self, name: str, index: int) -> Any:
+        """One of the `signals`."""
+        if name.startswith("input"):
+            self.inputs_read.add(f"{name}_{index}")
+        return self.signals[name][index]
 
-    def set_register(self, kind: SignalType, index: int, value: float | bool) -> None:
-        """Write an output register."""
-        convert = {"int": int, "double": float, "bit": bool}[kind]
-        self.registers["out"][kind][index] = convert(value)  # type: ignore[index]
+    def write(self, name: str, index: int, value: float) -> None:
+        """Set one of the `signals`; analog ones are shares."""
+        values = self.signals[name]
+        values[index] = type(values[index])(min(max(value, 0.0), 1.0) if "analog" in name else value)
 
-    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
-        """Read, or set, an input or output: ``standard_digital_out`` and the like, named as in URScript.
-
-        Raises:
-            ValueError: There is none of that name and number.
-        """
-        group, sort, side = name.split("_")
-        if sort == "digital":
-            first, count = PINS[group]
-            if not 0 <= index < count:
-                raise ValueError(f"there is no {name}[{index}]")
-            bit = 1 << (first + index)
-            if value is not None:
-                self.digital_out = self.digital_out | bit if value else self.digital_out & ~bit
-            return side == "out" and bool(self.digital_out & bit)
-        if index not in (0, 1):
-            raise ValueError(f"there is no {name}[{index}]")
-        if side == "in":
-            return 0.0
-        if value is not None:
-            self.analog_out[index] = min(max(float(value), 0.0), 1.0)
-        return self.analog_out[index]
+    @property
+    def digital_out(self) -> int:
+        """The digital outputs as bits."""
+        return bits_of(list(chain(*(self.signals[f"{group}_digital_out"] for group in PINS))))
 
     # Kinematics and dynamics.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.spatial import GRAVITY
 from polish_sim.ur.controller import RobotController
-from polish_sim.ur.robot import PINS, PLAYING
+from polish_sim.ur.robot import PINS, PLAYING, bits_of
 
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
@@ -36,26 +36,25 @@ class ProtocolError(Exception):
     """A client sent what no RTDE client sends: it is dropped."""
 
 
-def _registers(side: str) -> dict[str, tuple[str, Any]]:
+def _registers() -> dict[str, tuple[str, Any]]:
     found: dict[str, tuple[str, Any]] = {}
 
-    def value(kind: str, index: int) -> Callable[[RobotController], Any]:
-        return lambda c: c.robot.registers[side][kind][index]
+    def value(signal: str, index: int) -> Callable[[RobotController], Any]:
+        return lambda c: c.robot.signals[signal][index]
 
-    def packed(first: int) -> Callable[[RobotController], Any]:
-        return lambda c: sum(
-            bit << k for k, bit in enumerate(c.robot.registers[side]["bit"][first : first + 32])
-        )
+    def packed(signal: str, first: int) -> Callable[[RobotController], int]:
+        return lambda c: bits_of(c.robot.signals[signal][first : first + 32])
 
-    for kind, form, numbers in (
-        ("int", "INT32", range(48)),
-        ("double", "DOUBLE", range(48)),
-        ("bit", "BOOL", range(64, 128)),
-    ):
-        for index in numbers:
-            found[f"{side}put_{kind}_register_{index}"] = (form, value(kind, index))
-    for name, first in PACKED.items():
-        found[f"{side}put_{name}"] = ("UINT32", packed(first))
+    for side in ("input", "output"):
+        for kind, form, numbers in (
+            ("int", "INT32", range(48)),
+            ("double", "DOUBLE", range(48)),
+            ("bit", "BOOL", range(64, 128)),
+        ):
+            for index in numbers:
+                found[f"{side}_{kind}_register_{index}"] = (form, value(f"{side}_{kind}_register", index))
+        for name, first in PACKED.items():
+            found[f"{side}_{name}"] = ("UINT32", packed(f"{side}_bit_register", first))
     return found
 
 
@@ -97,8 +96,8 @@ SOURCES: Mapping[str, Mapping[str, Any]] = {
         "payload": "robot.payload_mass",
         "speed_scaling": lambda c: float(c.robot.runtime == PLAYING),
         "actual_robot_voltage": lambda c: 48.0 * c.powered,
-        "standard_analog_output0": lambda c: c.robot.analog_out[0],
-        "standard_analog_output1": lambda c: c.robot.analog_out[1],
+        "standard_analog_output0": lambda c: c.robot.signals["standard_analog_out"][0],
+        "standard_analog_output1": lambda c: c.robot.signals["standard_analog_out"][1],
         "tcp_force_scalar": lambda c: float(np.linalg.norm(c.robot.tcp_force[:3])),
         "actual_execution_time": 1.0,
         "actual_main_voltage": 48.0,
@@ -154,8 +153,7 @@ FIELDS: Mapping[str, tuple[str, Any]] = {
         for kind, some in SOURCES.items()
         for name, source in some.items()
     },
-    **_registers("in"),
-    **_registers("out"),
+    **_registers(),
 }
 """Output fields: type, and value or what asks a controller for it."""
 
@@ -218,21 +216,23 @@ def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None
     for name, value in values.items():
         first = PACKED.get(name.removeprefix("input_"))
         if first is not None:
-            robot.registers["in"]["bit"][first : first + 32] = [bool(value >> k & 1) for k in range(32)]
+            robot.signals["input_bit_register"][first : first + 32] = [
+                bool(value >> k & 1) for k in range(32)
+            ]
         elif name.startswith("input_"):
-            _, kind, _, number = name.split("_")
-            robot.registers["in"][kind][int(number)] = value
+            signal, _, number = name.rpartition("_")
+            robot.signals[signal][int(number)] = value
     if values.get("speed_slider_mask"):
         robot.set_speed_fraction(values.get("speed_slider_fraction", robot.speed_fraction))
-    for group, (first, _) in PINS.items():
-        mask = values.get(f"{group}_digital_output_mask", 0) << first
-        bits = values.get(f"{group}_digital_output", 0) << first
-        robot.digital_out = robot.digital_out & ~mask | bits & mask
+    for group, count in PINS.items():
+        bits = values.get(f"{group}_digital_output", 0)
+        mask = values.get(f"{group}_digital_output_mask", 0)
+        for index in range(count):
+            if mask >> index & 1:
+                robot.write(f"{group}_digital_out", index, bits >> index & 1)
     for index in (0, 1):
         if values.get("standard_analog_output_mask", 0) >> index & 1:
-            robot.input_output(
-                "standard_analog_out", index, values.get(f"standard_analog_output_{index}", 0.0)
-            )
+            robot.write("standard_analog_out", index, values.get(f"standard_analog_output_{index}", 0.0))
             robot.analog_domain[index] = values.get("standard_analog_output_type", 0) >> index & 1
     if "external_force_torque" in values and np.isfinite(values["external_force_torque"]).all():
         robot.external = np.array(values["external_force_torque"])

@@ -19,7 +19,7 @@ from polish_sim.ur.script.sockets import TICK_S, Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
-    from polish_sim.ur.robot import SignalType, SimulatedRobot
+    from polish_sim.ur.robot import SimulatedRobot
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
@@ -55,7 +55,7 @@ CALLS = {
     "powerdown": "power_down",
     "is_steady": "steady",
 }
-REGISTERS: Mapping[str, SignalType] = {"integer": "int", "float": "double", "boolean": "bit"}
+REGISTERS = {"integer": "int", "float": "double", "boolean": "bit"}
 """Kinds of registers, by their words in URScript."""
 PLAIN: Mapping[str, Callable[..., Any]] = {
     "get_steptime": lambda: TICK_S,
@@ -99,12 +99,10 @@ class BuiltIns(Sockets):
         words = {*vars(BuiltIns), *vars(Sockets)} - hidden
         found = {word: getattr(self, word) for word in words if word[0] != "_"}
         found |= {**PLAIN, **self._passed_on()}
-        for group in ("standard", "configurable", "tool"):
-            found |= self._pins(f"{group}_digital", bool)
+        for group in ("standard_digital", "configurable_digital", "tool_digital", "standard_analog"):
+            found |= self._pins(group)
         found["get_digital_in"] = found["get_standard_digital_in"]
         found["set_digital_out"] = found["set_standard_digital_out"]
-        for group in ("standard", "tool"):
-            found |= self._pins(f"{group}_analog", number)
         for convert, state in ((as_list, LISTS), (as_pose, POSES), (call, CALLS)):
             found |= {name: self._reader(convert, of) for name, of in state.items()}
         for word, kind in REGISTERS.items():
@@ -134,6 +132,7 @@ class BuiltIns(Sockets):
                 array(pose), isinstance(pose, Pose)
             ),
             "get_actual_joint_positions_history": lambda steps=0: as_list(self.robot.q_history(int(steps))),
+            "get_tool_analog_in": lambda n: self.robot.read("tool_analog_in", _index(n)),
             "get_target_waypoint": lambda: self._waypoint,
             "get_actual_tool_flange_pose": lambda: as_pose(
                 self.robot.forward_kin(self.robot.actual_q, np.zeros(6))
@@ -168,20 +167,21 @@ class BuiltIns(Sockets):
     def _reader(self, convert: Callable[[Any], Any], of: str) -> Callable[[], Any]:
         return lambda: convert(getattr(self.robot, of))
 
-    def _pins(self, group: str, kind: Callable[[Any], float | bool]) -> dict[str, Callable[..., Any]]:
+    def _pins(self, group: str) -> dict[str, Callable[..., Any]]:
         return {
-            f"get_{group}_in": lambda n: self.robot.input_output(f"{group}_in", int(n)),
-            f"get_{group}_out": lambda n: self.robot.input_output(f"{group}_out", int(n)),
-            f"set_{group}_out": lambda n, b: self.robot.input_output(f"{group}_out", int(n), kind(b)),
+            f"get_{group}_in": lambda n: self.robot.read(f"{group}_in", _index(n)),
+            f"get_{group}_out": lambda n: self.robot.read(f"{group}_out", _index(n)),
+            f"set_{group}_out": lambda n, b: self.robot.write(f"{group}_out", _index(n), number(b)),
         }
 
-    def _registers(self, word: str, kind: SignalType) -> dict[str, Callable[..., Any]]:
+    def _registers(self, word: str, kind: str) -> dict[str, Callable[..., Any]]:
         """Registers of RTDE, 0 to 47; bits to 127."""
+        taken, given = f"input_{kind}_register", f"output_{kind}_register"
         return {
-            f"read_input_{word}_register": lambda address: self.robot.register("in", kind, int(address)),
-            f"read_output_{word}_register": lambda address: self.robot.register("out", kind, int(address)),
-            f"write_output_{word}_register": lambda address, value: self.robot.set_register(
-                kind, int(address), number(value)
+            f"read_input_{word}_register": lambda address: self.robot.read(taken, _index(address)),
+            f"read_output_{word}_register": lambda address: self.robot.read(given, _index(address)),
+            f"write_output_{word}_register": lambda address, value: self.robot.write(
+                given, _index(address), number(value)
             ),
         }
 
@@ -387,6 +387,13 @@ class BuiltIns(Sockets):
 def _or(value: Any, usual: Any, size: int = 6) -> Any:
     """Numbers of a list, or what is usual where none is given."""
     return usual if value is None else array(value, size)
+
+
+def _index(n: Any) -> int:
+    """The number of a register or pin."""
+    if n < 0:
+        raise IndexError
+    return int(n)
 
 
 def _steps(t: Any) -> int:
