@@ -84,11 +84,9 @@ class Recorder(FakeRobot):
             self.told.append(("end_force_mode",))
         self.pressing_since_s = np.inf
 
-    def input_output(self, name, index, value=None):
-        if value is not None:
-            self.spindle = bool(value)
-            self.told.append((f"spindle {self.spindle}",))
-        return self.spindle
+    def write(self, name, index, value):
+        self.spindle = bool(value)
+        self.told.append((f"spindle {self.spindle}",))
 
 
 def run_program(text, contact_after_s=0.05):
