@@ -70,6 +70,7 @@ def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
         Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(robot)),
         Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant", is_mean=True),
         Claim("cycle_time_s", "cycle time", "s"),
+        Claim("coverage", "region touched by the pad", "%", more_is_better=True),
         Claim("removal_cv", "removal, std / mean", "%"),
         Claim("removal_cv_inside", "  a pad's radius inside the border", "%"),
         Claim("under_polished_share", "removal below half its mean", "%"),
