@@ -96,7 +96,7 @@ def test_a_drift_walks_at_random_and_readings_are_whole_quanta_within_the_range(
 def pull_of(spindle):
     """On an upright head [N]."""
     force = np.zeros(3)
-    pull_of_imbalance(spindle, np.eye(3).ravel(), force)
+    pull_of_imbalance(spindle, np.eye(3), force)
     return force
 
 

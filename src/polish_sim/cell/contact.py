@@ -219,12 +219,12 @@ def turn_spindle(spindle: Spindle, dt: float) -> None:
 def pull_of_imbalance(spindle: Spindle, R_base_head: Array, force: Array) -> None:
     """Add the imbalance's pull to a ``force`` on the head's centre of mass [N], base, shape (3,).
 
-    ``R_base_head`` is the head's orientation row by row, shape (9,); its z axis is the spindle's.
+    ``R_base_head`` is the head's orientation, shape (3, 3); its z axis is the spindle's.
     """
     pull = spindle.imbalance * spindle.speed**2
     x, y = pull * math.cos(spindle.angle), pull * math.sin(spindle.angle)
     for i in range(3):
-        force[i] += R_base_head[3 * i] * x + R_base_head[3 * i + 1] * y
+        force[i] += R_base_head[i, 0] * x + R_base_head[i, 1] * y
 
 
 # An active flange: the head's spring with a loop that moves its preload until the force is as asked.
@@ -283,5 +283,5 @@ def hold_force(flange: Flange, e: EngineViews, wanted: float) -> None:
     asked = flange.start + flange.risen * (wanted - flange.start)
     flange.preload += flange.share * (asked - flange.force)
     # The engine carries the slide's weight; the part of it that is too much lifts the tool.
-    push = flange.preload + flange.weight * e.site_xmat[e.tool_site, 8]
+    push = flange.preload + flange.weight * e.site_xmat[e.tool_site, 2, 2]
     e.qfrc_applied[HEAD] = -push - flange.friction

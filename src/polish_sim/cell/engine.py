@@ -32,14 +32,14 @@ class EngineViews(Bundle):
     xanchor: Array
     xaxis: Array
     xpos: Array
-    xmat: Array
+    xmat: Array  #: Orientations of bodies, shape (bodies, 3, 3)
     xipos: Array
     cvel: Array
     cdof: Array
     cinert: Array
     subtree_com: Array
     site_xpos: Array
-    site_xmat: Array
+    site_xmat: Array  #: Shape (sites, 3, 3)
     xfrc_applied: Array
     cfrc_ext: Array
     qfrc_actuator: Array
@@ -65,6 +65,8 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
         "model": model._address,
         "data": data._address,
         "dt": float(model.opt.timestep),
+        "xmat": data.xmat.reshape(-1, 3, 3),
+        "site_xmat": data.site_xmat.reshape(-1, 3, 3),
         "dof_damping": model.dof_damping,
         "speeds_before": data.qvel[:ARM_JOINTS].copy(),
         "tool_site": model.site(f"{arm}tool").id,
@@ -156,6 +158,6 @@ def correct_reading(e: EngineViews) -> None:
         torque = plus(torque, plus_cross(matvec(inertia, w), c[6:9], v))
         force = plus(force, plus(cross(w, c[6:9]), scaled(c[9], v)))
     arm = minus(e.subtree_com[e.root_body], e.site_xpos[e.sensor_site])
-    R_sensor_base = e.site_xmat[e.sensor_site].reshape((3, 3)).T
+    R_sensor_base = e.site_xmat[e.sensor_site].T
     add_to(e.sensordata, matvec(R_sensor_base, force))
     add_to(e.sensordata[3:6], matvec(R_sensor_base, plus_cross(torque, arm, force)))

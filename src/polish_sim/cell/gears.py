@@ -25,6 +25,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
 from polish_sim.control.signals import Measurement
 from polish_sim.kernels import (
+    Matrix3,
     Matrix4,
     Record,
     Vector3,
@@ -57,7 +58,7 @@ class HostArm(Record):
     anchors: Annotated[Array, (6, 3)]  #: A point on each joint's axis [m]
     axes: Annotated[Array, (6, 3)]  #: Unit axes
     place: Vector3  #: The end [m]
-    turn: Annotated[Array, (9,)]  #: Rotation of the end, row by row
+    turn: Matrix3  #: Rotation of the end
     frame: Annotated[Array, (3, 4)]  #: Work array
 
 
@@ -84,7 +85,7 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
     set_to(arm.place, plus_matvec(T[:, 3], T, E[:, 3]))
     for i in range(3):
         for j in range(3):
-            arm.turn[3 * i + j] = dot(T[i], E[:, j])
+            arm.turn[i, j] = dot(T[i], E[:, j])
 
 
 # The joints.

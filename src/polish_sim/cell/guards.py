@@ -349,7 +349,7 @@ def _crashed(
     near = 0.5 * field.spacing
     for i in range(first, end, _CRASH_ROUNDS):
         body, p = crash.bodies[i], crash.points[i]
-        place = plus(e.xpos[body], matvec(e.xmat[body].reshape((3, 3)), p))
+        place = plus(e.xpos[body], matvec(e.xmat[body], p))
         x, y, z = matvec(part.rotation.T, minus(place, part.position))
         if field_distance(field, x, y, z) < near:
             return True

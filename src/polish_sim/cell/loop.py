@@ -118,7 +118,7 @@ def press_on_part(cell: CellKernel) -> None:
     head = e.head_body
     center, tool = e.site_xpos[e.pad_site], e.site_xpos[e.tool_site]
     turn_spindle(state.spindle, e.dt)
-    R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
+    R_base_pad = e.site_xmat[e.pad_site]
     velocity, force, torque, moment, turning_on = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
     gliding = minus(plus_cross(e.cvel[head, 3:6], turning, minus(center, com)), moving)
@@ -131,7 +131,7 @@ def press_on_part(cell: CellKernel) -> None:
     set_to(applied, force)
     moment_at(force, torque, center, e.xipos[head], applied[3:6])
     moment_at(force, torque, center, tool, moment)
-    R_tool_base = e.site_xmat[e.tool_site].reshape((3, 3)).T
+    R_tool_base = e.site_xmat[e.tool_site].T
     set_to(wrench[0:3], scaled(-1.0, matvec(R_tool_base, force)))
     set_to(wrench[3:6], scaled(-1.0, matvec(R_tool_base, moment)))
     pull_of_imbalance(state.spindle, e.xmat[head], applied)
@@ -148,14 +148,14 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
     """Write tool pose and twist as the host computes them from the encoders, and the Jacobian at the tool
     point.
 
-    ``tool`` (3,) [m] is the tool point, ``R`` (9,) R_base_tool row by row; ``anchors`` [m] and unit ``axes``
+    ``tool`` (3,) [m] is the tool point, ``R`` (3, 3) R_base_tool; ``anchors`` [m] and unit ``axes``
     (>= 6, 3) are those of the joints, ``speeds`` (>= 6,) theirs [rad/s].
     """
     m, jacobian = state.measurement, state.jacobian
     for i in range(3):
         m.position[i] = tool[i]
         for j in range(3):
-            m.rotation[i, j] = R[3 * i + j]
+            m.rotation[i, j] = R[i, j]
     for i in range(6):
         m.twist[i] = 0.0
     for j in range(6):

@@ -112,7 +112,7 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     put(row, _Q, e.qpos, 6)
     put(row, _QD, e.qvel, 6)
     put(row, _POSITION, position, 3)
-    quaternion_from_rotation(e.site_xmat[e.tool_site].reshape((3, 3)), row[_QUATERNION : _QUATERNION + 4])
+    quaternion_from_rotation(e.site_xmat[e.tool_site], row[_QUATERNION : _QUATERNION + 4])
     put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
     row[_DEPTH] = depth_below(target, m.position)
@@ -134,7 +134,7 @@ def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: fl
     filled = recorder.filled
     step = recorder.trace[filled.first + filled.steps - 1]
     step.tcp_speed_m_s = speed
-    _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3)), state.target)
+    _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], state.target)
     if (state.status.steps - 1) % recorder.every == 0:
         recorder.rows[filled.rows - 1, _SPEED] = speed
 

@@ -223,7 +223,7 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
     base = data.body(f"{MASTER}base")
     arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4), rows.gears)
     read_encoders.py_func(arm, rows.q[0], 0)
-    return arm, transform(arm.turn.reshape(3, 3), arm.place)
+    return arm, transform(arm.turn, arm.place)
 
 
 # The master at every step: its servos driven along their rows, the part carried, what the host makes of it.
@@ -287,7 +287,7 @@ def carry_part(
     """
     carrier = master.state
     flange = master.state.flange_body
-    R_flange = e.xmat[flange].reshape((3, 3))
+    R_flange = e.xmat[flange]
     p_flange = e.xpos[flange]
     w = carrier.turning
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
@@ -304,7 +304,7 @@ def carry_part(
     _add_joints(
         arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning
     )
-    _believe(carrier, arm.turn.reshape((3, 3)), arm.place, carrier.seen_velocity, carrier.seen_turning)
+    _believe(carrier, arm.turn, arm.place, carrier.seen_velocity, carrier.seen_turning)
 
 
 @kernel
@@ -385,7 +385,7 @@ def see_tool_on_part(
 ) -> None:
     """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with
     it."""
-    R_flange = e.xmat[carrier.flange_body].reshape((3, 3))
+    R_flange = e.xmat[carrier.flange_body]
     p_flange = e.xpos[carrier.flange_body]
     slip = minus(part.position, motion.place)
     tool = minus(minus(e.site_xpos[e.tool_site], p_flange), slip)

@@ -222,21 +222,26 @@ def _fit_heights(
 ) -> tuple[Array, Indices]:
     """Fit z = p x + q y + A x^2/2 + B x y + C y^2/2 + cubic terms around ``which`` vertices, lengths in mean
     edges: the coefficients, shape (k, 9), and the number of trusted neighbours, shape (k,)."""
-    around = links.first, links.there, links.steps
-    fitted: tuple[Array, Indices] = _fit_each(*around, which, normals, frames, trusted, np.array(_TENSOR))
-    return fitted
+    fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
+    slopes = np.zeros((2 * np.diff(links.first).max(), 10))
+    slopes[::2, 0] = slopes[1::2, 1] = 1.0
+    given = np.flatnonzero(which), normals, frames, trusted, np.array(_TENSOR)
+    _fit_each(links.first, links.there, links.steps, *given, slopes, fitted, seen)
+    return fitted, seen
 
 
 @njit
-def _fit_each(first, there, steps, which, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
-    """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
-    fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
-    height = np.zeros(10)
-    slopes = np.zeros((2 * np.max(first[1:] - first[:-1]), 10))
-    slopes[::2, 0] = slopes[1::2, 1] = 1.0
-    sums = np.zeros((9, 10))
-    for at in np.flatnonzero(which):
-        sums[:] = 0.0
+def _fit_each(  # type: ignore[no-untyped-def]
+    first, there, steps, which, normals, frames, trusted, tensor, slopes, fitted, seen
+):
+    """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both ``slopes``, which
+    hold the factors of p and q."""
+    height, sums = np.empty(10), np.empty((9, 10))
+    for n in range(len(which)):
+        at = which[n]
+        for i in range(9):
+            for j in range(10):
+                sums[i, j] = 0.0
         for link in range(first[at], first[at + 1]):
             other = there[link]
             step, ahead = steps[link], normals[other]
@@ -266,7 +271,6 @@ def _fit_each(first, there, steps, which, normals, frames, trusted, tensor):  # 
             for i in range(begin, end):
                 sums[i, i] += share * mean * tensor[i]
         _solve(sums, fitted[at])
-    return fitted, seen
 
 
 @part
@@ -298,11 +302,15 @@ def _solve(rows, found):  # type: ignore[no-untyped-def]
         found[i] = rows[i, size]
 
 
-@njit
-def solve_symmetric(systems):  # type: ignore[no-untyped-def]
+def solve_symmetric(systems: Array) -> Array:
     """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n +
     1)."""
-    found = np.zeros(systems.shape[:2])
-    for k in range(len(found)):
-        _solve(systems[k].copy(), found[k])
+    found = np.empty(systems.shape[:2])
+    _solve_each(systems.copy(), found)
     return found
+
+
+@njit
+def _solve_each(systems, found):  # type: ignore[no-untyped-def]
+    for k in range(len(found)):
+        _solve(systems[k], found[k])

@@ -98,7 +98,7 @@ def pull_by_hand(
     """
     grip = motion.grip[row]
     tool = e.site_xpos[e.tool_site]
-    R = e.site_xmat[e.tool_site].reshape((3, 3))
+    R = e.site_xmat[e.tool_site]
     wanted = motion.rotations[row]
     applied = e.xfrc_applied[e.mount_body]
     lag = scaled(hand.stiffness, minus(motion.positions[row], tool))
@@ -328,7 +328,7 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     set_to(row.tool, e.site_xpos[e.tool_site])
     set_to(row.force, k.scratch[1])
     for i in range(3):
-        set_to(row.R_base_tool[i], R[3 * i :])
+        set_to(row.R_base_tool[i], R[i])
 
 
 @kernel
