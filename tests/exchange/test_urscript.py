@@ -62,8 +62,8 @@ class Recorder(FakeRobot):
     def forward_kin(self, q, tcp):
         return q
 
-    def inverse_kin(self, pose, near, tcp):
-        return pose
+    def inverse_kin(self, x, qnear, tcp):
+        return x
 
     def movel(self, pose, a, v, t, r):
         self.actual_tcp_pose = pose
@@ -71,13 +71,13 @@ class Recorder(FakeRobot):
 
     movej = movel
 
-    def force_mode(self, task, selection, wrench, kind, limits):
+    def force_mode(self, task_frame, selection_vector, wrench, type, limits):
         if self.pressing_since_s == np.inf:
             self.pressing_since_s = self.time_s
             self.told.append(("force_mode",))
         self.motions[-1] = self.motions[-1]._replace(pressing=True)
-        frames = from_pose(task), from_pose(self.actual_tcp_pose)
-        self.pressings.append(Pressing(*frames, selection.tolist(), wrench.tolist(), kind, limits.tolist()))
+        frames, axes = (from_pose(task_frame), from_pose(self.actual_tcp_pose)), selection_vector.tolist()
+        self.pressings.append(Pressing(*frames, axes, wrench.tolist(), type, limits.tolist()))
 
     def end_force_mode(self):
         if self.pressing_since_s < np.inf:

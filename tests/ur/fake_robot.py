@@ -43,15 +43,15 @@ class FakeRobot:
     def forward_kin(self, q: Array, tcp: Array) -> Array:
         return np.asarray(q) / 10.0
 
-    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
-        return None if np.linalg.norm(pose[:3]) > 1.0 else np.asarray(pose) * 10.0
+    def inverse_kin(self, x: Array, qnear: Array, tcp: Array) -> Array | None:
+        return None if np.linalg.norm(x[:3]) > 1.0 else np.asarray(x) * 10.0
 
-    def mass_matrix(self, q: Array, rotors: bool) -> Array:
+    def mass_matrix(self, pos: Array) -> Array:
         return 2.0 * np.eye(6)
 
     def __getattr__(self, name: str) -> Any:
-        def note(*values: Any) -> None:
-            self.told.append((name, *(np.asarray(value).tolist() for value in values)))
+        def note(*values: Any, **named: Any) -> None:
+            self.told.append((name, *(np.asarray(value).tolist() for value in (*values, *named.values()))))
             if name in ("movej", "movel", "movec"):
                 self._left = MOVE_STEPS
 

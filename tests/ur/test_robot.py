@@ -292,6 +292,6 @@ def test_coriolis_torques_are_those_of_the_mass_matrix_and_inverse_kinematics_gi
     assert robot.coriolis(q, qd) == pytest.approx(known, abs=1e-5)
     assert np.abs(known).max() > 0.05
     assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
-    q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, robot.tcp_offset)
+    q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, tcp=robot.tcp_offset)
     assert q == pytest.approx(robot.actual_q, abs=1e-9)
-    assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, robot.tcp_offset) is None
+    assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, tcp=robot.tcp_offset) is None

@@ -13,6 +13,7 @@ from polish_sim.kernels import cross, minus, set_product, set_to
 from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 from polish_sim.spatial import transform
 
+TICK_S = 0.002  #: Cycle of the robot's controller
 SINGULAR = 0.02  #: Damping of the inverse Jacobian [-]
 _rows = lru_cache(1)(lambda table: joint_rows(np.frombuffer(table).reshape(4, 6)))
 

@@ -35,7 +35,7 @@ from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE, row_layout
-from polish_sim.ur.script.sockets import TICK_S
+from polish_sim.ur.kinematics import TICK_S
 
 SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S = 1.0  #: A gap in the contact at least so long is a lift [s]

@@ -58,8 +58,13 @@ def bits_of(values: Sequence[bool]) -> int:
     return sum(value << k for k, value in enumerate(values))
 
 
+Array3 = Array  #: Of three numbers, where other arrays are of six
+ORIGIN, ALL_AXES = np.zeros(6), np.ones(6)
+
+
 class SimulatedRobot:
-    """An arm with its tool in a cell, as programmes and ports see it.
+    """An arm with its tool in a cell, as programmes and ports see it: what a programme asks of it has its
+    parameters here by their names in URScript.
 
     Everything is SI, in the base frame: a pose is (x, y, z, rx, ry, rz), metres and rotation vector, of the
     TCP; ``tcp_force`` is the force on the tool [N] and the torque about the TCP [N m]. A motion only starts
@@ -316,15 +321,17 @@ class SimulatedRobot:
 
     # Force.
 
-    def force_mode(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
+    def force_mode(
+        self, task_frame: Array, selection_vector: Array, wrench: Array, type: int, limits: Array
+    ) -> None:
         """Comply along the selected axes of the task frame, type 1, 2 or 3."""
-        if kind not in (1, 2, 3):
-            raise ValueError(f"force_mode: type {kind}, there are 1, 2 and 3")
+        if type not in (1, 2, 3):
+            raise ValueError(f"force_mode: type {type}, there are 1, 2 and 3")
         if self.compliance is None:
             self._mode_settings.speed = np.zeros(6)
         self.compliance = self._mode_settings
         self.compliance.free = False
-        self.compliance.set(frame, selection, wrench, kind, limits)
+        self.compliance.set(task_frame, selection_vector, wrench, type, limits)
 
     def force_mode_set_damping(self, damping: float) -> None:
         """Damping 0 to 1 of force mode."""
@@ -345,13 +352,13 @@ class SimulatedRobot:
         self.compliance = None
         self._begin(JointSpeeds(np.zeros(6), a))
 
-    def freedrive(self, axes: Array, frame: Array) -> None:
-        """Let the arm be led along the free axes (1) of a frame.
+    def freedrive(self, freeAxes: Array = ALL_AXES, feature: Array = ORIGIN) -> None:
+        """Let the arm be led along the free axes (1) of a frame; all of the base's if nothing is said.
 
         It is force mode with no force, so that the arm goes where something pushes it.
         """
         limits = np.array([0.25, 0.25, 0.25, 1.0, 1.0, 1.0])
-        self.force_mode(frame, axes, np.zeros(6), FIXED, limits)
+        self.force_mode(feature, freeAxes, np.zeros(6), FIXED, limits)
         assert self.compliance is not None
         self.compliance.free = True
 
@@ -392,17 +399,24 @@ class SimulatedRobot:
             self.cell.state.sensor.tare += np.mean(self._wrenches, axis=0)
             self._wrenches.clear()
 
-    def ft_input(self, enabled: bool) -> None:
-        """Take the wrench from RTDE's ``external_force_torque`` as it comes, without the sensor's weight.
+    def ft_input(
+        self,
+        enable: bool,
+        sensor_mass: float = 0.0,
+        sensor_measuring_offset: Array3 = ORIGIN,
+        sensor_cog: Array3 = ORIGIN,
+    ) -> None:
+        """Take the wrench from RTDE's ``external_force_torque`` as it comes; what is said of the sensor has
+        no effect.
 
         Its client must feed it at `FEED_HZ` or the programme pauses, unless it set a watchdog of its own.
         """
-        self._external_on = enabled
+        self._external_on = enable
         name = "external_force_torque"
         if self.watchdog is None or self.watchdog[0] == name:
-            self.set_watchdog(name, FEED_HZ if enabled else 0.0, "pause")
+            self.set_watchdog(name, FEED_HZ if enable else 0.0, "pause")
 
-    def tool_contact(self, direction: Array) -> int:
+    def tool_contact(self, direction: Array = ORIGIN) -> int:
         """Steps since the contact against a direction, of zeros from any, began; 0 without one.
 
         A contact is a force, less its median of the last second, that came to `CONTACT_N`; it began where it
@@ -418,17 +432,19 @@ class SimulatedRobot:
 
     # Tool and payload.
 
-    def set_tcp(self, pose: Array) -> None:
-        """Set the TCP, in the flange's frame."""
+    def set_tcp(self, pose: Array, tcp_name: str = "") -> None:
+        """Set the TCP, in the flange's frame; its name is the pendant's."""
         self.tcp_offset = pose
         self._tcp = from_pose(self.tcp_offset)
         self._see()
 
-    def set_payload(self, mass: float, cog: Array | None, inertia: Array | None = None) -> None:
+    def set_payload(
+        self, m: float, cog: Array3 | None = None, inertia: Array | None = None, transition_time: float = 0.0
+    ) -> None:
         """Set the payload, at once; None leaves a value as it is."""
-        if not 0.0 <= mass <= 100.0:
-            raise ValueError(f"set_payload: a mass of {mass:g} kg")
-        self.payload_mass = mass
+        if not 0.0 <= m <= 100.0:
+            raise ValueError(f"set_payload: a mass of {m:g} kg")
+        self.payload_mass = m
         if cog is not None:
             self.payload_cog = cog
         if inertia is not None:
@@ -436,13 +452,13 @@ class SimulatedRobot:
         T = self._sensor_on_flange
         self.cell.compensate(self.payload_mass, T[:3, :3].T @ (self.payload_cog - T[:3, 3]))
 
-    def set_gravity(self, g: Array) -> None:
+    def set_gravity(self, d: Array3) -> None:
         """Set gravity [m/s^2], base axes: only the one the cell has.
 
         Raises:
             ValueError: It is another.
         """
-        if abs(abs(g[2]) - GRAVITY) > 0.05 or np.abs(g[:2]).max() > 0.05:
+        if abs(abs(d[2]) - GRAVITY) > 0.05 or np.abs(d[:2]).max() > 0.05:
             raise ValueError(
                 f"set_gravity: the cell's robot stands upright, gravity is {GRAVITY} m/s^2 along its z axis"
             )
@@ -477,7 +493,7 @@ class SimulatedRobot:
         if np.isfinite(fraction):
             self.speed_fraction = min(max(fraction, 0.0), 1.0)
 
-    def set_watchdog(self, variable: str, min_frequency: float, action: str) -> None:
+    def set_watchdog(self, variable_name: str, min_frequency: float, action: str = "pause") -> None:
         """Watch how often an RTDE input is written; ``action``: "ignore", "pause" or "stop".
 
         Raises:
@@ -485,9 +501,9 @@ class SimulatedRobot:
         """
         if action not in ("ignore", "pause", "stop"):
             raise ValueError(f'rtde_set_watchdog: action "{action}", there are "ignore", "pause" and "stop"')
-        self.watchdog, self.written[variable] = None, self.ticks
+        self.watchdog, self.written[variable_name] = None, self.ticks
         if min_frequency > 0.0 and action != "ignore":
-            self.watchdog = variable, math.ceil(1.0 / (min_frequency * TICK_S)), action
+            self.watchdog = variable_name, math.ceil(1.0 / (min_frequency * TICK_S)), action
 
     # Registers and IO.
 
@@ -513,31 +529,39 @@ class SimulatedRobot:
         """Pose of the TCP at joint angles."""
         return pose_of(tool_at(q, from_pose(tcp))[0])
 
-    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
-        """Joint angles nearest to others, None where there is no solution."""
+    def inverse_kin(
+        self,
+        x: Array,
+        qnear: Array,
+        maxPositionError: float = 0.0,
+        maxOrientationError: float = 0.0,
+        tcp: Array = ORIGIN,
+    ) -> Array | None:
+        """Joint angles nearest to others, exact whatever the errors allowed; None where there is no
+        solution."""
         try:
-            return inverse_near(from_pose(pose) @ inverse(from_pose(tcp)), near)
+            return inverse_near(from_pose(x) @ inverse(from_pose(tcp)), qnear)
         except ReachError:
             return None
 
-    def jacobian(self, q: Array, tcp: Array) -> Array:
+    def jacobian(self, pos: Array, tcp: Array) -> Array:
         """Jacobian of the TCP, shape (6, 6), linear rows first."""
-        return jacobian(q, tcp[:3])
+        return jacobian(pos, tcp[:3])
 
-    def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
+    def jacobian_dot(self, pos: Array, vel: Array, tcp: Array) -> Array:
         """Time derivative of the Jacobian, shape (6, 6); by central differences."""
-        ahead, behind = (self.jacobian(q + h * qd, tcp) for h in (1e-5, -1e-5))
+        ahead, behind = (self.jacobian(pos + h * vel, tcp) for h in (1e-5, -1e-5))
         return (ahead - behind) / 2e-5
 
-    def mass_matrix(self, q: Array, rotors: bool) -> Array:
+    def mass_matrix(self, pos: Array, include_rotors_inertia: bool = False) -> Array:
         """Joint-space inertia [kg m^2], shape (6, 6); with the tool."""
-        self._bias(q, np.zeros(6))
-        own = rotors * self.cell.real_arm.inertia
+        self._bias(pos, np.zeros(6))
+        own = include_rotors_inertia * self.cell.real_arm.inertia
         return joint_inertia(self.cell.model, self._data)[:6, :6] + np.diag(own)
 
-    def coriolis(self, q: Array, qd: Array) -> Array:
+    def coriolis(self, pos: Array, vel: Array) -> Array:
         """Coriolis and centrifugal torques [N m]: what the speeds add to the forces at rest."""
-        return self._bias(q, qd) - self._bias(q, np.zeros(6))
+        return self._bias(pos, vel) - self._bias(pos, np.zeros(6))
 
     def _bias(self, q: Array, qd: Array) -> Array:
         """Torques of weight and speeds at a state (6,) [N m], which ``_data`` then has."""
@@ -560,9 +584,9 @@ class SimulatedRobot:
 
     def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
         """Whether a pose, or joint angles, are within reach and joint ranges."""
-        q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else target
+        q = self.inverse_kin(target, self.actual_q, tcp=self.tcp_offset) if is_pose else target
         return q is not None and not beyond_range(q).any()
 
-    def q_history(self, steps: int) -> Array:
+    def q_history(self, steps: int = 0) -> Array:
         """Joint angles some steps ago; 2 s are kept."""
         return self._past[max(len(self._past) - 1 - max(steps, 0), 0)][0]

@@ -5,21 +5,20 @@ A generator is a function the programme waits in; each ``yield`` is one step of 
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Mapping
-from operator import call
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from polish_sim.arrays import Array
+from polish_sim.ur.kinematics import TICK_S
+from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import values
-from polish_sim.ur.script.sockets import TICK_S, Sockets, Waiting
+from polish_sim.ur.script.sockets import Sockets, Waiting
 from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, to_text
-
-if TYPE_CHECKING:
-    from polish_sim.ur.robot import SimulatedRobot
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
@@ -45,16 +44,62 @@ POSES = {
     "get_target_tcp_pose": "target_tcp_pose",
     "get_tcp_offset": "tcp_offset",
 }
-CALLS = {
-    "end_force_mode": "end_force_mode",
-    "end_freedrive_mode": "end_force_mode",
-    "end_teach_mode": "end_force_mode",
-    "get_freedrive_status": "freedrive_status",
-    "zero_ftsensor": "zero_ftsensor",
-    "protective_stop": "protective_stop",
-    "powerdown": "power_down",
-    "is_steady": "steady",
+
+
+def plain(answer: Any) -> Any:
+    """An answer as it is."""
+    return answer
+
+
+def solution(q: Array | None) -> Array:
+    """Joint angles; ValueError where there are none."""
+    if q is None:
+        raise ValueError("no inverse kinematics for this pose")
+    return q
+
+
+ASKED: Mapping[Callable[[Any], Any], Mapping[str, str]] = {
+    plain: {
+        **dict.fromkeys(("end_force_mode", "end_freedrive_mode", "end_teach_mode"), "end_force_mode"),
+        **dict.fromkeys(("ft_rtde_input_enable", "enable_external_ft_sensor"), "ft_input"),
+        **dict.fromkeys(("set_payload", "set_target_payload"), "set_payload"),
+        **dict.fromkeys(("freedrive_mode", "teach_mode"), "freedrive"),
+        "get_freedrive_status": "freedrive_status",
+        "zero_ftsensor": "zero_ftsensor",
+        "protective_stop": "protective_stop",
+        "powerdown": "power_down",
+        "is_steady": "steady",
+        "rtde_set_watchdog": "set_watchdog",
+        "force_mode": "force_mode",
+        "force_mode_set_damping": "force_mode_set_damping",
+        "force_mode_set_gain_scaling": "force_mode_set_gain_scaling",
+        "tool_contact": "tool_contact",
+        "set_tcp": "set_tcp",
+        "set_gravity": "set_gravity",
+    },
+    as_pose: {"get_forward_kin": "forward_kin"},
+    lambda q: q is not None: {"get_inverse_kin_has_solution": "inverse_kin"},
+    lambda q: as_list(solution(q)): {"get_inverse_kin": "inverse_kin"},
+    as_list: {
+        "get_actual_joint_positions_history": "q_history",
+        "get_jacobian": "jacobian",
+        "get_jacobian_time_derivative": "jacobian_dot",
+        "get_mass_matrix": "mass_matrix",
+        "get_coriolis_and_centrifugal_torques": "coriolis",
+    },
 }
+"""What a programme asks the robot's methods, by what is made of the answer."""
+KINDS: Mapping[str, Callable[[Any], Any]] = {
+    "Array": lambda value: None if value == "active_tcp" else array(value),
+    "Array3": lambda value: array(value, 3),
+    "float": number,
+    "int": lambda value: int(number(value)),
+    "bool": lambda value: bool(number(value)),
+    "str": str,
+}
+"""What is made of a programme's value for a parameter of a type."""
+USUAL = {"q": "actual_q", "pos": "actual_q", "qnear": "actual_q", "vel": "actual_qd", "tcp": "tcp_offset"}
+"""What of the robot a parameter is that is not given."""
 REGISTERS = {"integer": "int", "float": "double", "boolean": "bit"}
 """Kinds of registers, by their words in URScript."""
 PLAIN: Mapping[str, Callable[..., Any]] = {
@@ -103,8 +148,10 @@ class BuiltIns(Sockets):
             found |= self._pins(group)
         found["get_digital_in"] = found["get_standard_digital_in"]
         found["set_digital_out"] = found["set_standard_digital_out"]
-        for convert, state in ((as_list, LISTS), (as_pose, POSES), (call, CALLS)):
+        for convert, state in ((as_list, LISTS), (as_pose, POSES)):
             found |= {name: self._reader(convert, of) for name, of in state.items()}
+        for convert, methods in ASKED.items():
+            found |= {name: self._asked(convert, of) for name, of in methods.items()}
         for word, kind in REGISTERS.items():
             found |= self._registers(word, kind)
         return found
@@ -114,58 +161,40 @@ class BuiltIns(Sockets):
         return {
             "textmsg": lambda s1, s2="": self.listener.text(to_text(s1) + to_text(s2)),
             "random": lambda: self.random.random(),
-            "rtde_set_watchdog": lambda variable_name, min_frequency, action="pause": self.robot.set_watchdog(
-                str(variable_name), number(min_frequency), str(action)
-            ),
             "set_flag": lambda n, b: self._flags.update({int(n) % 32: bool(b)}),
             "get_flag": lambda n: self._flags.get(int(n) % 32, False),
-            "force_mode_set_damping": lambda damping: self.robot.force_mode_set_damping(number(damping)),
-            "force_mode_set_gain_scaling": lambda scaling: self.robot.force_mode_set_gain_scaling(
-                number(scaling)
-            ),
-            "teach_mode": lambda: self.freedrive_mode(),
             "force": lambda: float(np.linalg.norm(self.robot.tcp_force[:3])),
-            "tool_contact": lambda direction=None: self.robot.tool_contact(_or(direction, np.zeros(3))),
-            "set_tcp": lambda pose, tcp_name="": self.robot.set_tcp(array(pose)),
-            "set_gravity": lambda d: self.robot.set_gravity(array(d, 3)),
             "is_within_safety_limits": lambda pose: self.robot.within_safety_limits(
                 array(pose), isinstance(pose, Pose)
             ),
-            "get_actual_joint_positions_history": lambda steps=0: as_list(self.robot.q_history(int(steps))),
             "get_tool_analog_in": lambda n: self.robot.read("tool_analog_in", _index(n)),
             "get_target_waypoint": lambda: self._waypoint,
             "get_actual_tool_flange_pose": lambda: as_pose(
                 self.robot.forward_kin(self.robot.actual_q, np.zeros(6))
             ),
             "get_target_payload": lambda: float(self.robot.payload_mass),
-            "get_forward_kin": lambda q=None, tcp=None: as_pose(
-                self.robot.forward_kin(self._at(q), self._tcp(tcp))
-            ),
-            # The solution is exact, whatever the errors allowed.
-            "get_inverse_kin": lambda x, qnear=None, maxPositionError=0, maxOrientationError=0, tcp=None: (
-                as_list(self._solved(array(x), self._at(qnear), self._tcp(tcp)))
-            ),
-            "get_inverse_kin_has_solution": (
-                lambda pose, qnear=None, maxPositionError=0, maxOrientationError=0, tcp=None: (
-                    self.robot.inverse_kin(array(pose), self._at(qnear), self._tcp(tcp)) is not None
-                )
-            ),
-            "get_jacobian": lambda pos=None, tcp=None: as_list(
-                self.robot.jacobian(self._at(pos), self._tcp(tcp))
-            ),
-            "get_jacobian_time_derivative": lambda pos=None, vel=None, tcp=None: as_list(
-                self.robot.jacobian_dot(self._at(pos), _or(vel, self.robot.actual_qd), self._tcp(tcp))
-            ),
-            "get_mass_matrix": lambda pos=None, include_rotors_inertia=False: as_list(
-                self.robot.mass_matrix(self._at(pos), bool(include_rotors_inertia))
-            ),
-            "get_coriolis_and_centrifugal_torques": lambda pos=None, vel=None: as_list(
-                self.robot.coriolis(self._at(pos), _or(vel, self.robot.actual_qd))
-            ),
         }
 
     def _reader(self, convert: Callable[[Any], Any], of: str) -> Callable[[], Any]:
         return lambda: convert(getattr(self.robot, of))
+
+    def _asked(self, convert: Callable[[Any], Any], method: str) -> Callable[..., Any]:
+        """A method of the robot, with values of a programme made what its parameters are."""
+        _, *parameters = inspect.signature(getattr(SimulatedRobot, method)).parameters.values()
+        signature = inspect.Signature([p.replace(default=None) if p.name in USUAL else p for p in parameters])
+
+        def asked(*placed: Any, **named: Any) -> Any:
+            given = signature.bind(*placed, **named).arguments
+            values = {
+                name: KINDS[signature.parameters[name].annotation.split()[0]](v) for name, v in given.items()
+            }
+            for name in signature.parameters.keys() & USUAL.keys():
+                if values.get(name) is None:
+                    values[name] = getattr(self.robot, USUAL[name])
+            return convert(getattr(self.robot, method)(**values))
+
+        asked.__signature__ = signature  # type: ignore[attr-defined]
+        return asked
 
     def _pins(self, group: str) -> dict[str, Callable[..., Any]]:
         return {
@@ -246,7 +275,7 @@ class BuiltIns(Sockets):
     def _joints(self, target: Any) -> Array:
         if not isinstance(target, Pose):
             return array(target)
-        return self._solved(array(target), self.robot.target_q, self.robot.tcp_offset)
+        return solution(self.robot.inverse_kin(array(target), self.robot.target_q, tcp=self.robot.tcp_offset))
 
     def _pose(self, target: Any) -> Array:
         if isinstance(target, Pose):
@@ -255,12 +284,6 @@ class BuiltIns(Sockets):
             goal = self.robot.forward_kin(array(target), self.robot.tcp_offset)
         self._waypoint = as_pose(goal)
         return goal
-
-    def _solved(self, pose: Array, near: Array, tcp: Array) -> Array:
-        q = self.robot.inverse_kin(pose, near, tcp)
-        if q is None:
-            raise ValueError(f"no inverse kinematics for {to_text(as_pose(pose))}")
-        return q
 
     def movej(self, q: Any, a: Any = 1.4, v: Any = 1.05, t: Any = 0, r: Any = 0) -> Waiting:
         """Move in joint space."""
@@ -341,52 +364,9 @@ class BuiltIns(Sockets):
     ) -> Waiting:
         """Joint torques for one step."""
         robot = self._taken()
-        scales = (_or(scale, None) for scale in (viscous_scale, coulomb_scale))
+        scales = (scale if scale is None else array(scale) for scale in (viscous_scale, coulomb_scale))
         robot.direct_torque(array(tau), bool(friction_comp), *scales)
         yield from self._for(1)
-
-    # Force.
-
-    def force_mode(self, task_frame: Any, selection_vector: Any, wrench: Any, type: Any, limits: Any) -> None:
-        """Comply along chosen axes."""
-        lists = array(task_frame), array(selection_vector), array(wrench)
-        self.robot.force_mode(*lists, int(number(type)), array(limits))
-
-    def freedrive_mode(self, freeAxes: Any = None, feature: Any = None) -> None:
-        """Let the arm be led by hand."""
-        self.robot.freedrive(_or(freeAxes, np.ones(6)), _or(feature, np.zeros(6)))
-
-    def ft_rtde_input_enable(
-        self, enable: Any, sensor_mass: Any = 0, sensor_measuring_offset: Any = None, sensor_cog: Any = None
-    ) -> None:
-        """Take the wrench from RTDE; what is said of the sensor has no effect."""
-        number(sensor_mass)
-        for place in (sensor_measuring_offset, sensor_cog):
-            _or(place, None, 3)
-        self.robot.ft_input(bool(number(enable)))
-
-    enable_external_ft_sensor = ft_rtde_input_enable
-
-    # Tool and safety.
-
-    def set_payload(self, m: Any, cog: Any = None) -> None:
-        """Set the payload."""
-        self.robot.set_payload(number(m), _or(cog, None, 3))
-
-    def set_target_payload(self, m: Any, cog: Any, inertia: Any = None, transition_time: Any = 0) -> None:
-        """Set the payload with its inertia."""
-        self.robot.set_payload(number(m), array(cog, 3), _or(inertia, None))
-
-    def _tcp(self, tcp: Any) -> Array:
-        return self.robot.tcp_offset if tcp is None or tcp == "active_tcp" else array(tcp)
-
-    def _at(self, q: Any) -> Array:
-        return _or(q, self.robot.actual_q)
-
-
-def _or(value: Any, usual: Any, size: int = 6) -> Any:
-    """Numbers of a list, or what is usual where none is given."""
-    return usual if value is None else array(value, size)
 
 
 def _index(n: Any) -> int:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from struct import error, pack, unpack
 from typing import Any
 
+from polish_sim.ur.kinematics import TICK_S
 from polish_sim.ur.script.values import List, number, to_text
 
-TICK_S = 0.002  #: Cycle of the robot's controller
 CONNECT_S = 2.0
 MOST_SOCKETS = 16
 MOST_BYTES = 65_536  #: Kept unread of a socket
