@@ -35,7 +35,7 @@ def sines(seconds, rate=250.0):
     t = np.arange(round(seconds * rate)) / rate
     w = 2.0 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])
     q = np.array([0.3, -1.6, 1.2, -1.0, -1.2, 0.2]) + 0.35 * np.sin(np.outer(t, w))
-    return RobotRecording(t, {"q_rad": q, "q_desired_rad": q}, 0.0, True)
+    return RobotRecording(t, {"q_rad": q, "q_desired_rad": q}, True)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path):
 
 
 def test_rigid_torques_hold_a_payload_at_its_lever_and_a_log_of_two_samples_is_too_short_for_a_replay():
-    short = RobotRecording(np.array([0.0, 0.002]), {"q_rad": np.zeros((2, 6))}, 0.0, True)
+    short = RobotRecording(np.array([0.0, 0.002]), {"q_rad": np.zeros((2, 6))}, True)
     with pytest.raises(InputError, match=r"0\.002 s long: too short to be replayed"):
         replay.commands_of(short)
     still = np.zeros((1, 6))

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array
 from polish_sim.errors import LARGEST, InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.row_file import fits
@@ -84,7 +84,6 @@ class RobotRecording(NamedTuple):
 
     time: Array  #: From the first row kept [s], shape (n,)
     values: Mapping[str, Array]  #: By the names of `WIDTHS`, each of shape (n, width)
-    start: float  #: Time of the first row in the log's own clock, from the log's beginning [s]
     whole: bool  #: False: the log continues after the last row
 
     def need(self, name: str, file: Path) -> Array:
@@ -186,15 +185,16 @@ def read_robot_recording(
     source = open_source(file, run)
     plan = _match(file, source, columns, need)
     factors = np.repeat([columns.scale.get(name, 1.0) for name in plan], [*map(len, plan.values())])
-    kept, start, whole = _gather(file, source, plan, factors, window, of_gap)
+    kept, whole = _gather(file, source, plan, factors, window)
     time = kept[:, 0]
     *parts, places = np.split(kept, np.cumsum([*map(len, plan.values())]), axis=1)
     values = {name: part for name, part in zip(plan, parts, strict=True)
               if name in need or not np.isnan(part).all()}  # fmt: skip
     del values[TIME]
+    _check_steps(file, source.row, places, time, of_gap)
     _check_numbers(f"'{file}', {source.row}", places, time, values)
     _check_units(file, time, values, plan)
-    return RobotRecording(time - time[0], values, start, whole)
+    return RobotRecording(time - time[0], values, whole)
 
 
 def _match(file: Path, source: LogSource, columns: ColumnMap, need: Sequence[str]) -> dict[str, list[str]]:
@@ -243,66 +243,52 @@ def _gather(
     plan: Mapping[str, Sequence[str]],
     factors: Array,
     window: tuple[float, float],
-    of_gap: str | None,
-) -> tuple[Array, float, bool]:
-    """Rows of the window, each with its place in the file behind it, its begin from the log's first row [s],
-    and whether the log ends with it."""
+) -> tuple[Array, bool]:
+    """Rows of the window, each with its place in the file behind it, and whether the log ends with it."""
     kept = list[Array]()
     begin = math.nan
-    last = math.nan
+    last = 0.0  # since the first row
     count = 0
     whole = True
-    usual = 0.0
     for block in source.blocks([theirs for columns in plan.values() for theirs in columns]):
-        rows = block.rows * factors
+        rows = np.column_stack([block.rows * factors, block.places])
         begin = rows[0, 0] if math.isnan(begin) else begin
-        steps = np.diff(rows[:, 0], prepend=rows[0, 0] - 1e-9 if math.isnan(last) else last)
-        usual = usual or float(np.median(steps))
-        last = float(rows[-1, 0])
-        inside = (rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])
-        joined = inside & np.append(inside[0] and count > 0, inside[:-1])
-        _check_steps(file, source.row, block.places, rows[:, 0], steps, usual, joined, of_gap)
-        kept.append(np.column_stack([rows, block.places])[inside][: MOST_ROWS - count])
+        since = rows[:, 0] - begin
+        outside = (since >= 0.0) & (since < window[0]) | (since > window[1])
+        kept.append(rows[~outside][: MOST_ROWS - count])
         count += len(kept[-1])
-        if last - begin > window[1] or count == MOST_ROWS:
+        last = float(since[-1])
+        if last > window[1] or count == MOST_ROWS:
             whole = False
             break
     if count < 2:
-        have = "none" if math.isnan(begin) else f"{last - begin:.4g} s"
+        have = "none" if math.isnan(begin) else f"{last:.4g} s"
         raise InputError(
             f"'{file}' holds fewer than two {source.row}s between {window[0]:g} and {window[1]:g} s: {have}."
         )
-    together = np.concatenate(kept)
-    return together, float(together[0, 0] - begin), whole
+    return np.concatenate(kept), whole
 
 
-def _check_steps(
-    file: Path,
-    row: str,
-    places: Sequence[int],
-    time: Array,
-    steps: Array,
-    usual: float,
-    joined: Bools,
-    of_gap: str | None,
-) -> None:
-    """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
+def _check_steps(file: Path, row: str, places: Array, time: Array, of_gap: str | None) -> None:
+    """Refuse time that does not increase, and gaps."""
+    steps = np.diff(time)
 
     def place(at: int) -> str:
-        return f"{row} {places[at]}"
+        return f"{row} {places[at + 1, 0]:.0f}"
 
     refuse_first(
         ~(steps > 0.0), file, place,
-        lambda at: f"{TIME} does not increase (it is {time[at]:.9g}). Sort the rows.",
+        lambda at: f"{TIME} does not increase (it is {time[at + 1]:.9g}). Sort the rows.",
     )  # fmt: skip
     if of_gap is None:
         return
+    usual = float(np.median(steps))
     if usual > _SLOWEST_S:
         raise InputError(
             f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
         )
     refuse_first(
-        joined & (steps > GAP_S) & (steps > _GAP_STEPS * usual), file, place,
+        (steps > GAP_S) & (steps > _GAP_STEPS * usual), file, place,
         lambda at: f"a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. {of_gap}",
     )  # fmt: skip
 
