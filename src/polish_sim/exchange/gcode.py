@@ -44,8 +44,8 @@ SILENT = frozenset("NOSTDH")  #: Letters whose number does not move the tool, wh
 ENDS = frozenset(("M2", "M30"))
 KNOWN = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
 
-_WORD = re.compile(r"\s+|([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))(?![=\[#])|(.)")
-_COMMENT = re.compile(r"\([^()]*\)")
+#: A blank, a comment, a letter and its number, or anything else
+_WORD = re.compile(r"\s+|;.*|\([^()]*\)|([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))(?![=\[#])|(.)")
 
 
 class Word(NamedTuple):
@@ -69,34 +69,24 @@ def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[tuple[Word, ...]
     begin no word. Raises InputError if a comment is not closed.
     """
     for number, raw in enumerate(text.splitlines(), start=1):
-        code = raw.partition(";")[0]
-        if code.lstrip().startswith("%"):
+        if raw.lstrip().startswith("%"):
             continue
-        if "(" in code or ")" in code:
-            code = _without_comments(file, number, code)
-        words = tuple(_words(file, number, code, unknown))
+        words = tuple(_words(file, number, raw, unknown))
         if words:
             yield words
         if any(word.name in ENDS for word in words):
             return
 
 
-def _without_comments(file: Path, line: int, code: str) -> str:
-    """The line with blanks for its comments, so that columns stay."""
-    clear = _COMMENT.sub(lambda found: " " * len(found[0]), code)
-    loose = re.search(r"[()]", clear)
-    if loose is not None:
-        raise InputError(
-            f"'{file}', line {line}, column {loose.start() + 1}: the comment's bracket '{loose[0]}' has no "
-            "partner."
-        )
-    return clear
-
-
 def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]:
     end = -1
     for found in _WORD.finditer(code):
         letter, number, stray = found.groups()
+        if stray and stray in "()":
+            raise InputError(
+                f"'{file}', line {line}, column {found.start() + 1}: the comment's bracket '{stray}' has no "
+                "partner."
+            )
         if letter:
             yield Word(letter.upper(), float(number), line, found.start() + 1)
         # Of consecutive such characters the first is reported.

@@ -17,6 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import counted_seeds, override, parse_value
+from polish_sim.tables import number_in
 from polish_sim.toml_text import read_toml, toml_text, toml_value
 
 STUDY = "study.toml"
@@ -154,8 +155,9 @@ def read_axis(text: str) -> Axis:
             "controller.force_p_m_sn=0.001:0.01:log5."
         )
     found = _RANGE.fullmatch(values)
-    if found and (ends := _ends(found)) is not None:
-        return _range_of(key, values, *ends, found[3] == "log", int(found[4] or 0))
+    low, high = map(number_in, found.group(1, 2) if found else ("", ""))
+    if found and low == low and high == high:  # of words that only look like a range, e.g. mine.py:Mine, NaN
+        return _range_of(key, values, low, high, found[3] == "log", int(found[4] or 0))
     if values.startswith("["):
         try:
             listed = tomllib.loads(f"v = {values}")["v"]
@@ -166,14 +168,6 @@ def read_axis(text: str) -> Axis:
     if not all(words):
         raise InputError(f"'--vary {text}' has an empty value: leave the comma out.")
     return Axis(key, values, tuple(map(parse_value, words)))
-
-
-def _ends(found: re.Match[str]) -> tuple[float, float] | None:
-    """The ends of a range; None of words that only look like one, e.g. ``mine.py:Mine``."""
-    try:
-        return float(found[1]), float(found[2])
-    except ValueError:
-        return None
 
 
 def _range_of(key: str, text: str, low: float, high: float, log: bool, count: int) -> Axis:

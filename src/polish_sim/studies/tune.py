@@ -7,7 +7,6 @@ or, of a goal that is the worst of all rows, where they are worse than the best 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, fields, is_dataclass
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ from polish_sim.scenario_file import is_number
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.score import Task, score_rows
+from polish_sim.tables import number_in
 from polish_sim.workers import Runner
 
 SAMPLERS = ("tpe", "cmaes")
@@ -202,14 +202,10 @@ def read_condition(text: str) -> Condition:
     """
     if text == "stable":
         return Condition(text, math.nan)
-    found = re.fullmatch(r"(\w+)\s*<=?\s*([-+.\deE]+)", text)
-    try:
-        most = float(found[2]) if found else math.nan
-    except ValueError:
-        most = math.nan
-    if not found or math.isnan(most):
+    figure, _, most = text.partition("<=")
+    if math.isnan(number_in(most)):
         raise InputError(f"--subject-to '{text}' is not stable or FIGURE<=VALUE, e.g. overshoot_n<=5.")
-    return Condition(_figure(found[1], "condition"), most)
+    return Condition(_figure(figure.strip(), "condition"), number_in(most))
 
 
 def _figure(name: str, what: str) -> str:
