@@ -295,3 +295,8 @@ def test_coriolis_torques_are_those_of_the_mass_matrix_and_inverse_kinematics_gi
     q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, tcp=robot.tcp_offset)
     assert q == pytest.approx(robot.actual_q, abs=1e-9)
     assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, tcp=robot.tcp_offset) is None
+
+
+def test_a_register_of_integers_holds_32_bits(robot):
+    with pytest.raises(ValueError, match="32-bit"):
+        robot.write("output_int_register", 0, 1e10)

@@ -12,7 +12,7 @@ from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.kinematics import NOMINAL, used_arm
 from polish_sim.ur.controller import UNLOCK_TICKS, VERSION, RobotController, framed, message
 from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED
-from polish_sim.ur.rtde import output_numbers
+from polish_sim.ur.rtde import output_value
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 SERIAL = "20265500001"
@@ -205,10 +205,11 @@ REALTIME: Sequence[str | int] = [
 
 def realtime_state(controller: RobotController) -> bytes:
     """The 1220 bytes of port 30003."""
-    values = list[float]()
-    for part in REALTIME:
-        values += output_numbers(controller, part) if isinstance(part, str) else [0.0] * part
-    return struct.pack(f">i{len(values)}d", 4 + 8 * len(values), *values)
+    values = np.concatenate([
+        np.ravel(output_value(controller, part)) if isinstance(part, str) else np.zeros(part)
+        for part in REALTIME
+    ])  # fmt: skip
+    return struct.pack(">i", 4 + 8 * len(values)) + values.astype(">f8").tobytes()
 
 
 def _part(kind: int, form: str, *values: float) -> bytes:

@@ -514,7 +514,9 @@ class SimulatedRobot:
         return self.signals[name][index]
 
     def write(self, name: str, index: int, value: float) -> None:
-        """Set one of the `signals`; analog ones are shares."""
+        """Set one of the `signals`; analog ones are shares, integers have 32 bits."""
+        if "int" in name and abs(value) >= 2**31:
+            raise ValueError(f"{name}: {value:g} is no 32-bit integer")
         values = self.signals[name]
         values[index] = type(values[index])(min(max(value, 0.0), 1.0) if "analog" in name else value)
 

@@ -6,9 +6,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain, islice
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +18,10 @@ from polish_sim.ur.robot import PINS, PLAYING, bits_of
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
 FORMATS: Mapping[str, str] = {
-    "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
-    "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
+    "BOOL": "?", "UINT8": "u1", "UINT32": ">u4", "UINT64": ">u8", "INT32": ">i4", "DOUBLE": ">f8",
+    "VECTOR3D": "3>f8", "VECTOR6D": "6>f8", "VECTOR6INT32": "6>i4", "VECTOR6UINT32": "6>u4",
 }  # fmt: skip
+"""Types as numpy has them."""
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 MOST_RECIPES = 255
 MOST_HZ = 500.0
@@ -158,14 +158,10 @@ FIELDS: Mapping[str, tuple[str, Any]] = {
 """Output fields: type, and value or what asks a controller for it."""
 
 
-def output_numbers(controller: RobotController, name: str) -> list[Any]:
-    """An output's numbers, of a vector several."""
+def output_value(controller: RobotController, name: str) -> Any:
+    """The value of an output, of a vector an array or a list."""
     value = FIELDS[name][1]
-    if callable(value):
-        value = value(controller)
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    return value if isinstance(value, list) else [value]
+    return value(controller) if callable(value) else value
 
 
 SETTINGS: Mapping[str, str] = {
@@ -186,27 +182,16 @@ def _input_type(name: str) -> str:
     return FIELDS[name][0] if is_register else SETTINGS.get(name, NOT_FOUND)
 
 
-@dataclass
-class Recipe:
-    """Names in the order of a package's data."""
+class Recipe(NamedTuple):
+    """Names in the order of a package's data, and how that is packed."""
 
     names: list[str]
-    packing: struct.Struct
-    widths: list[int]
+    data: np.dtype[np.void]
 
-    @classmethod
-    def of(cls, names: list[str], types: list[str]) -> Recipe:
-        """The recipe of fields that all exist."""
-        formats = [FORMATS[kind] for kind in types]
-        return cls(names, struct.Struct(">" + "".join(formats)), [int(form[:-1] or 1) for form in formats])
 
-    def unpack(self, data: bytes) -> dict[str, Any]:
-        """Values by name."""
-        flat = iter(self.packing.unpack_from(data))
-        return {
-            name: next(flat) if width == 1 else tuple(islice(flat, width))
-            for name, width in zip(self.names, self.widths, strict=True)
-        }
+def recipe_of(names: list[str], types: list[str]) -> Recipe:
+    """The recipe of fields that all exist."""
+    return Recipe(names, np.dtype([("", FORMATS[kind]) for kind in types]))
 
 
 def apply_inputs(controller: RobotController, values: Mapping[str, Any]) -> None:
@@ -300,7 +285,7 @@ class RtdeSession:
         number = 0
         if NOT_FOUND not in types and names and 1.0 <= rate <= MOST_HZ and len(self.outputs) < MOST_RECIPES:
             number = len(self.outputs) + 1 if self.version == 2 else 1
-            self.outputs[number] = Recipe.of(names, types), rate
+            self.outputs[number] = recipe_of(names, types), rate
         self._reply(OUTPUTS, (bytes([number]) if self.version == 2 else b"") + ",".join(types).encode())
 
     def _set_inputs(self, body: bytes) -> None:
@@ -315,7 +300,7 @@ class RtdeSession:
         ]
         if not {NOT_FOUND, IN_USE} & set(types) and names and len(self.inputs) < MOST_RECIPES:
             number = len(self.inputs) + 1
-            self.inputs[number] = Recipe.of(names, types)
+            self.inputs[number] = recipe_of(names, types)
             claimed.update(dict.fromkeys(names, self))
             self.controller.client_back()
         self._reply(INPUTS, bytes([number]) + ",".join(types).encode())
@@ -325,10 +310,11 @@ class RtdeSession:
         data = body[1:]
         if number not in self.inputs:
             raise ProtocolError(f"data for recipe {number}, which there is not")
-        if len(data) < (size := self.inputs[number].packing.size):
+        names, form = self.inputs[number]
+        if len(data) < (size := form.itemsize):
             self._warn(f"{len(data)} bytes for input recipe {number} of {size}: ignored")
             return
-        values = self.inputs[number].unpack(data)
+        values = dict(zip(names, np.frombuffer(data, form, 1)[0].item(), strict=True))
         self.controller.link.take(lambda: apply_inputs(self.controller, values))
         self.answered = True
 
@@ -341,9 +327,9 @@ class RtdeSession:
             if now + 1e-6 < self._due.get(number, -1.0):
                 continue
             self._due[number] = max(self._due.get(number, -1.0), now - 1.0) + MOST_HZ / rate
-            numbers = chain.from_iterable(output_numbers(self.controller, name) for name in recipe.names)
+            values = tuple(output_value(self.controller, name) for name in recipe.names)
             prefix = bytes([number]) if self.version == 2 else b""
-            yield _package(DATA, prefix + recipe.packing.pack(*numbers))
+            yield _package(DATA, prefix + np.array(values, recipe.data).tobytes())
             self.answered = False
 
     def close(self) -> None:
