@@ -150,8 +150,8 @@ class BuiltIns(Sockets):
         found["set_digital_out"] = found["set_standard_digital_out"]
         for convert, state in ((as_list, LISTS), (as_pose, POSES)):
             found |= {name: self._reader(convert, of) for name, of in state.items()}
-        for convert, methods in ASKED.items():
-            found |= {name: self._asked(convert, of) for name, of in methods.items()}
+        for made, methods in ASKED.items():
+            found |= {name: self._asked(made, of) for name, of in methods.items()}
         for word, kind in REGISTERS.items():
             found |= self._registers(word, kind)
         return found
