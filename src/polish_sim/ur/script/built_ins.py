@@ -46,7 +46,7 @@ POSES = {
 }
 
 
-def plain(answer: Any) -> Any:
+def as_it_is(answer: Any) -> Any:
     """An answer as it is."""
     return answer
 
@@ -59,7 +59,7 @@ def solution(q: Array | None) -> Array:
 
 
 ASKED: Mapping[Callable[[Any], Any], Mapping[str, str]] = {
-    plain: {
+    as_it_is: {
         **dict.fromkeys(("end_force_mode", "end_freedrive_mode", "end_teach_mode"), "end_force_mode"),
         **dict.fromkeys(("ft_rtde_input_enable", "enable_external_ft_sensor"), "ft_input"),
         **dict.fromkeys(("set_payload", "set_target_payload"), "set_payload"),
