@@ -65,11 +65,12 @@ class Recorder(FakeRobot):
     def inverse_kin(self, x, qnear, tcp):
         return x
 
-    def movel(self, pose, a, v, t, r):
+    def movel(self, pose, a, v, r=0.0):
         self.actual_tcp_pose = pose
         self.motions.append(Motion(from_pose(pose), v, r, False, self.spindle))
 
-    movej = movel
+    def movej(self, q, a, v):
+        self.movel(q, a, v)
 
     def force_mode(self, task_frame, selection_vector, wrench, type, limits):
         if self.pressing_since_s == np.inf:

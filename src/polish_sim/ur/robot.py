@@ -40,6 +40,8 @@ CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
 NORMAL, PROTECTIVE = 1, 3  #: Safety modes
 STOPPED, PLAYING, PAUSED = 1, 2, 4  #: Runtime states
+OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: ``optimovej`` takes a share of these [rad/s^2, rad/s]
+OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: ``optimovel`` takes a share of these [m/s^2, m/s]
 JOINT_SPEED = 1.05 * np.pi  #: Of a set-point, above which the arm stops itself [rad/s]
 SETTLED = 0.01  #: Speed below which a joint counts as at rest [rad/s]
 STOP_A = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
@@ -58,7 +60,9 @@ def bits_of(values: Sequence[bool]) -> int:
     return sum(value << k for k, value in enumerate(values))
 
 
-Array3 = Array  #: Of three numbers, where other arrays are of six
+Array3 = Array  #: Of three numbers, where others are of six
+Joints = Array  #: Of a way point, which a programme may give as a pose
+Place = Array  #: Its pose, which may be given as joints
 ORIGIN, ALL_AXES = np.zeros(6), np.ones(6)
 
 
@@ -259,7 +263,7 @@ class SimulatedRobot:
     def _pose_at(self, q: Array) -> Array:
         return tool_at(q, self._tcp)[0]
 
-    def movej(self, q: Array, a: float, v: float, t: float, r: float) -> None:
+    def movej(self, q: Joints, a: float = 1.4, v: float = 1.05, t: float = 0.0, r: float = 0.0) -> None:
         """Move in joint space. ``t`` > 0 replaces speed and acceleration; ``r``: blend radius [m]."""
 
         def way(start: Array) -> Way:
@@ -268,13 +272,27 @@ class SimulatedRobot:
 
         self._move(way, a, v, t, r)
 
-    def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
+    def movel(self, pose: Place, a: float = 1.2, v: float = 0.25, t: float = 0.0, r: float = 0.0) -> None:
         """Move the TCP in a straight line."""
         self._move(lambda start: ToolWay(start, self._tcp, pose), a, v, t, r)
 
-    def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
+    def movep(self, pose: Place, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> None:
+        """Move in a line as ``movel``."""
+        self.movel(pose, a, v, 0.0, r)
+
+    def movec(
+        self, pose_via: Place, pose_to: Place, a: float = 1.2, v: float = 0.25, r: float = 0.0, mode: int = 0
+    ) -> None:
         """Move the TCP on a circle. ``mode`` 0: orientation as given, 1: fixed to the arc."""
-        self._move(lambda start: ToolWay(start, self._tcp, to, via, mode == 1), a, v, 0.0, r)
+        self._move(lambda start: ToolWay(start, self._tcp, pose_to, pose_via, mode == 1), a, v, 0.0, r)
+
+    def optimovej(self, q: Joints, a: float = 0.3, v: float = 0.3, r: float = 0.0) -> None:
+        """``movej`` at shares of the largest speed and acceleration."""
+        self.movej(q, OPTIMAL_A * a, OPTIMAL_V * v, 0.0, r)
+
+    def optimovel(self, pose: Place, a: float = 0.3, v: float = 0.3, r: float = 0.0) -> None:
+        """``movel`` at shares of the largest speed and acceleration."""
+        self.movel(pose, OPTIMAL_A_M * a, OPTIMAL_V_M * v, 0.0, r)
 
     def move_done(self) -> bool:
         """Whether the programme continues: the move has ended, or the blend to the next may begin."""
@@ -305,13 +323,13 @@ class SimulatedRobot:
             self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed, 1.0, 1.0))
         self._stream(partial(drive.aim, xd, max(a, 1e-3), max(a_rot or a, 1e-3)))
 
-    def stopj(self, a: float) -> None:
+    def stopj(self, a: float = 2.0) -> None:
         """Decelerate the joints [rad/s^2]; ``move_done`` says when they stand."""
         self.speedj(np.zeros(6), abs(a))
 
-    def stopl(self, a: float, a_rot: float | None) -> None:
+    def stopl(self, a: float = 1.2, aRot: float | None = None) -> None:
         """Decelerate the TCP on its line [m/s^2]."""
-        self.speedl(np.zeros(6), abs(a), a_rot)
+        self.speedl(np.zeros(6), abs(a), aRot)
 
     def steady(self) -> bool:
         """Whether the arm stands still; never in force mode, freedrive or by torque."""
@@ -368,7 +386,11 @@ class SimulatedRobot:
         return 2 if least < 0.02 else 1 if least < 0.06 else 0
 
     def direct_torque(
-        self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None
+        self,
+        tau: Array,
+        friction_comp: bool = True,
+        viscous_scale: Array | None = None,
+        coulomb_scale: Array | None = None,
     ) -> None:
         """Joint torques without gravity for one step [N m]; friction scales, where given, replace the
         switch.
@@ -380,7 +402,9 @@ class SimulatedRobot:
         on = float(friction_comp)
         for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
             torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, GRAVITY * mass])
-        torque += self._friction(on if viscous is None else viscous, on if coulomb is None else coulomb)
+        torque += self._friction(
+            *(on if scale is None else scale for scale in (viscous_scale, coulomb_scale))
+        )
         if not np.isfinite(torque).all():
             raise ValueError("direct_torque: a torque is not a number")
         self._drive = None

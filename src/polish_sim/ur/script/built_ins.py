@@ -22,8 +22,6 @@ from polish_sim.ur.script.values import Pose, array, as_list, as_pose, number, t
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
-OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: ``optimovej`` takes a share of these [rad/s^2, rad/s]
-OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: ``optimovel`` takes a share of these [m/s^2, m/s]
 #: What a programme reads, by the robot's names: angles [rad], speeds [rad/s], [m/s], wrenches [N, N m], [m]
 LISTS = {
     "get_actual_joint_positions": "actual_q",
@@ -89,6 +87,12 @@ ASKED: Mapping[Callable[[Any], Any], Mapping[str, str]] = {
     },
 }
 """What a programme asks the robot's methods, by what is made of the answer."""
+MOVES = {
+    **{name: name for name in ("movej", "movel", "movep", "movec", "optimovej", "optimovel")},
+    **{name: name for name in ("stopj", "stopl", "direct_torque")},
+    "servoc": "movep",
+}
+"""And what it waits for."""
 KINDS: Mapping[str, Callable[[Any], Any]] = {
     "Array": lambda value: None if value == "active_tcp" else array(value),
     "Array3": lambda value: array(value, 3),
@@ -137,6 +141,7 @@ class BuiltIns(Sockets):
         self._current: Any = None  #: And the one that runs
         self._waypoint = Pose((0.0,) * 6)
         self._flags: dict[int, bool] = {}
+        self._kinds = {**KINDS, "Joints": self._goal, "Place": self._pose}
 
     def table(self) -> dict[str, Callable[..., Any]]:
         """All functions by name."""
@@ -150,6 +155,7 @@ class BuiltIns(Sockets):
         found["set_digital_out"] = found["set_standard_digital_out"]
         for convert, state in ((as_list, LISTS), (as_pose, POSES)):
             found |= {name: self._reader(convert, of) for name, of in state.items()}
+        found |= {name: self._moves(of) for name, of in MOVES.items()}
         for made, methods in ASKED.items():
             found |= {name: self._asked(made, of) for name, of in methods.items()}
         for word, kind in REGISTERS.items():
@@ -186,7 +192,8 @@ class BuiltIns(Sockets):
         def asked(*placed: Any, **named: Any) -> Any:
             given = signature.bind(*placed, **named).arguments
             values = {
-                name: KINDS[signature.parameters[name].annotation.split()[0]](v) for name, v in given.items()
+                name: self._kinds[signature.parameters[name].annotation.split()[0]](value)
+                for name, value in given.items()
             }
             for name in signature.parameters.keys() & USUAL.keys():
                 if values.get(name) is None:
@@ -272,10 +279,28 @@ class BuiltIns(Sockets):
         """Wait for a time [s], without one until a change of speed is made."""
         return self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
 
+    def _moves(self, method: str) -> Callable[..., Waiting]:
+        """A motion of the robot, waited for."""
+        asked = self._asked(as_it_is, method)
+
+        def moves(*placed: Any, **named: Any) -> Waiting:
+            self._taken()
+            asked(*placed, **named)
+            yield from self._until()
+
+        moves.__signature__ = inspect.signature(asked)  # type: ignore[attr-defined]
+        return moves
+
     def _joints(self, target: Any) -> Array:
         if not isinstance(target, Pose):
             return array(target)
         return solution(self.robot.inverse_kin(array(target), self.robot.target_q, tcp=self.robot.tcp_offset))
+
+    def _goal(self, target: Any) -> Array:
+        """Joint angles of a way point."""
+        goal = self._joints(target)
+        self._waypoint = as_pose(self.robot.forward_kin(goal, self.robot.tcp_offset))
+        return goal
 
     def _pose(self, target: Any) -> Array:
         if isinstance(target, Pose):
@@ -284,43 +309,6 @@ class BuiltIns(Sockets):
             goal = self.robot.forward_kin(array(target), self.robot.tcp_offset)
         self._waypoint = as_pose(goal)
         return goal
-
-    def movej(self, q: Any, a: Any = 1.4, v: Any = 1.05, t: Any = 0, r: Any = 0) -> Waiting:
-        """Move in joint space."""
-        robot = self._taken()
-        goal = self._joints(q)
-        self._waypoint = as_pose(robot.forward_kin(goal, robot.tcp_offset))
-        robot.movej(goal, *map(number, (a, v, t, r)))
-        yield from self._until()
-
-    def movel(self, pose: Any, a: Any = 1.2, v: Any = 0.25, t: Any = 0, r: Any = 0) -> Waiting:
-        """Move in a line."""
-        robot = self._taken()
-        robot.movel(self._pose(pose), *map(number, (a, v, t, r)))
-        yield from self._until()
-
-    def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
-        """Move in a line as ``movel``."""
-        yield from self.movel(pose, a, v, 0, r)
-
-    def movec(
-        self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0
-    ) -> Waiting:
-        """Move on a circle."""
-        robot = self._taken()
-        via = self._pose(pose_via)
-        robot.movec(via, self._pose(pose_to), number(a), number(v), number(r), int(mode))
-        yield from self._until()
-
-    servoc = movep
-
-    def optimovej(self, q: Any, a: Any = 0.3, v: Any = 0.3, r: Any = 0) -> Waiting:
-        """``movej`` at shares of the largest speed and acceleration."""
-        yield from self.movej(q, OPTIMAL_A * number(a), OPTIMAL_V * number(v), 0, r)
-
-    def optimovel(self, pose: Any, a: Any = 0.3, v: Any = 0.3, r: Any = 0) -> Waiting:
-        """``movel`` at shares of the largest speed and acceleration."""
-        yield from self.movel(pose, OPTIMAL_A_M * number(a), OPTIMAL_V_M * number(v), 0, r)
 
     def servoj(
         self, q: Any, a: Any = 0, v: Any = 0, t: Any = TICK_S, lookahead_time: Any = 0.1, gain: Any = 300
@@ -346,27 +334,6 @@ class BuiltIns(Sockets):
         change = float(np.linalg.norm((goal - robot.target_tcp_speed)[:3]))
         robot.speedl(goal, number(a), None if aRot is None else number(aRot))
         yield from self._sped(t, a, change)
-
-    def stopj(self, a: Any = 2.0) -> Waiting:
-        """Stop the joints."""
-        robot = self._taken()
-        robot.stopj(number(a))
-        yield from self._until()
-
-    def stopl(self, a: Any = 1.2, aRot: Any = None) -> Waiting:
-        """Stop on the line."""
-        robot = self._taken()
-        robot.stopl(number(a), None if aRot is None else number(aRot))
-        yield from self._until()
-
-    def direct_torque(
-        self, tau: Any, friction_comp: Any = True, viscous_scale: Any = None, coulomb_scale: Any = None
-    ) -> Waiting:
-        """Joint torques for one step."""
-        robot = self._taken()
-        scales = (scale if scale is None else array(scale) for scale in (viscous_scale, coulomb_scale))
-        robot.direct_torque(array(tau), bool(friction_comp), *scales)
-        yield from self._for(1)
 
 
 def _index(n: Any) -> int:
