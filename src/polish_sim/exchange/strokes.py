@@ -15,7 +15,7 @@ from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled
 from polish_sim.planning.quality.tool_room import CHECKED_APART
-from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
+from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
 from polish_sim.spatial import steady_rotations
 
 if TYPE_CHECKING:
@@ -99,10 +99,9 @@ class StrokeRows(NamedTuple):
 def strokes_of(path: ToolPath) -> list[StrokeRows]:
     """Split a path where the tool leaves the part; PlanError for no point in contact, or a stroke of one
     point."""
-    pressed = np.flatnonzero(path.process)
-    if not len(pressed):
+    pieces = [np.arange(first, last + 1) for first, last in stretches(path.process)]
+    if not pieces:
         raise PlanError("the path has no process point: nothing to press on. Plan it again.")
-    pieces = np.split(pressed, np.flatnonzero(np.diff(pressed) > 1) + 1)
     strokes = []
     free = 0
     for number, contact in enumerate(pieces):

@@ -37,9 +37,7 @@ class Program(NamedTuple):
 class _Routine:
     """A function or thread, and the variables it has for itself."""
 
-    name: str
     tree: Any
-    parameters: list[Any]
     body: Any
     signature: inspect.Signature = inspect.Signature()
     own: set[str] = field(default_factory=set)
@@ -77,15 +75,15 @@ class _Translator:
             name = str(named)
             body = first.children[-1]
             secondary = kind == "sec"
-        main = _Routine("", body, [], body)
+        main = _Routine(body, body)
         self._collect(main)
         for routine in self.routines.values():
             self._find_own(routine)
         self.here = main
         self._write_routine(main, "main")
-        for routine in self.routines.values():
+        for word, routine in self.routines.items():
             self.here = routine
-            self._write_routine(routine, f"f_{routine.name}")
+            self._write_routine(routine, f"f_{word}")
         try:
             with warnings.catch_warnings(action="ignore"):
                 code = compile("\n".join(self.lines) + "\n", FILE, "exec")
@@ -104,16 +102,14 @@ class _Translator:
                     raise _refusal(tree, "'sec' stands alone")
                 if name in self.routines:
                     raise _refusal(tree, f"a second '{name}'")
-                self.routines[str(name)] = _Routine(
-                    str(name), tree, parameters, body, _signature(tree, parameters)
-                )
+                self.routines[str(name)] = _Routine(tree, body, _signature(tree, parameters))
             elif tree.data == "assign" and tree.children[0] == "global":
                 self.shared[_target(tree)] = 0
         for tree in _assignments(main.body):
             self.shared.setdefault(_target(tree), tree.meta.line)
 
     def _find_own(self, routine: _Routine) -> None:
-        routine.own.update(str(parameter.children[0]) for parameter in routine.parameters)
+        routine.own.update(word.removeprefix("l_") for word in routine.signature.parameters)
         for tree in _assignments(routine.body):
             name = _target(tree)
             if tree.children[0] == "local" or self.shared.get(name, 1 << 30) > routine.tree.meta.line:
@@ -126,10 +122,10 @@ class _Translator:
         self.places[len(self.lines)] = _place(tree)
 
     def _write_routine(self, routine: _Routine, name: str) -> None:
-        parameters = []
-        for parameter in routine.parameters:
-            named, *default = parameter.children
-            parameters.append(f"l_{named}" + "".join(f"={self._expression(value)}" for value in default))
+        parameters = [
+            word if taken.default is taken.empty else f"{word}={self._expression(taken.default)}"
+            for word, taken in routine.signature.parameters.items()
+        ]
         self._write(0, f"def {name}({', '.join(parameters)}):", routine.tree)
         shared = sorted(set(map(_target, _assignments(routine.body))) - routine.own)
         if shared:
