@@ -124,10 +124,8 @@ class CamPoints(PathRows):
 
 def _numbered_strokes(segment: Codes) -> Indices:
     """Number of the stroke of every point, (n,): a new one begins where the tool comes down from the air."""
-    down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
-    begins = np.concatenate([[False], down])
-    begins[int(np.flatnonzero(segment == PROCESS)[0])] = False
-    return np.cumsum(begins).astype(np.int64)
+    begins = np.diff((segment == PROCESS).astype(int), prepend=0) > 0
+    return np.maximum(np.cumsum(begins) - 1, 0)
 
 
 def _feeds_from_first(feed: Array) -> Array | None:
