@@ -4,7 +4,8 @@ messages (30001, 30002); the real-time state (30003)."""
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +22,6 @@ SAFETY = {NORMAL: "NORMAL", PROTECTIVE: "PROTECTIVE_STOP"}
 STATES = {STOPPED: "STOPPED", PLAYING: "PLAYING", PAUSED: "PAUSED"}
 LONGEST = 4096  #: Of a line
 BYE = "Disconnected"
-
-
-def _done(act: Callable[[RobotController, str], object], said: str) -> Callable[[RobotController, str], str]:
-    def command(controller: RobotController, words: str) -> str:
-        act(controller, words)
-        return said
-
-    return command
 
 
 def _play(controller: RobotController, _: str) -> str:
@@ -61,23 +54,23 @@ def _version(controller: RobotController, _: str) -> str:
     return f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2026)"
 
 
-COMMANDS: Mapping[str, str | Callable[[RobotController, str], str]] = {
+COMMANDS: Mapping[str, Any] = {
     "load": lambda c, name: f"File not found: {name}",
     "play": _play,
-    "stop": _done(lambda c, _: c.stop("by the dashboard"), "Stopped"),
+    "stop": lambda c, _: c.stop("by the dashboard") or "Stopped",
     "pause": _pause,
     "quit": BYE,
-    "shutdown": _done(lambda c, _: c.power(POWER_OFF), "Shutting down"),
+    "shutdown": lambda c, _: c.power(POWER_OFF) or "Shutting down",
     "running": lambda c, _: f"Program running: {str(c.robot.runtime == PLAYING).lower()}",
-    "popup": _done(lambda c, text: c.popup(text, "Message", False, False, False), "showing popup"),
-    "close popup": _done(lambda c, _: c.close_popup(), "closing popup"),
+    "popup": lambda c, text: c.popup(text, "Message", False, False, False) or "showing popup",
+    "close popup": lambda c, _: c.close_popup() or "closing popup",
     "close safety popup": "closing safety popup",
     "polyscopeversion": _version,
     "version": _version,
     "programstate": lambda c, _: f"{STATES[c.robot.runtime]} {c.program or 'null'}",
-    "power on": _done(lambda c, _: c.power(IDLE), "Powering on"),
-    "power off": _done(lambda c, _: c.power(POWER_OFF), "Powering off"),
-    "brake release": _done(lambda c, _: c.power(RUNNING), "Brake releasing"),
+    "power on": lambda c, _: c.power(IDLE) or "Powering on",
+    "power off": lambda c, _: c.power(POWER_OFF) or "Powering off",
+    "brake release": lambda c, _: c.power(RUNNING) or "Brake releasing",
     "unlock protective stop": _unlock,
     "robotmode": lambda c, _: f"Robotmode: {MODES[c.robot.mode]}",
     "get robot model": "UR5",
@@ -93,7 +86,7 @@ COMMANDS: Mapping[str, str | Callable[[RobotController, str], str]] = {
     "safetystatus": lambda c, _: f"Safetystatus: {SAFETY[c.robot.safety]}",
     "restart safety": "Restarting safety",
 }
-"""What each command does and answers, by its words in lower case."""
+"""What each command answers, or what does it and answers, by its words in lower case."""
 
 
 def answer(controller: RobotController, line: str) -> str:
@@ -102,7 +95,7 @@ def answer(controller: RobotController, line: str) -> str:
     for count in range(len(words), 0, -1):
         command = COMMANDS.get(" ".join(words[:count]).lower())
         if command is not None:
-            return command if isinstance(command, str) else command(controller, " ".join(words[count:]))
+            return command if isinstance(command, str) else str(command(controller, " ".join(words[count:])))
     return f"could not understand: '{line}'"
 
 
