@@ -123,11 +123,11 @@ class InStep:
                 self.tick()
 
         def speed(xd: list[float], a: float, _t: float) -> None:
-            arrives((robot.ticks + WIRE, lambda: robot.speedl(np.array(xd), a, None)))
+            arrives((robot.ticks + WIRE, lambda: robot.speedl(np.array(xd), a)))
 
         def stop() -> None:
             self.coming.clear()
-            robot.stopl(10.0, None)
+            robot.stopl(10.0)
             self.tick(100)
 
         control = SimpleNamespace(

@@ -86,7 +86,7 @@ def test_a_line_is_straight_and_as_quick_as_asked(robot):
 
 def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(robot):
     late = round(robot.cell.scenario.robot.command_latency_s / TICK_S)
-    robot.speedl(moving(0.0, 0.0, 0.02), 0.5, None)
+    robot.speedl(moving(0.0, 0.0, 0.02), 0.5)
     speeds = []
     for _ in range(late + 60):
         robot.step()
@@ -94,7 +94,7 @@ def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(rob
     assert late == 3
     assert np.flatnonzero(np.array(speeds) > 1e-9)[0] == late
     assert speeds[-1] == pytest.approx(0.02, abs=1e-6)
-    robot.stopl(0.5, None)
+    robot.stopl(0.5)
     assert not robot.move_done()
     assert go(robot, robot.move_done) == pytest.approx(0.02 / 0.5 + late * TICK_S, abs=2.1 * TICK_S)
     assert np.abs(robot.target_qd).max() < 1e-6
@@ -178,7 +178,7 @@ def test_a_stop_asked_for_or_at_the_end_of_a_joint_s_range_or_for_a_far_servo_go
     assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
     robot.unlock()
     stood = robot.actual_q.copy()
-    robot.servoj(robot.target_q - 1.5, 0.03)
+    robot.servoj(robot.target_q - 1.5, lookahead_time=0.03)
     stand(robot, 0.1)
     assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
     assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
@@ -229,7 +229,7 @@ def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot):
     stand(robot, 0.5)
     robot.zero_ftsensor()
     down, any_way, aside = np.array([0.0, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])
-    robot.speedl(moving(0.0, 0.0, -0.02), 0.5, None)
+    robot.speedl(moving(0.0, 0.0, -0.02), 0.5)
     go(robot, lambda: float(robot.cell.state.wrench[2]) > 0.5)
     q, begun = robot.actual_q.copy(), robot.ticks
     assert robot.tool_contact(down) == robot.tool_contact(any_way) == 0
@@ -247,7 +247,7 @@ def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot):
     assert (robot.safety, "force" in robot.stop_reason) == (PROTECTIVE, True)
     assert float(robot.cell.state.wrench[2]) < 90.0
     robot.unlock()  # it may leave
-    robot.speedl(moving(0.0, 0.0, 0.02), 0.5, None)
+    robot.speedl(moving(0.0, 0.0, 0.02), 0.5)
     stand(robot, 0.5)
     assert (robot.safety, robot.rig.near_limit()) == (NORMAL, False)
 

@@ -61,7 +61,8 @@ def bits_of(values: Sequence[bool]) -> int:
 
 
 Array3 = Array  #: Of three numbers, where others are of six
-Joints = Array  #: Of a way point, which a programme may give as a pose
+Angles = Array  #: Of joints, which a programme may give as a pose
+Joints = Array  #: The same of a way point
 Place = Array  #: Its pose, which may be given as joints
 ORIGIN, ALL_AXES = np.zeros(6), np.ones(6)
 
@@ -302,26 +303,37 @@ class SimulatedRobot:
         """Let a streamed goal act after the arm's latency from command to motion."""
         self._coming.append((self.ticks + self._delay, act))
 
-    def servoj(self, q: Array, lookahead: float) -> None:
-        """Track joint positions."""
+    def servoj(
+        self,
+        q: Angles,
+        a: float = 0.0,
+        v: float = 0.0,
+        t: float = TICK_S,
+        lookahead_time: float = 0.1,
+        gain: float = 300.0,
+    ) -> float:
+        """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot, nor here the gain."""
         if not isinstance(drive := self._drive, Servo):
             self._begin(drive := Servo(self.target_q))
-        self._stream(partial(drive.aim, q, min(max(lookahead, 0.03), 0.2)))
+        self._stream(partial(drive.aim, q, min(max(lookahead_time, 0.03), 0.2)))
+        return t
 
-    def speedj(self, qd: Array, a: float) -> None:
-        """Accelerate to joint speeds and hold them."""
+    def speedj(self, qd: Array, a: float = 1.4, t: float = 0.0) -> float | None:
+        """Accelerate to joint speeds and hold them for ``t`` [s]; at 0 until they are reached."""
         if not isinstance(drive := self._drive, JointSpeeds):
             self._begin(drive := JointSpeeds(self.target_qd, 1.0))
         self._stream(partial(drive.aim, qd, max(a, 1e-3)))
+        return t if t > 0.0 else None
 
-    def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
-        """Accelerate to a TCP twist and hold it; linear [m/s], then angular [rad/s].
+    def speedl(self, xd: Array, a: float = 1.2, t: float = 0.0, aRot: float | None = None) -> float | None:
+        """Accelerate to a TCP twist and hold it as ``speedj``; linear [m/s], then angular [rad/s].
 
-        Without ``a_rot`` the rotation accelerates as ``a`` at 1 m.
+        Without ``aRot`` the rotation accelerates as ``a`` at 1 m.
         """
         if not isinstance(drive := self._drive, ToolSpeed):
             self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed, 1.0, 1.0))
-        self._stream(partial(drive.aim, xd, max(a, 1e-3), max(a_rot or a, 1e-3)))
+        self._stream(partial(drive.aim, xd, max(a, 1e-3), max(aRot or a, 1e-3)))
+        return t if t > 0.0 else None
 
     def stopj(self, a: float = 2.0) -> None:
         """Decelerate the joints [rad/s^2]; ``move_done`` says when they stand."""
@@ -329,7 +341,7 @@ class SimulatedRobot:
 
     def stopl(self, a: float = 1.2, aRot: float | None = None) -> None:
         """Decelerate the TCP on its line [m/s^2]."""
-        self.speedl(np.zeros(6), abs(a), aRot)
+        self.speedl(np.zeros(6), abs(a), 0.0, aRot)
 
     def steady(self) -> bool:
         """Whether the arm stands still; never in force mode, freedrive or by torque."""

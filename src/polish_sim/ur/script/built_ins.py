@@ -89,7 +89,7 @@ ASKED: Mapping[Callable[[Any], Any], Mapping[str, str]] = {
 """What a programme asks the robot's methods, by what is made of the answer."""
 MOVES = {
     **{name: name for name in ("movej", "movel", "movep", "movec", "optimovej", "optimovel")},
-    **{name: name for name in ("stopj", "stopl", "direct_torque")},
+    **{name: name for name in ("servoj", "speedj", "speedl", "stopj", "stopl", "direct_torque")},
     "servoc": "movep",
 }
 """And what it waits for."""
@@ -141,7 +141,7 @@ class BuiltIns(Sockets):
         self._current: Any = None  #: And the one that runs
         self._waypoint = Pose((0.0,) * 6)
         self._flags: dict[int, bool] = {}
-        self._kinds = {**KINDS, "Joints": self._goal, "Place": self._pose}
+        self._kinds = {**KINDS, "Angles": self._joints, "Joints": self._goal, "Place": self._pose}
 
     def table(self) -> dict[str, Callable[..., Any]]:
         """All functions by name."""
@@ -275,18 +275,14 @@ class BuiltIns(Sockets):
         left = iter(range(steps - 1))
         return self._until(lambda: next(left, None) is None)
 
-    def _sped(self, t: Any, a: Any, change: float) -> Waiting:
-        """Wait for a time [s], without one until a change of speed is made."""
-        return self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
-
     def _moves(self, method: str) -> Callable[..., Waiting]:
-        """A motion of the robot, waited for."""
+        """A motion of the robot, waited for, or held for a time [s] if it says one."""
         asked = self._asked(as_it_is, method)
 
         def moves(*placed: Any, **named: Any) -> Waiting:
             self._taken()
-            asked(*placed, **named)
-            yield from self._until()
+            t = asked(*placed, **named)
+            yield from self._until() if t is None else self._for(max(_steps(t), 1))
 
         moves.__signature__ = inspect.signature(asked)  # type: ignore[attr-defined]
         return moves
@@ -309,31 +305,6 @@ class BuiltIns(Sockets):
             goal = self.robot.forward_kin(array(target), self.robot.tcp_offset)
         self._waypoint = as_pose(goal)
         return goal
-
-    def servoj(
-        self, q: Any, a: Any = 0, v: Any = 0, t: Any = TICK_S, lookahead_time: Any = 0.1, gain: Any = 300
-    ) -> Waiting:
-        """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot, nor here the gain."""
-        robot = self._taken()
-        lookahead, *_ = map(number, (lookahead_time, a, v, gain))
-        robot.servoj(self._joints(q), lookahead)
-        yield from self._for(max(_steps(t), 1))
-
-    def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0) -> Waiting:
-        """Go to joint speeds; returns after ``t``, without it when the speed is reached."""
-        robot = self._taken()
-        goal = array(qd)
-        change = float(np.abs(goal - robot.target_qd).max())
-        robot.speedj(goal, number(a))
-        yield from self._sped(t, a, change)
-
-    def speedl(self, xd: Any, a: Any = 1.2, t: Any = 0, aRot: Any = None) -> Waiting:
-        """Go to a TCP twist; returns after ``t``, without it when the speed is reached."""
-        robot = self._taken()
-        goal = array(xd)
-        change = float(np.linalg.norm((goal - robot.target_tcp_speed)[:3]))
-        robot.speedl(goal, number(a), None if aRot is None else number(aRot))
-        yield from self._sped(t, a, change)
 
 
 def _index(n: Any) -> int:
