@@ -3,6 +3,7 @@ MP4)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from itertools import count
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 FILM = "video.mp4"
 FRAMES_PER_S = 16
 LONGEST_S = 32.0  #: Of a film; longer runs are shown faster
-SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
 CELL = PictureSize(800, 720, 1024)
 PAD = PictureSize(480, 360, 1024)
 CURVE_INCH, DPI = (4.8, 3.6), 100
@@ -120,7 +120,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     q = joint_columns(record, model)
     pads = record.log["tcp_position_m"]
     length = float(time[-1] - time[0])
-    speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
+    speed = 2 ** math.ceil(math.log2(max(length / LONGEST_S, 1.0)))  # simulated seconds per second of film
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)
     data = mujoco.MjData(model)
     curve_at = moving_plot(plot_curve(record, model))

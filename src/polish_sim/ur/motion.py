@@ -166,7 +166,6 @@ class Moves:
 
     def __init__(self) -> None:
         self._under: list[_Under] = []
-        self.scale = 1.0  #: Share of the time that passes, of the speed slider
 
     def begin(self, way: Way, a: float, v: float, t: float, blend: float) -> None:
         """Begin a move from the end of the last."""
@@ -175,7 +174,7 @@ class Moves:
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Sum of the moves under way."""
         for move in self._under:
-            move.clock += self.scale * dt
+            move.clock += dt
         *others, last = self._under
         at = sum((move.here() - move.way.end for move in others), np.zeros(6)) + last.here()
         self._under = [*(move for move in others if move.clock < move.profile.duration), last]

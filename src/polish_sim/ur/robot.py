@@ -192,9 +192,8 @@ class SimulatedRobot:
         while self._coming and self._coming[0][0] <= self.ticks:
             self._coming.popleft()[1]()
         drive = self._drive
-        if isinstance(drive, Moves):
-            drive.scale = self.speed_fraction
-        after = before if drive is None else drive.advance(before, speeds, TICK_S)
+        dt = TICK_S * self.speed_fraction if isinstance(drive, Moves) else TICK_S
+        after = before if drive is None else drive.advance(before, speeds, dt)
         if beyond_range(after).any():
             raise ValueError("a joint's set-point is at the end of its range")
         self._reference = after
