@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -186,16 +185,16 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
         case.name: {
             "text": case.text,
             "experiment": case.experiment,
-            "settings": list(case.settings),
+            "settings": case.settings,
             "drawn": [draw._asdict() for draw in case.draws],
         }
         for case in score.cases
     }
     whole: dict[str, Any] = {
-        **facts, "cases": cases, "asked": asked, "rows": list(score.rows), "versions": package_versions(),
-        "definitions": dict(DEFINITIONS),
+        **facts, "cases": cases, "asked": asked, "rows": score.rows, "versions": package_versions(),
+        "definitions": DEFINITIONS,
     }  # fmt: skip
-    put_file(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
+    write_json(folder / "score.json", whole)
     write_json(folder / METRICS, facts | {"asked": asked})
     tables = score_tables(score, verdicts, bool(given["--ablate"]))
     put_file(folder, "score.md", markdown(score, tables))
