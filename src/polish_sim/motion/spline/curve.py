@@ -101,41 +101,6 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
 DEGREE = 5
 
 
-@njit(_nrt=False)
-def _fill_jets(t: Array, controls: Array, u: Array, basis: Array, jets: Array) -> None:
-    """Write a spline and its first derivatives at places u (n,), jets (n, orders, 10), and into ``controls``
-    (orders, m, 10), where the first are given, their control points; ``basis`` is (6,). Cox and de Boor."""
-    orders, m = controls.shape[:2]
-    for order in range(orders - 1):
-        for k in range(m - 1 - order):
-            span = t[k + DEGREE + 1] - t[k + order + 1]
-            by = (DEGREE - order) / span if span > 0.0 else 0.0
-            for column in range(10):
-                controls[order + 1, k, column] = by * (
-                    controls[order, k + 1, column] - controls[order, k, column]
-                )
-    for n in range(u.shape[0]):
-        x = u[n]
-        i = min(max(np.searchsorted(t, x, side="right") - 1, DEGREE), m - 1)
-        basis[0] = 1.0
-        for d in range(1, DEGREE + 1):
-            carried = 0.0
-            for r in range(d):
-                above, below = t[i + r + 1] - x, x - t[i + 1 - d + r]
-                share = basis[r] / (above + below)
-                basis[r], carried = carried + above * share, below * share
-            basis[d] = carried
-            order = DEGREE - d
-            if order < orders:
-                jet = jets[n, order]
-                for column in range(10):
-                    jet[column] = 0.0
-                for r in range(d + 1):
-                    points = controls[order, i - DEGREE + r]
-                    for column in range(10):
-                        jet[column] += basis[r] * points[column]
-
-
 LONGEST_SPAN = 0.0025
 """Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where
 bends are that long the curve is within micrometres of the chain."""
@@ -340,10 +305,7 @@ def curve_rates(curve: SplineCurve, u: Array) -> CurveRates:
 
 def _jets(spline: BSpline, u: Array, orders: int) -> Array:
     """The spline and its first derivatives at places u (n,), shape (n, orders, 10)."""
-    controls, jets = np.empty((orders, *spline.c.shape)), np.empty((len(u), orders, 10))
-    controls[0] = spline.c
-    _fill_jets(spline.t, controls, np.ascontiguousarray(u), np.empty(DEGREE + 1), jets)
-    return jets
+    return np.stack([spline(u, order) for order in range(orders)], axis=1)
 
 
 def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
