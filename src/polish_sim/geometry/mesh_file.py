@@ -4,16 +4,14 @@ triangles)."""
 from __future__ import annotations
 
 import importlib.util
-import io
-import logging
 import os
 import re
 import subprocess
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Mapping
 from inspect import getsource
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +27,7 @@ _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"
 _HEADER_BYTES = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _SOLID_NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*$", re.IGNORECASE | re.MULTILINE)
-_VERTEX = re.compile(rb"^[ \t]*vertex\b(.*)$", re.IGNORECASE | re.MULTILINE)
+_VERTEX = re.compile(rb"^[ \t]*vertex\b(.*)$", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
@@ -133,37 +131,25 @@ def _parse_binary_stl(content: bytes, path: Path) -> Array:
 
 
 def _parse_text_stl(content: bytes, path: Path) -> Array:
-    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a
-    word."""
-    text = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n"))
-    words = text.lower()
+    """The corners of all facets, whichever solid they belong to."""
+    words = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n")).lower()
     if b"vertex" not in words and b"facet" in words.split():
         raise MeshError(f"{path}: ASCII STL with facets but no vertices. Export the part again.")
     if b"vertex" not in words and b"endsolid" not in words:
         raise MeshError(f"{path}: begins with 'solid' but is not an STL file. Export the part as STL.")
-    rows = _VERTEX.findall(text)
+    facets = [_VERTEX.findall(facet) for facet in words.split(b"endfacet")]
+    rows = list(chain.from_iterable(facets))
     if words.rfind(b"endsolid") < words.rfind(b"vertex"):
         whole = sum(len(row.split()) == 3 for row in rows) // 3
         raise MeshError(
             f"{path}: the ASCII STL is cut short after {count_text(whole, 'whole facet')} "
             "(no 'endsolid' at its end). Export or copy it again."
         )
-    if any(len(row.split()) != 3 for row in rows):
+    numbers = text_numbers(b"\n".join(rows))
+    lengths = {len(row.split()) for row in rows} | {len(facet) for facet in facets}
+    if numbers is None or not lengths <= {0, 3}:
         raise _bad_vertex(rows, path)
-    logging.getLogger("trimesh").setLevel(logging.ERROR)  # it warns of normals, which are not used
-    from trimesh.exchange.stl import load_stl_ascii  # slow to import
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            loaded = load_stl_ascii(io.StringIO(text.decode("latin-1")))
-        except ValueError:
-            loaded = {}
-    solids = [loaded] if "vertices" in loaded else list(loaded.get("geometry", {}).values())
-    vertices = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
-    if len(vertices) != len(rows):
-        raise _bad_vertex(rows, path)
-    return vertices.reshape(-1, 3, 3)
+    return numbers.reshape(-1, 3, 3)
 
 
 def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:

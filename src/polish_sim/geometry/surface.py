@@ -29,7 +29,7 @@ from polish_sim.arrays import (
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, SearchRoom, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
-from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
+from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces, trace_border
 
 
 class SurfacePoints(NamedTuple):
@@ -264,7 +264,7 @@ def boundary_loops(surface: Surface) -> tuple[Array, ...]:
     from outside; piece by piece, of each the outer loop first, the one that encloses the largest area seen
     from where that looks largest.
     """
-    traced = trace_border(surface)
+    traced = trace_border(surface.adjacency)
     points = (along_edges(surface, loop, CHORD_ERROR)[0] for loop in traced)
     loops = [np.concatenate([line, line[:1]]) for line in points]
     piece = connected_facets(surface)
@@ -299,21 +299,6 @@ def enclosed(loop: Array) -> float:
     return 0.5 * float(np.linalg.norm(crosses(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0)))
 
 
-def trace_border(surface: Surface) -> list[Indices]:
-    """Border edges, rows of (facet, edge) in the order one walks along them, loop by loop, each (k, 2)."""
-    left = {(int(f), int(e)) for f, e in zip(*np.nonzero(surface.neighbours < 0), strict=True)}
-    loops = []
-    while left:
-        start = min(left)
-        loop, here = [], start
-        while here in left:
-            left.remove(here)
-            loop.append(here)
-            here = _next_border_edge(surface, here)
-        loops.append(np.array(loop, dtype=np.int64))
-    return loops
-
-
 def _corner_normals(control: Array) -> Array:
     """Normals of patches at their corners, as long as the angle there, shape (m, 3, 3)."""
     corners = control[:, :3]
@@ -323,18 +308,6 @@ def _corner_normals(control: Array) -> Array:
     size = norms(cross)
     angle = np.arctan2(size, dots(ahead, behind))
     return cross * (angle / np.maximum(size, 1e-300))[:, :, None]
-
-
-def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[int, int]:
-    """Turn around the edge's end, from facet to facet, until the border is met again."""
-    facet = border_edge[0]
-    edge = (border_edge[1] + 1) % 3
-    while surface.neighbours[facet, edge] >= 0:
-        facet, edge = (
-            int(surface.neighbours[facet, edge]),
-            (int(surface.neighbour_edges[facet, edge]) + 1) % 3,
-        )
-    return facet, edge
 
 
 def along_edges(

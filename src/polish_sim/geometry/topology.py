@@ -96,6 +96,24 @@ def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
     return count, labels.reshape(-1, 3)
 
 
+def trace_border(adjacency: Adjacency) -> list[Indices]:
+    """Border edges, rows of (facet, edge) in the order one walks along them, loop by loop, each (k, 2)."""
+    loops, walked = [], set()
+    for start in map(tuple, np.argwhere(adjacency.facets < 0).tolist()):
+        loop, here = [], start
+        while here not in walked:
+            walked.add(here)
+            loop.append(here)
+            facet, edge = here[0], (here[1] + 1) % 3
+            # Turn around the edge's end, from facet to facet, until the border is met again.
+            while (other := int(adjacency.facets[facet, edge])) >= 0:
+                facet, edge = other, (int(adjacency.edges[facet, edge]) + 1) % 3
+            here = facet, edge
+        if loop:
+            loops.append(np.array(loop, dtype=np.int64))
+    return loops
+
+
 def label_within(links: Indices, inside: Bools) -> tuple[int, Indices]:
     """Label connected pieces of the nodes ``inside`` (n,) by links (k, 2): how many; each node's, -1 outside,
     (n,)."""

@@ -24,7 +24,8 @@ from polish_sim.geometry.cut import (
     whole_facets,
 )
 from polish_sim.geometry.regions.patches import connected
-from polish_sim.geometry.surface import Surface, along_edges, enclosed, trace_border
+from polish_sim.geometry.surface import Surface, along_edges, enclosed
+from polish_sim.geometry.topology import trace_border
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
@@ -175,7 +176,7 @@ def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped]
 def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:
     """Border edges (k, 2) of a connected patch, rows of (facet, edge): of its outer loop, and of the others,
     which are holes."""
-    loops, none = trace_border(surface), np.empty((0, 2), dtype=np.int64)
+    loops, none = trace_border(surface.adjacency), np.empty((0, 2), dtype=np.int64)
     if not loops:
         return none, none
     sizes = [enclosed(surface.control[tuple(loop.T)]) for loop in loops]

@@ -62,46 +62,27 @@ def close_holes(skin: Skin) -> Skin:
 
 def find_holes(skin: Skin) -> list[Hole]:
     """Borders of the skin as closed lines, the widest first; lines through a vertex twice are cut there."""
-    facet, edge = np.nonzero(topology.find_adjacency(skin.faces).facets < 0)
-    # A patch runs along the border the other way than the facets beside it.
-    start, end = skin.faces[facet, (edge + 1) % 3], skin.faces[facet, edge]
-    ahead: dict[int, list[int]] = {}
-    for a, b in zip(start.tolist(), end.tolist(), strict=True):
-        ahead.setdefault(a, []).append(b)
     holes = []
-    for first in sorted(ahead):
-        while ahead[first]:
-            for loop in _simple_loops(_walk(ahead, first)):
-                members = np.array(loop, dtype=np.int64)
-                points = skin.vertices[members]
-                holes.append(Hole(members, longest_side(points), points.mean(axis=0)))
+    for border in topology.trace_border(topology.find_adjacency(skin.faces)):
+        # A patch runs along the border the other way than the facets beside it.
+        for members in _simple_loops(skin.faces[tuple(border[::-1].T)]):
+            points = skin.vertices[members]
+            holes.append(Hole(members, longest_side(points), points.mean(axis=0)))
     return sorted(holes, key=lambda hole: -hole.width)
 
 
-def _walk(ahead: dict[int, list[int]], first: int) -> list[int]:
-    """Follow border edges until they end; each is used once."""
-    line = [first]
-    while ahead.get(line[-1]):
-        line.append(ahead[line[-1]].pop())
-    return line
-
-
-def _simple_loops(line: list[int]) -> list[list[int]]:
-    """Cut a walk into loops that pass no vertex twice; a loose end is no loop."""
-    loops: list[list[int]] = []
-    stack: list[int] = []
-    at: dict[int, int] = {}
-    for vertex in line:
-        if vertex in at:
-            begin = at[vertex]
-            loops.append(stack[begin:])
-            for gone in stack[begin + 1 :]:
-                del at[gone]
-            del stack[begin + 1 :]
-        else:
-            at[vertex] = len(stack)
-            stack.append(vertex)
-    return [loop for loop in loops if len(loop) >= 3]
+def _simple_loops(loop: Ints) -> list[Indices]:
+    """Cut a closed line of vertices into loops that pass none twice; two edges there and back are no loop."""
+    loops: list[Indices] = []
+    line: dict[int, None] = {}
+    for vertex in (*loop.tolist(), int(loop[0])):
+        if vertex in line:
+            gone: list[int] = []
+            while (last := line.popitem()[0]) != vertex:
+                gone.append(last)
+            loops.append(np.array([vertex, *gone[::-1]], dtype=np.int64))
+        line[vertex] = None
+    return [each for each in loops if len(each) >= 3]
 
 
 def _is_small(hole: Hole, size: float) -> bool:
