@@ -11,8 +11,7 @@ from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, plus
 
-MOST_CORNERS = 1000  #: Hollow polygons with more corners than this are not split
-LARGEST_CUT = 64  #: Convex polygons with more corners than this are split as a fan
+MOST_CORNERS = 2000  #: Polygons with more corners than this are not split: it takes the time of their square
 
 
 class Split(NamedTuple):
@@ -43,26 +42,14 @@ def _split(points, indices, sizes, triangles, polygons):  # type: ignore[no-unty
     for polygon in range(len(sizes)):
         size = sizes[polygon]
         if size >= 3:
-            ring = indices[at : at + size]
-            if size <= LARGEST_CUT or not _is_convex(points, ring):
-                if size > MOST_CORNERS:
-                    return polygon
-                _cut_ears(points, ring.copy(), triangles, done)
-            else:
-                _fan(ring, triangles, done)
+            if size > MOST_CORNERS:
+                return polygon
+            _cut_ears(points, indices[at : at + size].copy(), triangles, done)
             for i in range(done, done + size - 2):
                 polygons[i] = polygon
             done += size - 2
         at += size
     return -1
-
-
-@njit
-def _fan(ring, triangles, done):  # type: ignore[no-untyped-def]
-    """Connect the first corner of a convex polygon with all others."""
-    for i in range(1, len(ring) - 1):
-        triangles[done, 0], triangles[done, 1], triangles[done, 2] = ring[0], ring[i], ring[i + 1]
-        done += 1
 
 
 @njit
@@ -138,16 +125,6 @@ def _is_empty(points, ring, left, a, b, c, normal):  # type: ignore[no-untyped-d
     return True
 
 
-@njit
-def _is_convex(points, ring):  # type: ignore[no-untyped-def]
-    normal = _normal(points, ring)
-    count = len(ring)
-    for i in range(count):
-        if _area(points, ring[i - 1 if i > 0 else count - 1], ring[i], ring[(i + 1) % count], normal) < 0.0:
-            return False
-    return True
-
-
 class FileTriangles(NamedTuple):
     """Triangles of a file in the file's own unit."""
 
@@ -175,7 +152,7 @@ def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: obje
     split = split_polygons(points, indices, sizes)
     if split.too_many >= 0:
         raise MeshError(
-            f"{path}: facet {split.too_many} is a hollow polygon of {sizes[split.too_many]} corners; at most "
+            f"{path}: facet {split.too_many} is a polygon of {sizes[split.too_many]} corners; at most "
             f"{MOST_CORNERS} are split. Export the part as triangles."
         )
     degenerate, polygons = (sizes < 3).sum(), (sizes > 3).sum()
