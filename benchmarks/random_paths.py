@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.errors import PolishSimError
 from polish_sim.motion import forward
 from polish_sim.motion.rules.chain import Chain, build_chain
-from polish_sim.motion.rules.limits import Arm, build_arm
+from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def draw_path(rng: np.random.Generator, number: int) -> RandomPath:
     """A path the arm can follow, of the kind whose turn it is."""
     kind = KINDS[number % len(KINDS)]
     while True:
-        arm = build_arm(np.eye(4), T_FLANGE_TOOL, _configuration(rng, kind))
+        arm = Arm(np.eye(4), T_FLANGE_TOOL, _configuration(rng, kind))
         T = forward(arm.q_start) @ T_FLANGE_TOOL
         count = int(rng.integers(3, 17))
         tips = T[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(_steps(rng, kind, count), axis=0)])

@@ -22,7 +22,7 @@ from polish_sim.experiments.free_space import prepare_arc
 from polish_sim.experiments.surface import place_force, prepare_surface
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_on_branch, use_arm, used_arm
 from polish_sim.motion.rules.chain import build_chain
-from polish_sim.motion.rules.limits import build_arm
+from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes, joint_motion
 from polish_sim.scenario_file import load_scenario, override, to_toml
 from polish_sim.smoothing.smooth import prepare_smooth
@@ -155,7 +155,7 @@ def one_segment(q, step, turn=0.0, roll=0.0):
     turned = Rotation.from_rotvec(turn * normal / np.linalg.norm(normal)).as_matrix()
     end = turned @ T[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix()
     tips = np.array([T[:3, 3], T[:3, 3] + T_BASE_WORK[:3, :3].T @ step])
-    return build_chain(tips, np.stack([T[:3, :3], end])), build_arm(T_BASE_WORK, T_FLANGE_TILTED, q)
+    return build_chain(tips, np.stack([T[:3, :3], end])), Arm(T_BASE_WORK, T_FLANGE_TILTED, q)
 
 
 def test_the_branch_s_solution_is_the_configuration_itself_and_out_of_reach_there_is_none():

@@ -18,7 +18,7 @@ from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.trajectory import (
     PathTable,
     TimedPath,
@@ -85,7 +85,7 @@ class PlacedTool(NamedTuple):
 
 def placed_tool(path: ToolPath, reach: Reach) -> PlacedTool:
     """The tool along a path on a part that stands still, and the arm that holds it."""
-    arm = build_arm(np.eye(4), tool_on_flange(), reach.q_start)
+    arm = Arm(np.eye(4), tool_on_flange(), reach.q_start)
     return PlacedTool(reach.T_base_work, reach.rotations(path.axes_work), arm)
 
 

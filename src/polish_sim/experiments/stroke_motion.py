@@ -15,7 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import SmoothingConfig
-from polish_sim.kernels import memory_of
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain, repeated_points
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
@@ -106,9 +106,9 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
         SmoothingError: There is no such motion; names the place.
     """
     settings = repr((asked, cell_limits(asked, stroke.limits, math.inf))).encode()
-    robot = b"" if arm is None else memory_of(arm).tobytes()
-    content = b"".join(np.ascontiguousarray(column).tobytes() for column in stroke[:4])
-    key = hashlib.sha256(settings + robot + content).digest()
+    columns = (*stroke[:4], *(arm or ()), NOMINAL)
+    content = b"".join(np.ascontiguousarray(column).tobytes() for column in columns)
+    key = hashlib.sha256(settings + content).digest()
     if key not in _MOTIONS:
         chain = build_chain(stroke.tips, stroke.rotations)
         _MOTIONS[key] = STROKE_RULES[asked.rule](asked, stroke, chain, arm) if len(chain.lengths) else None

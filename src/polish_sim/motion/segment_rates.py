@@ -7,146 +7,156 @@ jerk when the joints have none, found by adding the links' motions up from the b
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools, by_slices
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
-    Matrix4,
-    Matrix6,
-    Record,
-    Triple,
-    Vector6,
-    add_to,
     cross,
-    kernel,
-    matvec,
+    dot,
     minus,
+    part,
     plus,
-    plus_matvec,
     scaled,
     second_by_turning,
-    set_product,
     set_to,
     third_by_turning,
 )
-from polish_sim.motion.kinematics import advance_frame, beyond_range, solve_on_branch
+from polish_sim.motion.kinematics import arm_lengths, beyond_range, link_frames, solve_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.rules.schedule import Samples, Schedule, Smoothed
-
-Links = Annotated[Array, (6, 3)]
-Rates = Annotated[Array, (3, 6)]
+from polish_sim.spatial import inverse, place_of, transform
 
 
-class ArmState(Record):
-    """Work space of one arm; all in the base frame. Link k turns with all joints up to k."""
+class JointRates(NamedTuple):
+    """Joint angles and their derivatives at n places."""
 
-    T: Matrix4  #: T_base_tool
-    q: Vector6  #: Joint angles [rad]
-    axes: Links  #: Unit joint axes
-    links: Links
-    """From joint k's axis to the next one's, the last to the tool point [m]; their sum, from the base's
-    origin, is the tool point."""
-    jacobian: Matrix6  #: Joint speeds to (linear; angular) velocity of the tool point
-    inverse: Matrix6
-    twists: Rates  #: Wanted (linear; angular) velocity of the tool and its next two derivatives
-    rates: Rates  #: First to third derivative of the joint angles
-    scratch: Annotated[Array, (6, 12)]
+    q: Array  #: [rad], shape (n, 6)
+    first: Array  #: By progress or time, shape (n, 6)
+    second: Array
+    third: Array
 
 
-@njit(inline="always")
-def place_arm(state: ArmState, rows: Array, T_flange_tool: Array) -> bool:
-    """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted.
+def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
+    """Joint angles and derivatives by progress at the same ``nodes`` (m,) of each of n segments, shape (n, m,
+    6).
 
-    ``rows`` are the arm's table, of `joint_rows`.
+    The chain is in the work frame; see `chebyshev_nodes`. Divide by length^k for derivatives by arc length.
+
+    Raises:
+        ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
     """
-    _fill_links(state, rows, T_flange_tool)
-    _fill_jacobian(state)
-    return invert(state.jacobian, state.inverse, state.scratch)
+    n, m = len(chain.lengths), len(nodes)
+    starts: Array = 2.0 * np.arange(n, dtype=np.float64)
+    # At a constant rate past the end of each segment: derivatives there are not those at rest.
+    steady = Schedule(np.arange(n), starts, np.full(n, 1.5), np.tile([0.0, 1.0, 0.0, 0.0], (n, 1)), 2.0 * n)
+    tool = Smoothed(chain, steady).sample((starts[:, None] + nodes).ravel())
+    rates = sampled_joints(tool, arm, m)
+    beyond: Bools = beyond_range(rates.q).any(axis=1)
+    said = "a joint leaves its range in {}. Begin with the joint turned back, or turn the tool."
+    _refuse(beyond, tool.tips[:, 0], m, said)
+    return JointRates(*(column.reshape(n, m, 6) for column in rates))
 
 
-@njit(inline="always")
-def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
-    """Axes and link vectors by the chain of Denavit-Hartenberg frames."""
-    T = state.scratch[:3, :4]
-    for i in range(3):
-        for j in range(3):
-            T[i, j] = 1.0 if i == j else 0.0
-    for k in range(6):
-        for i in range(3):
-            state.axes[k, i] = T[i, 2]
-            T[i, 3] = 0.0
-        advance_frame(T, rows[k], state.q[k])
-        for i in range(3):
-            state.links[k, i] = T[i, 3]
-    add_to(state.links[5], matvec(T, T_flange_tool[:, 3]))
+def chebyshev_nodes(count: int) -> Array:
+    """Extremes of a Chebyshev polynomial on [0, 1], both ends included, rising, shape (count,)."""
+    return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
 
 
-@njit(inline="always")
-def _fill_jacobian(state: ArmState) -> None:
-    """Columns z x (tool point - joint); z."""
-    J, axes, links = state.jacobian, state.axes, state.links
-    arm = 0.0, 0.0, 0.0
-    for i in range(5, -1, -1):
-        arm = plus(arm, links[i])
-        set_to(J[:, i], cross(axes[i], arm))
-        set_to(J[3:, i], axes[i])
+def joint_motion(
+    tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm, together: int = 1
+) -> JointRates:
+    """Joint motion (n, 6) of a tool motion given with its derivatives in time, exact at every sample.
+
+    Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm.
+    ``linear`` holds velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular
+    velocity and its first two derivatives, (3, n, 3) each, SI, work frame. An error counts as many samples
+    ``together`` as one segment.
+
+    Raises:
+        ReachError: A sample cannot be reached, or is singular.
+    """
+    poses = arm.T_base_work @ transform(rotations, tips) @ inverse(arm.T_flange_tool)
+    q = np.full((len(tips), 6), np.nan)
+    _follow_branch(arm_lengths(), poses, np.array(arm.q_start), q)
+    out_of_reach = "the arm cannot reach {}. Move the part or turn the tool."
+    _refuse(np.isnan(q[:, 0]), tips, together, out_of_reach)
+    rates = by_slices(partial(_rates_at, arm), q, linear.swapaxes(0, 1), angular.swapaxes(0, 1))
+    singular = "the arm is singular in {}: joints would have to jump. Move the part or turn the tool."
+    _refuse(np.isnan(rates[:, 0, 0]), tips, together, singular)
+    return JointRates(q, *np.ascontiguousarray(rates.swapaxes(0, 1)))
 
 
-@njit(_nrt=False, no_cpython_wrapper=True)
-def solve_rates(state: ArmState) -> None:
-    """Write the three derivatives of q that give the tool the motion in ``twists``."""
-    _solve(state, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    _solve_second(state)
-    _solve_third(state)
+def sampled_joints(tool: Samples, arm: Arm, together: int = 1) -> JointRates:
+    """Joint motion (n, 6) of a sampled tool motion; see `joint_motion`."""
+    linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
+    return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm, together)
 
 
-@njit(inline="always")
-def _solve(state: ArmState, row: int, linear: Triple, angular: Triple) -> None:
-    """rates[row] = inverse (twists[row] - (linear; angular))."""
-    m = state.inverse
-    twist = state.twists[row]
-    x, y, z = minus(twist, linear)
-    a, b, c = minus(twist[3:], angular)
-    for i in range(6):
-        state.rates[row, i] = (
-            m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
-        )
+@njit
+def _follow_branch(lengths: Array, T_base_flange: Array, q_start: Array, q: Array) -> None:
+    """Write joint angles (n, 6) along the poses, on the branch they begin on, up to one out of reach."""
+    last = q_start
+    for row in range(len(q)):
+        if not solve_on_branch(lengths, T_base_flange[row], last, q[row]):
+            return
+        last = q[row]
 
 
-@njit(inline="always")
-def _solve_second(state: ArmState) -> None:
-    """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
-    axes, links, q1 = state.axes, state.links, state.rates[0]
-    w = e = linear = 0.0, 0.0, 0.0
-    for k in range(6):
-        e = plus(e, scaled(q1[k], cross(w, axes[k])))
-        w = plus(w, scaled(q1[k], axes[k]))
-        linear = plus(linear, second_by_turning(w, e, links[k]))
-    _solve(state, 1, linear, e)
+def _rates_at(arm: Arm, q: Array, linear: Array, angular: Array) -> Array:
+    """Three derivatives of joint angles (n, 6) for those of the tool, (n, 3, 3) each in the work frame, shape
+    (n, 3, 6); NaN where the arm is singular."""
+    R, frames = arm.T_base_work[:3, :3], link_frames(q)
+    # Of every joint its axis and the way to the next one's, the last to the tool point.
+    axes, places = frames[:, :6, :3, 2].copy(), frames[:, :, :3, 3]
+    places[:, 6] = place_of(frames[:, 6], arm.T_flange_tool[:3, 3])
+    twists, rates = np.concatenate([linear @ R.T, angular @ R.T], axis=2), np.full((len(q), 3, 6), np.nan)
+    _fill_rates(axes, np.diff(places, axis=1), twists, np.empty((3, 6, 12)), rates)
+    return rates
 
 
-@njit(inline="always")
-def _solve_third(state: ArmState) -> None:
-    """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
-    axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
-    w = e = f = linear = 0.0, 0.0, 0.0
-    for k in range(6):
-        z, a, b = axes[k], q1[k], q2[k]
-        u = cross(w, z)
-        f = plus(f, plus(scaled(2.0 * b, u), scaled(a, second_by_turning(w, e, z))))
-        e = plus(plus(e, scaled(b, z)), scaled(a, u))
-        w = plus(w, scaled(a, z))
-        linear = plus(linear, third_by_turning(w, e, f, links[k]))
-    _solve(state, 2, linear, f)
+@njit(_nrt=False)
+def _fill_rates(axes: Array, links: Array, twists: Array, room: Array, rates: Array) -> None:
+    """Write the joints' derivatives (n, 3, 6) for the tool's ``twists`` (n, 3, 6); ``room`` is (3, 6, 12).
+
+    What all joints up to k turn link k with are w, its derivative e and its second derivative f; what the
+    tool has without the derivative that is looked for is their sum over the links.
+    """
+    J, solve = room[0], room[1]
+    for n in range(len(rates)):
+        q1, q2, q3 = rates[n]
+        w = e = f = bias = arm = 0.0, 0.0, 0.0
+        for k in range(5, -1, -1):
+            arm = plus(arm, links[n, k])
+            set_to(J[:, k], cross(axes[n, k], arm))
+            set_to(J[3:, k], axes[n, k])
+        if not _invert(J, solve, room[2]):
+            continue
+        _solve(solve, twists[n, 0], bias, e, q1)
+        for k in range(6):
+            z = axes[n, k]
+            e = plus(e, scaled(q1[k], cross(w, z)))
+            w = plus(w, scaled(q1[k], z))
+            bias = plus(bias, second_by_turning(w, e, links[n, k]))
+        _solve(solve, twists[n, 1], bias, e, q2)
+        w = e = bias = 0.0, 0.0, 0.0
+        for k in range(6):
+            z, a, b = axes[n, k], q1[k], q2[k]
+            u = cross(w, z)
+            f = plus(f, plus(scaled(2.0 * b, u), scaled(a, second_by_turning(w, e, z))))
+            e = plus(plus(e, scaled(b, z)), scaled(a, u))
+            w = plus(w, scaled(a, z))
+            bias = plus(bias, third_by_turning(w, e, f, links[n, k]))
+        _solve(solve, twists[n, 2], bias, f, q3)
 
 
-@njit(inline="always")
-def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
+@part
+def _invert(matrix, inverse, scratch):  # type: ignore[no-untyped-def]
     """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
 
     Returns whether all pivots were above 1e-12.
@@ -179,123 +189,17 @@ def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
     return True
 
 
-REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3  #: Of a place; BEYOND: a joint is out of its range
+@part
+def _solve(solve, twist, bias, spin, out):  # type: ignore[no-untyped-def]
+    """solve (twist - (bias; spin))."""
+    linear, angular = minus(twist, bias), minus(twist[3:], spin)
+    for i in range(6):
+        out[i] = dot(solve[i], linear) + dot(solve[i, 3:], angular)
 
 
-class JointRates(NamedTuple):
-    """Joint angles and their derivatives at n places."""
-
-    q: Array  #: [rad], shape (n, 6)
-    first: Array  #: By progress or time, shape (n, 6)
-    second: Array
-    third: Array
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def reach_pose(state: ArmState, arm: Arm) -> int:
-    """Bring the tool to the state's pose on the branch its joint angles are on, and place the arm.
-
-    Returns REACHED, UNREACHABLE or SINGULAR.
-    """
-    set_product(state.scratch, state.T, arm.T_tool_flange)
-    if not solve_on_branch(arm.lengths, state.scratch, state.q, state.q):
-        return UNREACHABLE
-    return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
-
-
-@kernel
-def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
-    """Write the joint angles and their derivatives into a row."""
-    for j in range(6):
-        out.q[row, j] = state.q[j]
-        out.first[row, j] = state.rates[0, j]
-        out.second[row, j] = state.rates[1, j]
-        out.third[row, j] = state.rates[2, j]
-
-
-def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
-    """Joint angles and derivatives by progress at the same ``nodes`` (m,) of each of n segments, shape (n, m,
-    6).
-
-    The chain is in the work frame; see `chebyshev_nodes`. Divide by length^k for derivatives by arc length.
-
-    Raises:
-        ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
-    """
-    n, m = len(chain.lengths), len(nodes)
-    starts: Array = 2.0 * np.arange(n, dtype=np.float64)
-    # At a constant rate past the end of each segment: derivatives there are not those at rest.
-    steady = Schedule(np.arange(n), starts, np.full(n, 1.5), np.tile([0.0, 1.0, 0.0, 0.0], (n, 1)), 2.0 * n)
-    tool = Smoothed(chain, steady).sample((starts[:, None] + nodes).ravel())
-    rates = sampled_joints(tool, arm, m)
-    for row in np.flatnonzero(beyond_range(rates.q).any(axis=1))[:1]:
-        raise unreachable(BEYOND, row // m, tool.tips[row, 0])
-    return JointRates(*(column.reshape(n, m, 6) for column in rates))
-
-
-def chebyshev_nodes(count: int) -> Array:
-    """Extremes of a Chebyshev polynomial on [0, 1], both ends included, rising, shape (count,)."""
-    return 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, count))
-
-
-def joint_motion(
-    tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm, together: int = 1
-) -> JointRates:
-    """Joint motion (n, 6) of a tool motion given with its derivatives in time, exact at every sample.
-
-    Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm.
-    ``linear`` holds velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular
-    velocity and its first two derivatives, (3, n, 3) each, SI, work frame. An error counts as many samples
-    ``together`` as one segment.
-
-    Raises:
-        ReachError: A sample cannot be reached, or is singular.
-    """
-    out = JointRates(*np.full((4, len(tips), 6), np.nan))
-    given = (np.ascontiguousarray(each) for each in (tips, rotations, linear, angular))
-    status, row = _fill_motion(*given, arm, ArmState(q=arm.q_start), out)
-    if status != REACHED:
-        raise unreachable(status, row // together, tips[row])
-    return out
-
-
-def sampled_joints(tool: Samples, arm: Arm, together: int = 1) -> JointRates:
-    """Joint motion (n, 6) of a sampled tool motion; see `joint_motion`."""
-    linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
-    return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm, together)
-
-
-@njit
-def _fill_motion(
-    tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm, state: ArmState, out: JointRates
-) -> tuple[int, int]:
-    """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
-    T, base = state.T, arm.T_base_work
-    T[3, 3] = 1.0
-    for row in range(len(tips)):
-        set_to(T[:, 3], plus_matvec(base[:, 3], base, tips[row]))
-        for i in range(3):
-            set_to(T[:, i], matvec(base, rotations[row, :, i]))
-        status = reach_pose(state, arm)
-        if status != REACHED:
-            return status, row
-        for i in range(3):
-            set_to(state.twists[i], matvec(base, linear[i, row]))
-            set_to(state.twists[i, 3:], matvec(base, angular[i, row]))
-        solve_rates(state)
-        _keep_rates(state, out, row)
-    return REACHED, -1
-
-
-def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
-    """Build the error for a place that no joint angles, or no joint speeds, belong to."""
-    place = f"segment {segment + 1}, at {place_in_mm(tip_work)} in the path's frame"
-    if status == UNREACHABLE:
-        return ReachError(f"the arm cannot reach {place}. Move the part or turn the tool.")
-    if status == BEYOND:
-        return ReachError(
-            f"a joint leaves its range in {place}. Begin with the joint turned back, or turn the tool."
-        )
-    return ReachError(
-        f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool."
-    )
+def _refuse(failed: Bools, tips: Array, together: int, said: str) -> None:
+    """Raise an error for the first place that failed (n,), if any; the place is put into what is ``said``."""
+    if failed.any():
+        row = int(failed.argmax())
+        place = f"segment {row // together + 1}, at {place_in_mm(tips[row])} in the path's frame"
+        raise ReachError(said.format(place))

@@ -31,8 +31,14 @@ from polish_sim.geometry import Region
 from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normals
 from polish_sim.geometry.cut import ALIKE, CutFacets, find_edges, halve_edges, whole_facets
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces, trace_border
-from polish_sim.geometry.topology import counting_order, facets_at_edges, find_adjacency, label_within
+from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces
+from polish_sim.geometry.topology import (
+    counting_order,
+    facets_at_edges,
+    find_adjacency,
+    label_within,
+    trace_border,
+)
 
 
 class Bridged(NamedTuple):
@@ -46,7 +52,7 @@ class Bridged(NamedTuple):
 def bridge_holes(region: Region, widest: float) -> Bridged:
     """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
     surface = region.surface
-    rims = [loop.T for loop in trace_border(surface)]
+    rims = [loop.T for loop in trace_border(surface.adjacency)]
     rims = [rim for rim in rims if _diameter(surface.control[tuple(rim)]) <= widest]
     if not rims or len(rims) == len(region.boundary_loops):
         return Bridged(region, len(surface.faces), 0)
@@ -234,7 +240,7 @@ def with_skirt(region: Region, width: float) -> Region:
     if not width:
         return region
     surface = region.surface
-    for loop in trace_border(surface):
+    for loop in trace_border(surface.adjacency):
         facet, edge = loop.T
         surface = _continued(surface, facet, edge, width)
     return replace(region, surface=surface, boundary_loops=boundary_loops(surface))

@@ -14,7 +14,7 @@ from polish_sim.exchange import WayPoints
 from polish_sim.log import write_arrays
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
-from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, near
+from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
@@ -73,7 +73,7 @@ def sample_in_blocks(
     for block in times:
         seen = motion_at(motion, block, arm)
         yield seen
-        arm = None if arm is None else near(arm, seen.q[0, -1])
+        arm = None if arm is None else arm._replace(q_start=seen.q[0, -1])
 
 
 def stretch_times(edges: Array) -> Iterator[Array]:

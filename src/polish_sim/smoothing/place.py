@@ -18,7 +18,7 @@ from polish_sim.experiments.placement import (
     find_reach,
 )
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import from_pose
@@ -66,7 +66,7 @@ def place_path(points: WayPoints, pose: Sequence[float]) -> PlacedPath:
     return PlacedPath(
         build_chain(positions, reach.T_base_work[:3, :3].T @ reach.rotations(axes)),
         rows,
-        build_arm(reach.T_base_work, tool_on_flange(), q[0].copy()),
+        Arm(reach.T_base_work, tool_on_flange(), q[0].copy()),
     )
 
 

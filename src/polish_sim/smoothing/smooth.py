@@ -39,7 +39,7 @@ from polish_sim.log import PROCESS_PHASE, Trace
 from polish_sim.motion import forward, track, use_arm
 from polish_sim.motion.kinematics import NOMINAL, inverse_near
 from polish_sim.motion.rules.chain import Chain, build_chain
-from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, build_arm, load_limits, six
+from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.planning.toolpath import PROCESS, ToolPath
@@ -94,7 +94,7 @@ def trial_arm(T_flange_tool: Array = _TOOL, q_near: Array = _HOME) -> Arm:
     """
     path = trial_path()
     first = transform(path.rotations[0], path.tips[0]) @ np.linalg.inv(T_flange_tool)
-    return build_arm(np.eye(4), T_flange_tool, inverse_near(first, q_near))
+    return Arm(np.eye(4), T_flange_tool, inverse_near(first, q_near))
 
 
 AFTER_S = 0.2  #: Time at the last point [s]

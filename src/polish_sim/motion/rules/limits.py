@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import Field, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
-from polish_sim.kernels import Matrix4, Record, Vector6
-from polish_sim.motion.kinematics import NOMINAL, arm_lengths, joint_rows
-from polish_sim.spatial import inverse
 from polish_sim.toml_text import read_toml, toml_text
 
 MM, DEG = 1e-3, math.radians(1.0)
@@ -151,23 +148,10 @@ def _positive(where: str, value: Any, place: str) -> float:
     return float(value)
 
 
-class Arm(Record):
-    """An arm with a tool before a part, as compiled kernels take it."""
+class Arm(NamedTuple):
+    """The arm in use with a tool before a part."""
 
-    T_base_work: Matrix4  #: Pose of the frame the chain is given in
-    T_flange_tool: Matrix4  #: The tool on the flange
-    T_tool_flange: Matrix4  #: Its inverse
-    q_start: Vector6  #: Joint angles at or near the first way point, which say the arm's configuration [rad]
-    rows: Annotated[Array, (6, 5)]  #: Its table, of `joint_rows`
-    lengths: Vector6  #: Of `arm_lengths`
-
-
-def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
-    """Put an arm together; see `Arm` for the arguments."""
-    T_tool_flange = inverse(np.asarray(T_flange_tool, dtype=float))
-    return Arm(T_base_work, T_flange_tool, T_tool_flange, q_start, joint_rows(NOMINAL), arm_lengths())
-
-
-def near(arm: Arm, q: Array) -> Arm:
-    """The same arm, in its configuration at joints ``q`` (6,) [rad]."""
-    return build_arm(arm.T_base_work, arm.T_flange_tool, q)
+    T_base_work: Array  #: Pose of the frame the chain is given in, shape (4, 4)
+    T_flange_tool: Array  #: The tool on the flange, shape (4, 4)
+    #: Joint angles at or near the first way point, which say the arm's configuration [rad], shape (6,)
+    q_start: Array

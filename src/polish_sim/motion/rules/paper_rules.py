@@ -14,7 +14,7 @@ from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times, stop_times
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, near
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
 
@@ -78,7 +78,7 @@ def filter_times(
         for begin in range(0, n, BLOCK):
             rows = slice(begin, min(begin + BLOCK, n))
             rates = chain_rates(part_of(chain, rows), NODES, arm)
-            arm = near(arm, rates.q[-1, -1])
+            arm = arm._replace(q_start=rates.q[-1, -1])
             triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
             q[rows], q[rows.stop] = rates.q[:, 0], rates.q[-1, -1]
     if not np.all(triples.max(axis=1, initial=0.0) > 0.0):

@@ -14,7 +14,7 @@ from polish_sim.arrays import Array, Indices, dots, midpoints, norms, running_su
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import PIECES, box_pieces
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, near
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.paper_rules import Timed, plan_stops
 from polish_sim.motion.rules.schedule import Samples
 from polish_sim.motion.segment_rates import chebyshev_nodes
@@ -217,7 +217,7 @@ class SplineTask(NamedTuple):
 
     def arm_near(self, q: Array) -> Arm | None:
         """The arm in its configuration at some way point."""
-        return None if self.arm is None else near(self.arm, q)
+        return None if self.arm is None else self.arm._replace(q_start=q)
 
 
 MOST_ROUNDS = 12  #: Of stops added
