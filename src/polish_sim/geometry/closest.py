@@ -13,7 +13,6 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, part
 
 LEAF_SIZE = 2
-BINS = 12  #: Places along each axis where a split is tried
 DEEPEST = 24  #: Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45
 
 
@@ -73,7 +72,7 @@ def _build(lows, highs, centers, items, low, high, right, first, size):  # type:
         _enclose(items, begin, end, lows, highs, low[node], high[node])
         if end - begin <= LEAF_SIZE:
             continue
-        middle = _split(items, begin, end, centers, lows, highs) if depth < DEEPEST else begin
+        middle = _split(items, begin, end, centers) if depth < DEEPEST else begin
         if middle == begin or middle == end:  # noqa: SIM109  (a tuple takes longer to compile)
             middle = (begin + end) // 2
         # The left child, on top, is the next node; the right one writes its number to its parent.
@@ -94,60 +93,22 @@ def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-unty
 
 
 @part
-def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
-    """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
+def _split(items, begin, end, centers):  # type: ignore[no-untyped-def]
+    """Sort items to both sides of the middle of their centers' box across its longest side.
 
-    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own.
     Returns where the second side begins; ``begin`` if all centers coincide.
     """
     low, high = np.empty(3), np.empty(3)
     _enclose(items, begin, end, centers, centers, low, high)
-    box_low, box_high = np.empty((BINS, 3)), np.empty((BINS, 3))
-    count, left, right = np.empty(BINS, np.int64), np.empty(BINS), np.empty(BINS)
-    best, best_axis, best_bin = np.inf, -1, -1
-    for axis in range(3):
-        if high[axis] <= low[axis]:
-            continue
-        scale = BINS * (1.0 - 1e-9) / (high[axis] - low[axis])
-        for b in range(BINS):
-            count[b] = 0
-            for k in range(3):
-                box_low[b, k], box_high[b, k] = np.inf, -np.inf
-        for i in range(begin, end):
-            item = items[i]
-            b = int((centers[item, axis] - low[axis]) * scale)
-            count[b] += 1
-            for k in range(3):
-                box_low[b, k] = min(box_low[b, k], lows[item, k])
-                box_high[b, k] = max(box_high[b, k], highs[item, k])
-        _sweep(box_low, box_high, count, 0, 1, left)
-        _sweep(box_low, box_high, count, BINS - 1, -1, right)
-        for b in range(BINS - 1):
-            if left[b] + right[b + 1] < best:
-                best, best_axis, best_bin = left[b] + right[b + 1], axis, b
+    axis = 0
+    for k in range(1, 3):
+        axis = k if high[k] - low[k] > high[axis] - low[axis] else axis
     middle = begin
-    if best_axis >= 0:
-        scale = BINS * (1.0 - 1e-9) / (high[best_axis] - low[best_axis])
-        for i in range(begin, end):
-            if int((centers[items[i], best_axis] - low[best_axis]) * scale) <= best_bin:
-                items[i], items[middle] = items[middle], items[i]
-                middle += 1
+    for i in range(begin, end):
+        if 2.0 * centers[items[i], axis] < low[axis] + high[axis]:
+            items[i], items[middle] = items[middle], items[i]
+            middle += 1
     return middle
-
-
-@part
-def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-untyped-def]
-    """Area times number of items of the first bins up to each one, from one end on."""
-    x0 = y0 = z0 = np.inf
-    x1 = y1 = z1 = -np.inf
-    total = 0
-    for n in range(BINS):
-        b = first + step * n
-        total += count[b]
-        x0, y0, z0 = min(x0, box_low[b, 0]), min(y0, box_low[b, 1]), min(z0, box_low[b, 2])
-        x1, y1, z1 = max(x1, box_high[b, 0]), max(y1, box_high[b, 1]), max(z1, box_high[b, 2])
-        x, y, z = x1 - x0, y1 - y0, z1 - z0
-        cost[b] = total * (x * y + y * z + z * x) if total > 0 else 0.0
 
 
 @njit(inline="always")
