@@ -38,7 +38,6 @@ _AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding 
 _SAMPLE = 20_000  #: Facets from which candidate directions are drawn
 _LEADER_ANGLE = np.radians(23.7)  #: Every facet of the sample looks within this angle of a candidate [rad]
 _APART = np.radians(5.0)  #: Candidates closer than this are one [rad]
-_BUCKET = 1.05  #: Candidates whose bounds differ by less than this factor are tried in the order of the file
 _SAME = 1e-3  #: Areas this close are equal, relative
 _TRIES = 8  #: Candidates tried on the whole mesh at most
 _SHIFTS = 3  #: Times a direction is moved to the mean normal of what it sees
@@ -74,16 +73,10 @@ def _largest_face(graph: FacetGraph) -> Face:
     """The largest set of smoothly joined facets that look within the cone `UP_CONE` about their mean
     normal."""
     candidates, bounds = _candidates(graph)
-    order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
-    found: list[tuple[int, Face]] = []
-    best = 0.0
-    for at in order[:_TRIES]:
-        # The bound counts all facets that look this way, joined or not; it is drawn from a sample.
-        if _BUCKET * bounds[at] < best:
-            continue
-        face = _settle(graph, candidates[at], 1)
-        found.append((at, face))
-        best = max(best, face.area)
+    # The bound counts all facets that look this way, joined or not; it is drawn from a sample.
+    order = np.argsort(-np.round(bounds / bounds.max(), 3), kind="stable")[:_TRIES]
+    found = [(at, _settle(graph, candidates[at], 1)) for at in order]
+    best = max(face.area for _, face in found)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
     z = np.array(SIDES["z"])
     chosen = max(
