@@ -300,17 +300,3 @@ def _solve(rows, found):  # type: ignore[no-untyped-def]
             rows[i, size] -= rows[k, i] * rows[k, size]
         rows[i, size] /= rows[i, i]
         found[i] = rows[i, size]
-
-
-def solve_symmetric(systems: Array) -> Array:
-    """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n +
-    1)."""
-    found = np.empty(systems.shape[:2])
-    _solve_each(systems.copy(), found)
-    return found
-
-
-@njit
-def _solve_each(systems, found):  # type: ignore[no-untyped-def]
-    for k in range(len(found)):
-        _solve(systems[k], found[k])

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import (
@@ -21,7 +21,7 @@ from polish_sim.arrays import (
 )
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Bundle, kernel
-from polish_sim.motion.rules.fir import stop_times
+from polish_sim.motion.rules.fir import rest_to_rest, stop_times
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import wxyz
@@ -247,15 +247,15 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
     is below its greatest one, the motion's rates say so.
     """
     top = pace.speed * float(table.feed_share.max())
+    boxes = (0.0, 0.0, 0.0)
     if table.length > 0.0:
         boxes = stop_times(table.length, top, pace.acceleration, pace.jerk)
-        clock = row_times(sum(boxes))
-        places, speeds = _rest_to_rest(clock, table.length, boxes)
-    else:
-        boxes = (0.0, 0.0, 0.0)
-        clock = row_times(0.0)
-        places = np.zeros(2)
-        speeds = np.zeros(2)
+    clock = row_times(sum(boxes))
+    places, speeds = np.zeros((2, len(clock)))
+    if table.length > 0.0:
+        times, coefficients = rest_to_rest(boxes)
+        way = PPoly(table.length * coefficients[:, ::-1].T, times)
+        places, speeds = np.minimum(way(clock), table.length), np.maximum(way(clock, 1), 0.0)
     n = len(clock)
     positions, velocities, spins = np.empty((3, n, 3))
     motion = TimedPath(
@@ -289,20 +289,6 @@ def row_times(duration: float) -> Array:
     ones."""
     rows = min(max(2, math.ceil(duration / ROW_S) + 1), MOST_ROWS)
     return np.linspace(0.0, duration if duration > 0.0 else ROW_S, rows)
-
-
-def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Place [m] and speed [m/s] at times t (n,) of a motion that three filtered boxes a >= b + c [s] give."""
-    a, b, c = boxes
-    speed, end = length / a, a + b + c
-    early = t < 0.5 * end
-    near = np.where(early, t, end - t)
-    ramp = np.minimum(near, b + c)
-    cubes = ramp**3 - np.maximum(ramp - b, 0.0) ** 3 - np.maximum(ramp - c, 0.0) ** 3
-    squares = ramp**2 - np.maximum(ramp - b, 0.0) ** 2 - np.maximum(ramp - c, 0.0) ** 2
-    place = speed * (cubes / (6.0 * b * c) + np.maximum(near - (b + c), 0.0))
-    rate = speed * squares / (2.0 * b * c)
-    return np.where(early, place, length - place), rate
 
 
 @njit

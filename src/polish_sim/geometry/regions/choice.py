@@ -307,6 +307,8 @@ def pick_box(whole: Whole, argument: str) -> list[Clipped]:
 
 def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the smooth faces that look up within a polygon seen from above."""
+    from matplotlib.path import Path as Outline  # slow to import
+
     corners = parse_corners(argument)
     frame = _plane_across(whole.up, corners)
     flat = corners @ frame.T
@@ -321,7 +323,7 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
             across = np.array([-side[1], side[0]]) / length
             values = kept.surface.control @ (across @ frame) - (across @ start)
             kept = then(kept, split(kept.surface, values, on=_ON_OUTLINE))
-    inside = _inside(middle_points(kept.surface).positions @ frame.T, flat)
+    inside = Outline(flat).contains_points(middle_points(kept.surface).positions @ frame.T)
     if not inside.any():
         raise _nothing_in(f"polygon:{argument}", whole.surface)
     kept = restricted(kept, np.flatnonzero(inside).astype(np.int32))
@@ -396,18 +398,6 @@ def _on_both_sides(a: Array, b: Array, p: Array, q: Array) -> Bools:
         [(along[..., 0] * (r - a)[..., 1] - along[..., 1] * (r - a)[..., 0]) / length for r in (p, q)], axis=0
     )
     return (low < -_ON_OUTLINE) & (high > _ON_OUTLINE)
-
-
-def _inside(points: Array, polygon: Array) -> Bools:
-    """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of
-    times."""
-    odd = np.zeros(len(points), dtype=bool)
-    for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        spans = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
-        rise = end[1] - start[1]
-        across = (end[0] - start[0]) * (points[:, 1] - start[1]) - (points[:, 0] - start[0]) * rise
-        odd ^= spans & ((across > 0.0) == (rise > 0.0))
-    return odd
 
 
 def _nothing_in(choice: str, surface: Surface) -> PlanError:

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Ints, joined, next_corners, norms, summed, unit
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.jets import solve_symmetric, tangent_frames
+from polish_sim.geometry.jets import tangent_frames
 from polish_sim.geometry.repair.skin import ScanNoise, Skin
 from polish_sim.geometry.topology import find_adjacency
 
@@ -140,11 +140,11 @@ def _fit(vertices: Array, normals: Array, wanted: Ints, near: Ints, noise: float
     scatter = np.zeros(len(wanted))
     for _ in range(3 if np.isfinite(noise) else 1):
         systems = (rows[:, :, :6] * (weights * kept)[..., None]).transpose(0, 2, 1) @ rows
-        systems[:, range(6), range(6)] *= 1.0 + 1e-9
+        systems[:, range(6), range(6)] += 1e-9
         enough = kept.sum(axis=1) >= 9
-        solution = np.where(enough[:, None], solve_symmetric(systems), 0.0)
-        rest = z - (rows[:, :, :6] @ solution[..., None])[..., 0]
+        solution = np.where(enough[:, None, None], np.linalg.solve(systems[:, :, :6], systems[:, :, 6:]), 0.0)
+        rest = z - (rows[:, :, :6] @ solution)[..., 0]
         total = (rest**2 * kept).sum(axis=1) / np.maximum(kept.sum(axis=1) - 6.0, 1.0)
         scatter = np.where(enough, np.sqrt(total), scatter)
         kept &= np.abs(rest) <= _OUTLIER * noise
-    return np.where(scatter <= _MISFIT * noise, solution[:, 0], 0.0), scatter
+    return np.where(scatter <= _MISFIT * noise, solution[:, 0, 0], 0.0), scatter

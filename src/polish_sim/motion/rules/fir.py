@@ -11,10 +11,11 @@ time.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.schedule import Schedule
 
@@ -99,6 +100,13 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
         coefficients[count, 2], coefficients[count, 3] = 0.5 * acceleration, third / 6.0
         count += 1
     return count
+
+
+def rest_to_rest(triple: Iterable[float]) -> tuple[Array, Array]:
+    """When the pieces of `box_pieces` begin and, last, the end [s], (n + 1,), and their coefficients, (n, 4)."""
+    durations, coefficients = np.zeros(PIECES), np.zeros((PIECES, 4))
+    n = box_pieces(*triple, durations, coefficients)
+    return running_sums(durations[:n]), coefficients[:n]
 
 
 @njit

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 from polish_sim.arrays import Array, Indices, dots, midpoints, norms, running_sums, spans_at
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, part_of
-from polish_sim.motion.rules.fir import PIECES, box_pieces
+from polish_sim.motion.rules.fir import rest_to_rest
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.paper_rules import Timed, plan_stops
 from polish_sim.motion.rules.schedule import Samples
@@ -348,9 +348,8 @@ def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Timed) -
         0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP))
     )
     curve = SplineCurve(draw_spline(line, knots, []), length)
-    durations, c = np.zeros(PIECES), np.zeros((PIECES, 4))
-    n = box_pieces(*stops.triples[k], durations, c)
-    times, c = running_sums(durations[:n]), length * c[:n]
+    times, c = rest_to_rest(stops.triples[k])
+    n, c = len(c), length * c
     passage = Passage(times, np.append(c[:, 0], length), c[:, 1], 2.0 * c[:, 2], np.zeros(n), 6.0 * c[:, 3])
     return SplineMotion(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
 
