@@ -103,7 +103,7 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
 
 
 def rest_to_rest(triple: Iterable[float]) -> tuple[Array, Array]:
-    """When the pieces of `box_pieces` begin and, last, the end [s], (n + 1,), and their coefficients, (n, 4)."""
+    """When the pieces of `box_pieces` begin and, last, end [s], (n + 1,), and their coefficients, (n, 4)."""
     durations, coefficients = np.zeros(PIECES), np.zeros((PIECES, 4))
     n = box_pieces(*triple, durations, coefficients)
     return running_sums(durations[:n]), coefficients[:n]
