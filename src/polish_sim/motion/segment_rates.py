@@ -57,9 +57,8 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     steady = Schedule(np.arange(n), starts, np.full(n, 1.5), np.tile([0.0, 1.0, 0.0, 0.0], (n, 1)), 2.0 * n)
     tool = Smoothed(chain, steady).sample((starts[:, None] + nodes).ravel())
     rates = sampled_joints(tool, arm, m)
-    beyond: Bools = beyond_range(rates.q).any(axis=1)
     said = "a joint leaves its range in {}. Begin with the joint turned back, or turn the tool."
-    _refuse(beyond, tool.tips[:, 0], m, said)
+    _refuse(np.any(beyond_range(rates.q), axis=1), tool.tips[:, 0], m, said)
     return JointRates(*(column.reshape(n, m, 6) for column in rates))
 
 
