@@ -158,7 +158,6 @@ def accepted(*changes):
     force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
     limits.check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
     limits.check_friction(pad, dt, force, TANGENTIAL_MASS)
-    limits.check_depth(pad, scenario.head, force, limits.modelled_depth(scenario.head, pad, force))
     limits.check_rates(scenario)
 
 

@@ -11,6 +11,7 @@ from polish_sim.cell.faults import FaultEvent, as_planned, parse_events
 from polish_sim.cell.real_part import SHIFT_SPEED
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.assembly import check_settings
 from polish_sim.scenario_file import override
 from tests.cell import cells
 
@@ -144,9 +145,8 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact():
     ],
 )
 def test_what_cannot_be_made_or_would_change_nothing_is_refused(change, said):
-    stroke = cells.pressing_stroke() if "no part" not in said else cells.free_stroke(cells.TOUCH)
     with pytest.raises((ConfigError, InputError), match=said):
-        cells.cell_for(override(default_scenario("force"), [change]), stroke)
+        check_settings(override(default_scenario("arc" if "no part" in said else "force"), [change]))
 
 
 def test_force_and_feed_set_anew_are_kept_and_what_happens_by_hand_happens_again_when_planned():

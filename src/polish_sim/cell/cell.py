@@ -21,7 +21,6 @@ from polish_sim.cell.faults import (
     FaultClock,
     FaultEvent,
     SafetyRecord,
-    parse_changes,
     parse_events,
     planned_events,
     record_safety,
@@ -29,6 +28,7 @@ from polish_sim.cell.faults import (
 from polish_sim.cell.gears import HostArm, RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import (
+    SET_POINTS,
     CellKernel,
     CellState,
     LawMemory,
@@ -37,9 +37,7 @@ from polish_sim.cell.kernel import (
 )
 from polish_sim.cell.limits import (
     check_contact_settings,
-    check_depth,
     check_friction,
-    check_rates,
     with_implicit_friction,
 )
 from polish_sim.cell.loop import advance
@@ -194,15 +192,14 @@ class Cell:
         self.use_controller(self.controller)
 
     def _prepare(self, scenario: Scenario, part: RealPart) -> None:
-        """Check a scenario against the cell, and build what changes in its run."""
+        """Check a scenario, of which `check_rates` holds, against the cell, and build what changes in its
+        run."""
         force, mass, dt = self._start.force, self._start.mass, scenario.simulation.timestep_s
         if self.real_arm.elastic:
             scenario = replace(scenario, pad=with_implicit_friction(scenario.pad, dt, force, mass))
         pad = scenario.pad
         check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
         check_friction(pad, dt, force, mass)
-        check_depth(pad, scenario.head, force, part.field.band)
-        check_rates(scenario)
         self.on_part = any(stroke.contact for stroke in self.strokes)
         self.scenario = scenario
         self.set_points = SetPoints(scenario.process)
@@ -210,7 +207,7 @@ class Cell:
         self.stroke_number = 0
         self.draws = np.empty((0, DRAWS))
         self.faults = FaultClock(
-            planned_events(scenario.faults, scenario.process, self.on_part, self.fault_table), self.set_points
+            planned_events(scenario.faults, scenario.process, self.fault_table), self.set_points
         )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel(part)
@@ -300,7 +297,7 @@ class Cell:
             PolishSimError: There is no such thing.
         """
         entry = f"{what}@{self.state.status.steps * self.kernel.engine.dt:.12g}"
-        (event,) = parse_changes(entry) if "=" in what else parse_events(entry, self.fault_table)
+        (event,) = parse_events(entry, SET_POINTS if "=" in what else self.fault_table)
         self.faults.waiting.append(event)
         self.asked.append(event)
 

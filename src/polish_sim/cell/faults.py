@@ -175,87 +175,63 @@ class FaultEvent(NamedTuple):
         return f"{what}@{'contact+' if self.after_contact else ''}{self.time:.12g}"
 
 
-def parse_events(text: str, known: Mapping[str, Fault] = FAULTS) -> tuple[FaultEvent, ...]:
-    """Read ``NAME@TIME, NAME@contact+TIME, ...``; ``known`` faults by name.
+def parse_events(text: str, known: Mapping[str, object] = FAULTS) -> tuple[FaultEvent, ...]:
+    """Read ``NAME@TIME, NAME@contact+TIME, ...`` of ``known`` faults, or ``NAME=VALUE@TIME, ...`` of
+    ``SET_POINTS``.
 
     Raises:
-        InputError: A fault is not known; lists the known ones.
-        ConfigError: An entry is not NAME@TIME.
+        InputError: A name is not known; lists the known ones.
+        ConfigError: An entry is not written so.
     """
-    return tuple(_parse_event(entry, known) for entry in _entries(text))
+    return tuple(_parse_event(entry, known) for entry in filter(None, map(str.strip, text.split(","))))
 
 
-def _entries(text: str) -> list[str]:
-    return [entry.strip() for entry in text.split(",") if entry.strip()]
-
-
-def _parse_event(entry: str, known: Mapping[str, Fault]) -> FaultEvent:
-    name, time, after_contact = _parse_time(entry, "fault", "NAME", "sensor-frozen")
-    if name not in known:
-        raise unknown_name("fault", name, known)
-    return FaultEvent(name, time, after_contact)
-
-
-def _parse_time(entry: str, kind: str, form: str, example: str) -> tuple[str, float, bool]:
-    """What stands before the @ of ``entry``, its time [s], and whether that counts from first contact.
-
-    Raises:
-        ConfigError: There is no time; the other arguments say how to write the entry.
-    """
-    name, at, when = entry.partition("@")
+def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
+    change = known is SET_POINTS
+    kind, form, example = ("change", "NAME=VALUE", "force_n=25") if change else ("fault", "NAME", "part-high")
+    what, _, when = entry.partition("@")
+    name, equals, number = (word.strip() for word in what.partition("="))
     when = when.replace(" ", "")
-    after_contact = when.startswith("contact+")
-    try:
-        time = float(when.removeprefix("contact+"))
-    except ValueError:
-        time = math.nan
-    if not at or not (math.isfinite(time) and time >= 0.0):
+    time = _number(when.removeprefix("contact+"))
+    if (equals and not change) or not 0.0 <= time < math.inf:
         raise ConfigError(
             f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. "
             f"{example}@3.5, or from first contact, e.g. {example}@contact+0.5."
         )
-    return name.strip(), time, after_contact
+    if name not in known:
+        raise unknown_name("set point" if change else kind, name, known)
+    value = _number(number) if change else None
+    if value is not None and math.isnan(value):
+        raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.")
+    return FaultEvent(name, time, when.startswith("contact+"), value)
 
 
-def parse_changes(text: str) -> tuple[FaultEvent, ...]:
-    """Read ``NAME=VALUE@TIME, NAME=VALUE@contact+TIME, ...``.
-
-    Raises:
-        InputError: A set point is not known; lists the known ones.
-        ConfigError: An entry is not NAME=VALUE@TIME.
-    """
-    return tuple(map(_parse_change, _entries(text)))
-
-
-def _parse_change(entry: str) -> FaultEvent:
-    what, time, after_contact = _parse_time(entry, "change", "NAME=VALUE", "force_n=25")
-    name, _, number = (word.strip() for word in what.partition("="))
-    if name not in SET_POINTS:
-        raise unknown_name("set point", name, SET_POINTS)
+def _number(text: str) -> float:
+    """A number from its text; nan if it is none."""
     try:
-        return FaultEvent(name, time, after_contact, float(number))
+        return float(text)
     except ValueError:
-        raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.") from None
+        return math.nan
 
 
 def planned_events(
-    faults: FaultsConfig,
-    process: ProcessConfig,
-    on_part: bool,
-    own: Mapping[str, Fault],
-    known: Mapping[str, Fault] | None = None,
+    faults: FaultsConfig, process: ProcessConfig, known: Mapping[str, Fault]
 ) -> tuple[FaultEvent, ...]:
-    """The faults and the changes of set points that are planned, for a cell with ``own`` faults.
+    """The faults, of the ``known`` ones, and the changes of set points that are planned; raises as
+    `parse_events`."""
+    return (*parse_events(faults.events, known), *parse_events(process.changes, SET_POINTS))
 
-    ``known``: those of all experiments, as far as the caller knows them.
+
+def check_events(
+    scenario: Scenario, on_part: bool, own: Mapping[str, Fault], known: Mapping[str, Fault]
+) -> None:
+    """Refuse what is planned to happen and cannot, in a cell with ``own`` faults of all the ``known`` ones.
 
     Raises:
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
             nothing without a part to press on, or is a fault of another experiment's cell.
     """
-    known = known or own
-    events = (*parse_events(faults.events, known), *parse_changes(process.changes))
-    for event in events:
+    for event in planned_events(scenario.faults, scenario.process, known):
         kind, lacking = "fault" if event.value is None else "change", ""
         fault = known.get(event.name)
         if not on_part and (event.after_contact or event.name == FORCE or (fault and fault.on_part)):
@@ -264,13 +240,12 @@ def planned_events(
             lacking = fault.lacking
         if lacking:
             raise ConfigError(f"the {kind} '{event}' would change nothing: there is {lacking}. Leave it out.")
-        most = math.inf if event.name == FORCE else process.feed_m_s
+        most = math.inf if event.name == FORCE else scenario.process.feed_m_s
         if event.value is not None and not 0.0 < event.value <= most:
             raise ConfigError(
                 f"the change '{event}' is out of range: {SET_POINTS[event.name]}, above 0"
                 + (f", at most the planned {number_text(most)}." if math.isfinite(most) else ".")
             )
-    return events
 
 
 def as_planned(scenario: Scenario, events: Sequence[FaultEvent]) -> Scenario:
@@ -353,6 +328,6 @@ def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:
     if stop.clearance > 0.0:
         height = float(stop.height)
         retracted = bool(stop.stage == STANDING and height >= stop.clearance - SHORT)
-    scale, form = MEASURED.get(int(status.stop), (0.0, ""))
-    measured = form.format(scale * float(cell.state.guards.found)) or None
+    found = float(cell.state.guards.found)
+    measured = MEASURED.get(int(status.stop), "").format(found, 1e3 * found) or None
     return SafetyRecord(stopped, measured, braked, faults.first_time, since, retracted, height, missed)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellKernel, CellState, CrashPoints, Guards
@@ -86,24 +85,24 @@ REASONS: Mapping[int, str] = MappingProxyType(
     }
 )
 
-MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
+MEASURED: Mapping[int, str] = MappingProxyType(
     {
-        FORCE: (1.0, "{:.1f} N"),
-        TORQUE: (1.0, "{:.2f} N m"),
-        JUMP: (1.0, "{:.1f} N"),
-        OVERLOAD: (100.0, "{:.0f}% of the range"),
-        LOST: (1.0, "{:.2f} s"),
-        SINGULAR: (1.0, "{:.3f}"),
-        SILENT_HOST: (1e3, "{:.0f} ms"),
-        SPINDLE: (100.0, "{:.0f}% of the speed"),
-        STROKE: (100.0, "{:.0f}% of the stroke"),
-        HIGH: (1e3, "{:.2f} mm above"),
-        LOW: (1e3, "{:.2f} mm below"),
-        RISEN: (1e3, "{:.2f} mm"),
-        FALLEN: (1e3, "{:.2f} mm"),
+        FORCE: "{0:.1f} N",
+        TORQUE: "{0:.2f} N m",
+        JUMP: "{0:.1f} N",
+        OVERLOAD: "{0:.0%} of the range",
+        LOST: "{0:.2f} s",
+        SINGULAR: "{0:.3f}",
+        SILENT_HOST: "{1:.0f} ms",
+        SPINDLE: "{0:.0%} of the speed",
+        STROKE: "{0:.0%} of the stroke",
+        HIGH: "{1:.2f} mm above",
+        LOW: "{1:.2f} mm below",
+        RISEN: "{1:.2f} mm",
+        FALLEN: "{1:.2f} mm",
     }
 )
-"""Factor and form of the measured value [SI], for the codes that have a limit."""
+"""Form of the measured value, {0} in SI and {1} in thousandths of it, for the codes that have a limit."""
 
 SHARES: Mapping[str, int] = MappingProxyType(
     {
@@ -139,33 +138,34 @@ class GuardShare(NamedTuple):
 
     share: float  #: Largest share of the limit that was reached [-]; 1 trips it
     at_m: float  #: Arc length of the path there [m]
-    time_s: float  #: [s]
 
 
 def guard_shares(guards: Guards) -> dict[str, GuardShare]:
     """How near each guard of `SHARES` has been to its limit since `forget_shares`, by its name."""
-    kept = np.stack([guards.shares, guards.places, guards.times], axis=1).tolist()
-    return {name: GuardShare(*kept[code]) for name, code in SHARES.items()}
+    return {
+        name: GuardShare(float(guards.shares[code]), float(guards.places[code]))
+        for name, code in SHARES.items()
+    }
 
 
 def forget_shares(guards: Guards) -> None:
     """Begin anew to note the largest shares."""
-    guards.shares[:] = guards.places[:] = guards.times[:] = 0.0
+    guards.shares[:] = guards.places[:] = 0.0
 
 
 @kernel
-def _note(state: CellState, code: int, share: float, t: float) -> None:
+def _note(state: CellState, code: int, share: float) -> None:
     """Keep the share of a guard's limit if it is the largest so far."""
     guards = state.guards
     if share > guards.shares[code]:
-        guards.shares[code], guards.places[code], guards.times[code] = share, state.target.s, t
+        guards.shares[code], guards.places[code] = share, state.target.s
 
 
 @kernel
-def _exceeds(state: CellState, code: int, found: float, limit: float, t: float) -> bool:
+def _exceeds(state: CellState, code: int, found: float, limit: float) -> bool:
     """Note what a guard has found, with its share of the limit, and whether it is above that."""
     state.guards.found = found
-    _note(state, code, found / limit, t)
+    _note(state, code, found / limit)
     return found > limit
 
 
@@ -224,7 +224,7 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     if not math.isfinite(finite) or size == 0.0:
         return NO_READING
     overload = sensor.errors.overload
-    if overload > 0.0 and _exceeds(state, OVERLOAD, sensor.load, overload, t):
+    if overload > 0.0 and _exceeds(state, OVERLOAD, sensor.load, overload):
         return OVERLOAD
     if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
@@ -241,7 +241,7 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         return NO_STOP
     found = math.sqrt(jump) / guards.jump_share
     guards.swing = max(guards.swing, found)
-    return JUMP if _exceeds(state, JUMP, found, limit, t) else NO_STOP
+    return JUMP if _exceeds(state, JUMP, found, limit) else NO_STOP
 
 
 @kernel
@@ -253,24 +253,23 @@ def check_guards(cell: CellKernel, count: int) -> int:
     robot = state.speedl
     w = state.measurement.wrench
     target = state.target
-    t = count * dt
-    if _exceeds(state, FORCE, math.sqrt(dot(w, w)), guards.force, t):
+    if _exceeds(state, FORCE, math.sqrt(dot(w, w)), guards.force):
         return FORCE
-    if _exceeds(state, TORQUE, math.sqrt(dot(w[3:6], w[3:6])), guards.torque, t):
+    if _exceeds(state, TORQUE, math.sqrt(dot(w[3:6], w[3:6])), guards.torque):
         return TORQUE
     guards.found = robot.weakest
-    _note(state, SINGULAR, guards.singular_value / robot.weakest, t)
+    _note(state, SINGULAR, guards.singular_value / robot.weakest)
     if robot.weakest < guards.singular_value:
         return SINGULAR
     guards.found = robot.age
     if robot.number > 0:
-        _note(state, SILENT_HOST, robot.age / robot.timeout, t)
+        _note(state, SILENT_HOST, robot.age / robot.timeout)
         if robot.age >= robot.timeout:
             return SILENT_HOST
     spindle = state.spindle
     if cell.stroke.contact and spindle.commanded > 0.0:
         guards.found = spindle.speed / spindle.commanded
-        _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE), t)
+        _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE))
         if guards.found < SPINDLE_SHARE:
             return SPINDLE
     flange = state.flange
@@ -278,11 +277,11 @@ def check_guards(cell: CellKernel, count: int) -> int:
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE
-    moved = _check_surface(cell, dt, t)
+    moved = _check_surface(cell, dt)
     if moved != NO_STOP:
         return moved
     guards.lost = guards.lost + dt if target.contact and w[2] < 0.1 * target.force else 0.0
-    if _exceeds(state, LOST, guards.lost, guards.contact_lost, t):
+    if _exceeds(state, LOST, guards.lost, guards.contact_lost):
         return LOST
     first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
     if _crashed(crash, first, rim, cell.part, cell.part.coarse, e):
@@ -296,7 +295,7 @@ def check_guards(cell: CellKernel, count: int) -> int:
 
 
 @kernel
-def _check_surface(cell: CellKernel, dt: float, t: float) -> int:
+def _check_surface(cell: CellKernel, dt: float) -> int:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
     How far the springs are pressed in is only known once the force is held in the process; from there on the
@@ -321,7 +320,7 @@ def _check_surface(cell: CellKernel, dt: float, t: float) -> int:
     if landing and sequence.time == 0.0:
         guards.depth = depth
         code, off = (LOW, depth) if depth > 0.0 else (HIGH, -depth - cell.stroke.early)
-        if _exceeds(state, code, off, guards.offset, t):
+        if _exceeds(state, code, off, guards.offset):
             return code
     room = guards.offset
     missing = 1.0 - max(m.wrench[2], 0.0) / target.force
@@ -334,9 +333,9 @@ def _check_surface(cell: CellKernel, dt: float, t: float) -> int:
             guards.depth = place
             guards.was_held = True
     fallen = (place if guards.was_held else depth) - guards.depth
-    if _exceeds(state, FALLEN, fallen, room, t):
+    if _exceeds(state, FALLEN, fallen, room):
         return FALLEN
-    return RISEN if _exceeds(state, RISEN, -fallen, guards.offset, t) else NO_STOP
+    return RISEN if _exceeds(state, RISEN, -fallen, guards.offset) else NO_STOP
 
 
 @kernel
@@ -376,27 +375,18 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
             mesh = int(model.geom_dataid[geom])
             start = model.mesh_vertadr[mesh]
             spread = R.apply(model.mesh_vert[start : start + model.mesh_vertnum[mesh]]) + model.geom_pos[geom]
-            points.append(spread[_one_a_cube(spread.tobytes())])
+            cubes = np.round(spread / _SPACING).astype(int)
+            points.append(spread[np.unique(cubes, axis=0, return_index=True)[1]])
             bodies.append(np.full(len(points[-1]), body))
     rim = _on_cylinder(model, model.geom(f"{arm}{_PAD}").id, _AROUND_PAD)
     points, bodies = [*points, rim], [*bodies, np.full(len(rim), model.body(f"{arm}head").id)]
     return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64), len(rim))
 
 
-@cache
-def _one_a_cube(points: bytes) -> Ints:
-    """Which of some points (n, 3) are kept; the robot's are the same in every cell."""
-    cubes = np.round(np.frombuffer(points).reshape(-1, 3) / _SPACING).astype(int)
-    return np.asarray(np.unique(cubes, axis=0, return_index=True)[1])
-
-
-@cache
 def shaft_points() -> Array:
     """Points on the shaft, frame of the tool with the head's spring at rest [m], shape (k, 3)."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
-    points = _on_cylinder(model, model.geom(_SHAFT).id)
-    points.setflags(write=False)
-    return points
+    return _on_cylinder(model, model.geom(_SHAFT).id)
 
 
 def _on_cylinder(model: mujoco.MjModel, geom: int, count: int = _AROUND) -> Array:

@@ -75,7 +75,6 @@ class Guards(Record):
     """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least
     allowed value."""
     places: Annotated[Array, (CODES,)]  #: Arc length of the path there [m]
-    times: Annotated[Array, (CODES,)]  #: And when [s]
 
 
 class CellState(Record):

@@ -65,7 +65,13 @@ def check_contact_settings(
             f"to be held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or "
             "more, or lower process.contact_force_n (--contact-force) or the path's own force."
         )
-    check_depth(pad, head, force, modelled_depth(head, pad, force))
+    depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
+    if depth > DEEPEST_BAND:
+        raise ConfigError(
+            f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would "
+            f"press it in by {1e3 * depth:.1f} mm, and a part is modelled {1e3 * DEEPEST_BAND:g} mm deep at "
+            "most. Raise it or lower process.contact_force_n."
+        )
 
 
 def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
@@ -75,18 +81,6 @@ def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
     """
     needed = math.ceil(2e3 * force / (pad.stiffness_n_m * head.spring_scale)) * 1e-3
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
-
-
-def check_depth(pad: PadConfig, head: HeadConfig, force: float, modelled: float) -> None:
-    """Refuse a force that would press the pad deeper than the part is ``modelled`` below its surface [m];
-    raises as `check_friction`."""
-    depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
-    if depth > modelled:
-        raise ConfigError(
-            f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would "
-            f"press it in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * modelled:g} mm deep. "
-            "Raise it or lower process.contact_force_n."
-        )
 
 
 def check_rates(scenario: Scenario) -> None:

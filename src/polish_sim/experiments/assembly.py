@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 
 from polish_sim.calibration import read_calibrated_tool
-from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
+from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene
 from polish_sim.cell.cell import NO_LESSON
-from polish_sim.cell.faults import parse_changes, planned_events
-from polish_sim.cell.kernel import FORCE
+from polish_sim.cell.faults import check_events, parse_events
+from polish_sim.cell.kernel import FORCE, SET_POINTS
 from polish_sim.cell.limits import check_contact_settings, check_rates, modelled_depth
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields
@@ -280,11 +280,11 @@ def check_settings(scenario: Scenario) -> None:
     """
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
-    parse_events(scenario.faults.events, known_faults())
     check_words(scenario)
     take_arm(scenario.robot)
     proof_seeds(scenario.safety.proof)
     row = experiment(scenario.experiment)
+    check_events(scenario, row.on_part, load(row.faults), known_faults())
     check_flange(scenario)
     check_compensation(scenario.robot, scenario.seed, row)
     if scenario.process.learn and not row.plans:
@@ -310,7 +310,6 @@ def check_settings(scenario: Scenario) -> None:
             if not file.exists():
                 raise InputError(f"'{file}' is no file. Check the name and the folder.")
     check_rates(scenario)
-    planned_events(scenario.faults, scenario.process, row.on_part, load(row.faults), known_faults())
     if scenario.process.learn:
         check_learning(scenario.process.learn, scenario.controller.label, controller)
 
@@ -327,9 +326,8 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else path.largest_force(usual)
-        raised = [
-            change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
-        ]
+        changes = parse_events(scenario.process.changes, SET_POINTS)
+        raised = [change.value or 0.0 for change in changes if change.name == FORCE]
         dt, most = scenario.simulation.timestep_s, force / usual * max([usual, *raised])
         check_contact_settings(scenario.pad, scenario.head, scenario.safety, dt, most)
     if scenario.plan.removal:

@@ -19,6 +19,7 @@ from polish_sim.calibration.payload import (
 )
 from polish_sim.calibration.tables import estimate_figures
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
+from polish_sim.cell.limits import check_rates
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
@@ -69,6 +70,7 @@ def run_payload_calibration(
         ProtectiveStop: If the robot stopped itself on the way.
     """
     take_arm(scenario.robot)
+    check_rates(scenario)
     observer.stage("plan the poses")
     streams = random_streams(scenario.seed)
     payload = scenario.payload

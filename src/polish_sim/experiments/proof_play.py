@@ -216,7 +216,7 @@ class Play:
         limits = dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
         limits[guard.LOST] = float(guards.contact_lost) / safety.contact_lost_s
         limits[guard.SINGULAR] = safety.singular_value_limit / float(guards.singular_value)
-        for name, (share, at_m, _) in guard_shares(guards).items():
+        for name, (share, at_m) in guard_shares(guards).items():
             self._note(name, share * limits.get(guard.SHARES[name], 1.0), at_m)
 
 
