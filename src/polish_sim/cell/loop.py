@@ -30,7 +30,7 @@ from polish_sim.cell.gears import (
 )
 from polish_sim.cell.kernel import CellKernel, CellState, Lesson, Status
 from polish_sim.cell.real_part import move_part
-from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
+from polish_sim.cell.recorder import Recorder, record_reading, record_state
 from polish_sim.cell.robot import (
     SENT,
     STANDING,
@@ -170,10 +170,10 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
     """What the host sees of the tool: exactly where joints are rigid, else what it computes from the encoders
     and its own table."""
     see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-    if not arm.elastic:
-        return
     m = state.measurement
     arm.tool_speed = math.sqrt(dot(m.twist, m.twist))
+    if not arm.elastic:
+        return
     hear_joints(arm, e)
     compensate(arm, arm.host, e, m, 1.0)
     read_encoders(arm.host, arm.links, 0)
@@ -297,7 +297,8 @@ def command(cell: CellKernel, t: float) -> None:
 def finish_step(cell: CellKernel, arm: RealArm, other: RealArm | None, recorder: Recorder, t: float) -> None:
     """Note contact, record this instant ``t`` [s] and let the engine move on.
 
-    ``arm`` and ``other``: joints of one robot and of a second, if there is one.
+    ``arm`` and ``other``: joints of one robot and of a second, if there is one; then the errors recorded are
+    those the host sees.
     """
     e, state = cell.engine, cell.state
     status, stage = state.status, state.sequence.stage
@@ -308,7 +309,11 @@ def finish_step(cell: CellKernel, arm: RealArm, other: RealArm | None, recorder:
         if status.contact_time == 0.0:
             status.contact_time = t
     phase = RETRACT_PHASE if status.stop != guards.NO_STOP else _phase(stage, status.touched)
-    record_state(recorder, cell, t, phase)
+    m, tool = state.measurement, e.tool_site
+    if other is None:
+        record_state(recorder, cell, e.site_xpos[tool], e.site_xmat[tool], arm.tool_speed, t, phase)
+    else:
+        record_state(recorder, cell, m.position, m.rotation, math.sqrt(dot(m.twist, m.twist)), t, phase)
     keep_speeds(e)
     if arm.elastic:
         drive_joints(arm, e, t)
@@ -322,8 +327,6 @@ def finish_step(cell: CellKernel, arm: RealArm, other: RealArm | None, recorder:
         follow_rotors(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1
-    if arm.elastic and other is None:
-        record_exact(recorder, e, state, arm.tool_speed)
 
 
 @kernel

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.kernel import CellKernel, CellState
+from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.stroke import depth_below
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Bundle, Record, Vector2, Vector3, dot, kernel, minus, set_to
@@ -81,11 +80,14 @@ def put(row: Array, start: int, values: Array, count: int) -> None:
 
 
 @kernel
-def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> None:
+def record_state(
+    recorder: Recorder, cell: CellKernel, seen: Array, R_seen: Array, speed: float, t: float, phase: int
+) -> None:
     """Record the instant ``t`` [s], before the engine moves on; the sensor's raw reading follows in
     ``record_reading``.
 
-    ``phase`` as in ``log.PHASES``.
+    Errors are those of the tool at ``seen`` (3,) [m], ``R_seen`` (3, 3), with its ``speed`` [m/s]; ``phase``
+    as in ``log.PHASES``.
     """
     e, state = cell.engine, cell.state
     filled = recorder.filled
@@ -94,7 +96,6 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     force = state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)
     filled.force_range[1] = max(filled.force_range[1], force)
-    speed = math.sqrt(dot(m.twist, m.twist))
     position, travel = e.site_xpos[e.tool_site], e.qpos[6]
     step = recorder.trace[filled.first + filled.steps]
     step.time_s, step.phase, step.normal_force_n = t, phase, force
@@ -103,7 +104,7 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     set_to(step.part_shift_m, minus(cell.part.position, state.motion.rest))
     set_to(step.tcp_position_m, position)
     set_to(step.tool_on_part_m, state.tool_on_part)
-    _trace_errors(step, m.position, m.rotation, target)
+    _trace_errors(step, seen, R_seen, target)
     filled.steps += 1
     if state.status.steps % recorder.every:
         return
@@ -125,18 +126,6 @@ def record_state(recorder: Recorder, cell: CellKernel, t: float, phase: int) -> 
     row[_PASS] = cell.stroke.process.pass_index[state.sequence.row]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1
-
-
-@kernel
-def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: float) -> None:
-    """Replace what ``record_state`` took from the host's measurement in the step just done; exact ``speed``
-    [m/s]."""
-    filled = recorder.filled
-    step = recorder.trace[filled.first + filled.steps - 1]
-    step.tcp_speed_m_s = speed
-    _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], state.target)
-    if (state.status.steps - 1) % recorder.every == 0:
-        recorder.rows[filled.rows - 1, _SPEED] = speed
 
 
 @kernel
