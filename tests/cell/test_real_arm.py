@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import build_scene
-from polish_sim.cell.gears import elastic_torque, slip, update_twist
+from polish_sim.cell.gears import elastic_torque, slip, with_error
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.errors import ConfigError, ReachError
@@ -108,9 +108,7 @@ def test_the_gears_error_has_two_periods_a_turn_of_the_motor_and_the_height_it_s
     for j in range(6):
         error = np.empty_like(angles)
         for k, angle in enumerate(angles):
-            joints.arm.angle[j] = angle
-            update_twist(joints.arm, j, angle)
-            error[k] = joints.arm.twist[j]
+            error[k] = with_error(0.0, joints.arm.error[j], joints.arm.waves, angle)[0]
         assert np.ptp(error) == pytest.approx(2.9e-4 if j < 3 else 4.4e-4, rel=0.01)
         assert np.abs(np.fft.rfft(error)).argmax() == 202
 

@@ -164,13 +164,12 @@ def elastic_torque(arm: RealArm, j: int, twist: float) -> float:
 
 
 @kernel
-def update_twist(arm: RealArm, j: int, joint: float) -> None:
-    """Twist of gear ``j`` with the joint at an angle [rad], and the slope of its transmission there."""
-    phase = arm.waves * arm.angle[j]
-    s, c, a = math.sin(phase), math.cos(phase), arm.error[j]
+def with_error(angle: float, a: Array, waves: float, at: float) -> tuple[float, float]:
+    """An angle with a gear's error at the angle ``at`` [rad], and the slope; ``a`` (4,) as in `RealArm`."""
+    s, c = math.sin(waves * at), math.cos(waves * at)
     s2, c2 = 2.0 * s * c, c * c - s * s
-    arm.twist[j] = arm.angle[j] + a[0] * s + a[1] * c + a[2] * s2 + a[3] * c2 - joint
-    arm.ratio[j] = 1.0 + arm.waves * (a[0] * c - a[1] * s + 2.0 * (a[2] * c2 - a[3] * s2))
+    turned = angle + a[0] * s + a[1] * c + a[2] * s2 + a[3] * c2
+    return turned, 1.0 + waves * (a[0] * c - a[1] * s + 2.0 * (a[2] * c2 - a[3] * s2))
 
 
 @kernel
@@ -209,11 +208,7 @@ def compensate(arm: RealArm, host: HostArm, e: EngineViews, m: Measurement, shar
         wound = g[0] * min(size, first) + g[1] * min(max(size - first, 0.0), second - first)
         wound += g[2] * max(size - second, 0.0)
         wound = wound if load > 0.0 else -wound
-        phase = arm.waves * arm.read[j]
-        s, c = math.sin(phase), math.cos(phase)
-        s2, c2 = 2.0 * s * c, c * c - s * s
-        arm.links[j] = arm.read[j] - wound + g[3] * s + g[4] * c + g[5] * s2 + g[6] * c2
-        arm.slope[j] = 1.0 + arm.waves * (g[3] * c - g[4] * s + 2.0 * (g[5] * c2 - g[6] * s2))
+        arm.links[j], arm.slope[j] = with_error(arm.read[j] - wound, g[3:7], arm.waves, arm.read[j])
         arm.link_speed[j] = arm.slope[j] * arm.read_speed[j]
 
 
@@ -295,7 +290,8 @@ def follow_rotors(arm: RealArm, e: EngineViews) -> None:
         speed = arm.free[j] + arm.share[j] * e.qvel[i]
         arm.speed[j] = speed
         arm.angle[j] += e.dt * speed
-        before = arm.twist[j]
-        update_twist(arm, j, e.qpos[i])
-        arm.hysteresis[j] = slip(arm.hysteresis[j], arm.twist[j] - before, arm.lost_torque[j], arm.rise)
+        turned, arm.ratio[j] = with_error(arm.angle[j], arm.error[j], arm.waves, arm.angle[j])
+        moved = turned - e.qpos[i] - arm.twist[j]
+        arm.hysteresis[j] = slip(arm.hysteresis[j], moved, arm.lost_torque[j], arm.rise)
+        arm.twist[j] = turned - e.qpos[i]
         e.qfrc_actuator[i] = arm.push[j] - arm.stiffened[j] * speed

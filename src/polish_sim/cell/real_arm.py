@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
+from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, with_error
 from polish_sim.cell.scene import bend_links, links_of, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import ConfigError
@@ -319,8 +319,10 @@ def _hang_links(
     motors'."""
     for _ in range(4):
         hanging = gear_twists(real, weights(model, data.qpos[None, place.joints], place))[0]
-        for j in range(6):
-            update_twist.py_func(arm, j, float(data.qpos[place.first + j]))  # compiling it would take longer
+        for j, angle in enumerate(arm.angle):
+            # Compiling it would take longer.
+            turned, arm.ratio[j] = with_error.py_func(angle, arm.error[j], arm.waves, angle)
+            arm.twist[j] = turned - data.qpos[place.first + j]
         if arm.on_link:
             arm.angle += hanging - arm.twist
         else:

@@ -167,14 +167,11 @@ def tool_wrench(payload: Payload, sensor: WristSensor, R_base_tool: Array, out: 
 
 def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> Payload:
     """The tool as it is: everything mounted on the sensor of the ``arm``; ``data`` at rest."""
-    bodies = [model.body(f"{arm}tool_mount").id, model.body(f"{arm}head").id]
-    mass = model.body_mass[bodies]
-    center = (mass @ data.xipos[bodies]) / mass.sum()
-    sensor, tool = data.site(f"{arm}sensor"), data.site(f"{arm}tool")
+    mount, sensor, tool = f"{arm}tool_mount", data.site(f"{arm}sensor"), data.site(f"{arm}tool")
     R_sensor_base = sensor.xmat.reshape(3, 3).T
     return Payload(
-        mass=mass.sum(),
-        center=R_sensor_base @ (center - sensor.xpos),
+        mass=model.body(mount).subtreemass[0],
+        center=R_sensor_base @ (data.body(mount).subtree_com - sensor.xpos),
         lever=R_sensor_base @ (tool.xpos - sensor.xpos),
     )
 
