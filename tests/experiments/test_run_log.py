@@ -159,7 +159,6 @@ def assert_same(run, other):
 def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller, arm):
     settings = (
         f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
-        "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'",
     )  # fmt: skip
     whole, one = cell(*settings).run(), cell(*settings)
     assert whole.trace.phase.max() >= 2
@@ -177,9 +176,10 @@ def test_strokes_and_course_can_be_exchanged_on_the_way():
     saved = save_cell(one)
     slow = [s._replace(motion=s.motion._replace(rates=0.5 * s.motion.rates)) for s in one.strokes]
     for strokes in (None, one.strokes, slow):
-        restore_cell(one, saved)
-        if strokes is not None:
-            use_strokes(one, strokes, one.course)
+        if strokes is None:
+            restore_cell(one, saved)
+        else:
+            use_strokes(one, strokes, one.course, saved)
         runs.append(played(one, before, 500))
     assert_same(runs[1], runs[0])
     fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in runs[1:])

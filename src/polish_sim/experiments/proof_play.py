@@ -21,7 +21,6 @@ from polish_sim.arrays import Array, diagonal_of
 from polish_sim.cell import Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import Cell
-from polish_sim.cell.faults import FaultEvent
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
 from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
@@ -126,8 +125,8 @@ class Play:
             return
         self.place, cell, scenario = place, self.cell, self.scenario
         strokes = self._strokes()
-        use_strokes(cell, strokes, course_for(cell.controller, scenario, place, strokes))
-        restore_cell(cell, self._saved[-1].state)
+        course = course_for(cell.controller, scenario, place, strokes)
+        use_strokes(cell, strokes, course, self._saved[-1].state)
         sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
         if sequence.stage == FEEDING:
             # The motion may have been timed anew: the clock is that of the place.
@@ -240,15 +239,10 @@ class CellSnapshot(NamedTuple):
     learned: dict[str, NDArray[Any]]  #: What it learned along its course, by row
     rng: Any  #: State of the sensor's generator
     draws: Array  #: Numbers drawn and not yet used, shape (k, 12)
-    waiting: tuple[FaultEvent, ...]  #: Faults and changes to come
-    asked: tuple[FaultEvent, ...]
-    first_fault: float | None
-    set_points: dict[str, float]
-    touched: str | None
 
 
 def save_cell(cell: Cell) -> CellSnapshot:
-    """Copy what changes while a cell runs; between two calls of `Cell.play`."""
+    """Copy what changes while a cell runs without a fault or a stop; between two calls of `Cell.play`."""
     controller, learned = cell.controller, dict[str, NDArray[Any]]()
     memory: Any
     if isinstance(controller, CompiledController):
@@ -261,8 +255,6 @@ def save_cell(cell: Cell) -> CellSnapshot:
     return CellSnapshot(
         cell.stroke_number, engine, tuple(array.copy() for array in cell.memory()), memory,
         learned, cell.rng.bit_generator.state, cell.draws.copy(),
-        tuple(cell.faults.waiting), tuple(cell.asked), cell.faults.first_time,
-        dict(cell.set_points.now), cell.touched,
     )  # fmt: skip
 
 
@@ -278,9 +270,7 @@ def restore_cell(cell: Cell, saved: CellSnapshot) -> None:
     else:
         vars(controller).update(deepcopy(saved.controller))
     cell.rng.bit_generator.state = saved.rng
-    cell.draws, cell.touched, cell.asked = saved.draws.copy(), saved.touched, list(saved.asked)
-    cell.faults.waiting[:], cell.faults.first_time = saved.waiting, saved.first_fault
-    cell.set_points.now.update(saved.set_points)
+    cell.draws, cell.touched = saved.draws.copy(), None
     cell.begin_stroke(saved.stroke)
     _write(cell, saved)
     # What follows from the state, for those who look on; the loop computes it again.
@@ -299,16 +289,14 @@ def _memory_of_law(controller: CompiledController) -> NDArray[np.void]:
     return np.asarray(controller.context)["memory"]  # type: ignore[no-any-return]
 
 
-def use_strokes(cell: Cell, strokes: Sequence[Stroke], course: Course | None = None) -> None:
-    """Continue with other strokes on the same part, and their ``course`` for a controller that prepares for
-    it.
+def use_strokes(cell: Cell, strokes: Sequence[Stroke], course: Course | None, saved: CellSnapshot) -> None:
+    """Continue from where a cell was saved with other strokes on the same part, and their ``course`` for a
+    controller that prepares for it.
 
     The one under way is replaced by that of its number; its time and place are kept.
     """
     cell.strokes = tuple(strokes)
     cell.course = course
-    cell.begin_stroke(min(cell.stroke_number, len(cell.strokes) - 1))
     if course is not None and isinstance(cell.controller, CompiledController):
-        saved = save_cell(cell)
         cell.use_controller(cell.controller)
-        restore_cell(cell, saved)
+    restore_cell(cell, saved)

@@ -16,11 +16,8 @@ from tests.control import signals
 from tests.control.signals import CONFIG, DT, SPACING, SPRING, course_of, measurement_at_rest, target_to_press
 
 CAN = AdaptiveConfig()
-ON = drawing.FeedForwardGains(0.01, True)
+GAINS = adaptive_gains(AdaptiveConfig(learning_gain=1.0, normal_limit_rad=0.17))
 ALONG = np.eye(3)
-LEARN = surface.LearningGains(0.005, 1.0, True)
-NORMAL = surface.NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
-FEED = drawing.FeedGains(1.0, 0.1, True)
 
 
 def fed_at(s, speed=0.06):
@@ -45,21 +42,21 @@ def granted(ahead, error, memory):
     """Feed granted after one more cycle with a force error [N]."""
     t = fed_at(0.1)
     memory.feed_error = drawing.averaged_error(memory.feed_error, error, t, 0.001)
-    return float(drawing.granted_feed(ahead, t, memory.feed_error, FEED))
+    return float(drawing.granted_feed(ahead, t, memory.feed_error, GAINS))
 
 
 def sent(ahead, s, look_ahead=0.0, ratio=1.0, R=ALONG, wanted=ALONG):
     """Rate along tool z that the feed-forward asks of a tool at ``R`` where ``wanted`` is aimed at [m/s]."""
     m = measurement_at_rest()
     m.rotation[:] = R
-    return float(drawing.planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
+    return float(drawing.planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, GAINS))
 
 
 def test_where_the_command_will_act_the_tool_is_sent_down_a_slope_at_slope_times_feed_and_turned():
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
     assert sent(ahead, 0.05) == pytest.approx(0.05 * 0.06, rel=1e-3)
     assert sent(ahead, 0.05, ratio=0.2) == pytest.approx(0.2 * sent(ahead, 0.05))  # on stiffer springs
-    assert drawing.planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
+    assert drawing.planned_surplus(ahead, fed_at(0.05), 1.0, GAINS) == pytest.approx(0.05 * 0.05, rel=1e-3)
     ahead = seen_with(surplus=0.05 * SPACING * np.maximum(np.arange(400) - 200, 0))
     assert sent(ahead, 0.09) == pytest.approx(0, abs=1e-6)
     assert sent(ahead, 0.09, look_ahead=0.4) == pytest.approx(0.05 * 0.06, rel=1e-2)
@@ -70,7 +67,9 @@ def test_where_the_command_will_act_the_tool_is_sent_down_a_slope_at_slope_times
     ahead = seen_with(turning=np.outer(np.arange(400) >= 200, [0.0, 10.0, 0.0]))
     for s, look_ahead, rate in ((0.0994, 0.02, 10.0 * 0.06), (0.15, 0.01, 0.0)):
         out = np.zeros(7)
-        drawing.lead_turning(ahead, fed_at(s), drawing.FeedForwardGains(look_ahead, True), out)
+        drawing.lead_turning(
+            ahead, fed_at(s), adaptive_gains(AdaptiveConfig(command_delay_s=look_ahead)), out
+        )
         np.testing.assert_allclose(out, [0.0, 0.0, 0.0, 0.0, rate, 0.0, 0.0], atol=1e-9)
 
 
@@ -96,7 +95,7 @@ def test_columns_are_linear_between_rows_and_the_arm_swings_as_the_path_or_the_c
     ahead = nothing_ahead()
     assert drawing.at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
     assert sent(ahead, 0.1) == 0.0
-    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, surface.NeighbourMemory()) == 0.0
+    assert surface.learned_rate(ahead, fed_at(0.1), 0.0, GAINS, 0.001, surface.NeighbourMemory()) == 0.0
     assert granted(ahead, 0.0, PathMemory()) == 1.0
     course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
     for hz, wanted in ((20.0, [40.0 * math.pi, 100.0, 120.0]), (0.0, [0.0, 0.0, 0.0])):
@@ -136,14 +135,14 @@ def test_the_feed_falls_before_bends_no_faster_than_it_may_and_with_the_force_er
     for _ in range(1500):
         share = granted(ahead, 0.0, memory)
     assert share == 1.0
-    assert granted(ahead, 0.0, PathMemory(feed_error=100.0)) == pytest.approx(FEED.least)
+    assert granted(ahead, 0.0, PathMemory(feed_error=100.0)) == pytest.approx(GAINS.feed_least)
 
 
 def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_neighbour_is_lost():
     """The average lags its length behind a ramp; what is stored does not."""
     ahead, state = seen_with(surplus=np.zeros(800)), surface.LearningMemory()
     for s in np.arange(0.0, 0.2, 0.06 * 0.001):
-        surface.learn(ahead, fed_at(float(s)), 0.01 * s, LEARN, 0.001, state)
+        surface.learn(ahead, fed_at(float(s)), 0.01 * s, GAINS, 0.001, state)
     rows = np.arange(100, 300)
     assert ahead.rows["known"][rows].all()
     np.testing.assert_allclose(ahead.rows["learned"][rows], 0.01 * SPACING * rows, atol=1.5e-5)
@@ -152,11 +151,11 @@ def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_ne
     ahead = seen_with(surplus=np.zeros(800), neighbour=neighbour)
     ahead.rows["learned"], ahead.rows["known"] = 0.01 * SPACING * np.arange(800), True
     state = surface.NeighbourMemory()
-    assert surface.learned_rate(seen_with(neighbour=neighbour), fed_at(0.25), 0.0, LEARN, 0.001, state) == 0.0
+    assert surface.learned_rate(seen_with(neighbour=neighbour), fed_at(0.25), 0.0, GAINS, 0.001, state) == 0.0
     for _ in range(1000):
-        rate = surface.learned_rate(ahead, fed_at(0.25), 0.0, LEARN, 0.001, state)
+        rate = surface.learned_rate(ahead, fed_at(0.25), 0.0, GAINS, 0.001, state)
     assert rate == pytest.approx(0.01 * 0.06, rel=1e-3)
-    fading = [surface.learned_rate(ahead, fed_at(0.35), 0.0, LEARN, 0.001, state) for _ in range(1000)]
+    fading = [surface.learned_rate(ahead, fed_at(0.35), 0.0, GAINS, 0.001, state) for _ in range(1000)]
     assert fading[0] == pytest.approx(rate, rel=0.02)
     assert abs(fading[-1]) < 1e-3 * rate
     assert np.abs(np.diff(fading)).max() < 0.02 * rate
@@ -170,11 +169,11 @@ def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
     """
     rng, m, state, track = np.random.default_rng(1), measurement_at_rest(), surface.NormalMemory(), []
     m.wrench[:3] = friction, -0.5 * friction, 20.0
-    behind = 20.0 / NORMAL.head_stiffness * np.array([m.wrench[1], -m.wrench[0]])
+    behind = 20.0 / GAINS.head_stiffness_n_m * np.array([m.wrench[1], -m.wrench[0]])
     for _ in range(round(1000 * seconds)):
         moment = -3.125 * (true_tilt - [state.tilt_x, state.tilt_y])
         m.wrench[3:5] = moment + behind + noise * rng.standard_normal(2)
-        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), GAINS, 0.001, state)
         track.append([state.tilt_x, state.tilt_y])
     return np.array(track)
 
@@ -189,16 +188,16 @@ def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border
     m, state, tilts = measurement_at_rest(), surface.NormalMemory(), []
     for k in range(3000):
         m.wrench[2:5] = 20.0, 0.3 * math.sin(2.0 * math.pi * 30.0 * 0.001 * k), 0.0
-        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), GAINS, 0.001, state)
         tilts.append(state.tilt_x)
     swing = 0.5 * np.ptp(tilts[2000:])
-    alone = NORMAL.rate * 0.3 / NORMAL.pad_tilt_stiffness / (2.0 * math.pi * 30.0)
+    alone = GAINS.normal_rate_1_s * 0.3 / GAINS.pad_tilt_stiffness_nm_rad / (2.0 * math.pi * 30.0)
     assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / surface.MOMENT_HZ), rel=0.05)
     ahead = seen_with(moment=np.tile([0.1, -0.2], (200, 1)))
     m, state = measurement_at_rest(), surface.NormalMemory()
     m.wrench[2:5] = 20.0, 0.1, -0.2
     for _ in range(3000):
-        surface.level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
+        surface.level_by_moment(ahead, m, fed_at(0.05), GAINS, 0.001, state)
     np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
 
 

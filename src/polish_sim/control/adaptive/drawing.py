@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.arrays import Array, norms
 from polish_sim.config import AdaptiveConfig
+from polish_sim.control.adaptive.gains import AdaptiveGains
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.kernels import Record, kernel
 from polish_sim.motion.trajectory import slowed_before
@@ -80,17 +81,10 @@ def at(column: Array, spacing: float, s: float) -> float:
 MOST_RATIO = 1.5  # softer springs than drawn change the depths less than their stiffness says
 
 
-class FeedForwardGains(Record):
-    """Gains of the feed-forward."""
-
-    look_ahead: float  #: From a command to the tool's motion [s]
-    on: bool  #: False leaves the law out
-
-
 @kernel
-def planned_surplus(ahead: Ahead, t: Target, ratio: float, gains: FeedForwardGains) -> float:
+def planned_surplus(ahead: Ahead, t: Target, ratio: float, g: AdaptiveGains) -> float:
     """How far beyond the target the feed-forward means the tool to be at this place [m]."""
-    if not gains.on:
+    if not g.feed_forward:
         return 0.0
     return _scale(ratio) * at(ahead.rows.surplus, ahead.spacing, t.s)
 
@@ -109,7 +103,7 @@ def planned_press_rate(
     wanted: Array,
     look_ahead: float,
     ratio: float,
-    gains: FeedForwardGains,
+    g: AdaptiveGains,
 ) -> float:
     """Velocity along the tool's own z that keeps the force as the path is followed, ``look_ahead`` [s] from
     now [m/s].
@@ -119,7 +113,7 @@ def planned_press_rate(
     the R_base_tool the turning loop aims at, ``ratio`` the drawn stiffness by the real one.
     """
     speed = t.speed
-    if speed <= 0.0 or not t.contact or not gains.on:
+    if speed <= 0.0 or not t.contact or not g.feed_forward:
         return 0.0
     slope = at(ahead.rows.slope, ahead.spacing, t.s + speed * look_ahead)
     rate = slope * speed * _scale(ratio)
@@ -129,14 +123,14 @@ def planned_press_rate(
 
 
 @kernel
-def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -> None:
-    """Turn as the plan will when the command acts: add the change of the planned turning rate to
-    ``out[3:6]``."""
+def lead_turning(ahead: Ahead, t: Target, g: AdaptiveGains, out: Array) -> None:
+    """Turn as the plan will when the command acts, by the believed delay: add the change of the planned
+    turning rate to ``out[3:6]``."""
     speed = t.speed
-    if speed <= 0.0 or ahead.rows.shape[0] < 2 or not gains.on:
+    if speed <= 0.0 or ahead.rows.shape[0] < 2 or not g.feed_forward:
         return
     now = t.s
-    then = t.s + speed * gains.look_ahead
+    then = t.s + speed * g.command_delay_s
     rows, spacing = ahead.rows, ahead.spacing
     out[3] += speed * (at(rows.turn_x, spacing, then) - at(rows.turn_x, spacing, now))
     out[4] += speed * (at(rows.turn_y, spacing, then) - at(rows.turn_y, spacing, now))
@@ -153,14 +147,6 @@ OF_LIMIT = 0.5
 
 #: Time over which the force error is averaged, and in which the feed recovers [s]
 FEED_AVERAGE_S = 0.1
-
-
-class FeedGains(Record):
-    """Gains of the feed law."""
-
-    error: float  #: Budget of the force error [N]
-    least: float  #: Share of the planned feed that is always granted [-]
-    on: bool  #: False leaves the law out
 
 
 def followable_share(course: Course, can: AdaptiveConfig) -> Array:
@@ -197,19 +183,19 @@ def followable_share(course: Course, can: AdaptiveConfig) -> Array:
 
 
 @kernel
-def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> float:
+def granted_feed(ahead: Ahead, t: Target, error: float, g: AdaptiveGains) -> float:
     """Share of the planned feed to grant now, 0 to 1.
 
     The drawing's share, lowered while the averaged force ``error`` [N] is beyond the budget: twice the budget
     halves it.
     """
-    if not gains.on or not t.contact:
+    if not g.feed or not t.contact:
         return 1.0
     share = at(ahead.rows.share, ahead.spacing, t.s) if ahead.rows.shape[0] > 1 else 1.0
-    beyond = abs(error) / gains.error
+    beyond = abs(error) / g.feed_error_n
     if beyond > 1.0:
         share /= beyond
-    return max(share, gains.least)
+    return max(share, g.feed_least)
 
 
 @kernel

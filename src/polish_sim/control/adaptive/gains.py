@@ -7,14 +7,6 @@ from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.config import AdaptiveConfig
-from polish_sim.control.adaptive.drawing import FeedForwardGains, FeedGains
-from polish_sim.control.adaptive.surface import (
-    LearningGains,
-    LearningMemory,
-    NeighbourMemory,
-    NormalGains,
-    NormalMemory,
-)
 from polish_sim.control.hybrid import strike_gains
 from polish_sim.control.loops import StrikeGains
 from polish_sim.errors import ConfigError
@@ -25,7 +17,8 @@ LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning"
 
 
 class AdaptiveGains(Record):
-    """Beliefs about cell and sensor and limits, named as in ``AdaptiveConfig``, and which laws are on."""
+    """Beliefs about cell and sensor and limits, named as in ``AdaptiveConfig``, and which of ``LAWS`` are
+    on."""
 
     stiffness_n_m: float  #: Springs of head and pad in series [N/m]
     damping_n_s_m: float  #: The head's damper as the part feels it [N s/m]
@@ -43,40 +36,45 @@ class AdaptiveGains(Record):
     top_speed_m_s: float  #: Highest speed of the force loop [m/s]
     acceleration_m_s2: float  #: The robot's [m/s^2]
     stiff_first: float  #: Stiffness assumed at first touch, as a multiple of the drawn one [-]
-    touch_down: bool  #: Whether the law is on
-    estimates: bool  #: Whether the law ``stiffness`` is on
-    inertia: bool  #: Whether the law is on
-    strike: StrikeGains
     tool_center_m: float  #: Of the carried mass' centre above the tool point [m]
+    feed_error_n: float  #: Budget of the force error [N]
+    feed_least: float  #: Share of the planned feed that is always granted [-]
+    #: Length over which the offset is averaged, and its slope taken to either side [m]
+    learning_length_m: float
+    learning_gain: float  #: Share of the neighbour's slope that is fed forward [-]
+    normal_rate_1_s: float  #: Share of the angle seen that is taken back per time [1/s]
+    normal_limit_rad: float  #: Largest correction of the planned axis [rad]
+    normal_turning_rad_s: float  #: Largest rate of the correction [rad/s]
+    head_stiffness_n_m: float  #: Spring between tool point and pad [N/m]
+    pad_tilt_stiffness_nm_rad: float  #: Of the whole disc on a flat part [N m/rad]
+    strike: StrikeGains
+    touch_down: bool
+    stiffness: bool
+    inertia: bool
+    feed_forward: bool
+    feed: bool
+    learning: bool
+    normal: bool
 
 
 def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
-    """The gains a configuration asks for; raises as `laws_of`."""
-    on = laws_of(config)
-    by_name = {name: getattr(config, name) for name in AdaptiveGains.dtype.names if hasattr(config, name)}
-    return AdaptiveGains(
-        **by_name,
-        touch_down="touch-down" in on,
-        estimates="stiffness" in on,
-        inertia="inertia" in on,
-        arm_mode=2.0 * math.pi * config.arm_mode_hz,
-        strike=strike_gains(config),
-    )
-
-
-def laws_of(config: AdaptiveConfig) -> frozenset[str]:
-    """Names of the laws that are on.
+    """The gains a configuration asks for.
 
     Raises:
-        ConfigError: If there is no law of that name; lists them.
+        ConfigError: If there is no law of a name; lists them.
     """
-    named = frozenset(config.laws.replace(",", " ").split())
-    unknown = sorted(named - set(LAWS))
-    if unknown:
+    on = set(config.laws.replace(",", " ").split())
+    if unknown := sorted(on - set(LAWS)):
         raise ConfigError(
             f"controller.adaptive.laws: there is no law '{unknown[0]}'. Laws: {', '.join(LAWS)}."
         )
-    return named
+    by_name = {name: getattr(config, name) for name in AdaptiveGains.dtype.names if hasattr(config, name)}
+    return AdaptiveGains(
+        **by_name,
+        **{name.replace("-", "_"): name in on for name in LAWS},
+        arm_mode=2.0 * math.pi * config.arm_mode_hz,
+        strike=strike_gains(config),
+    )
 
 
 # The memory of ``hybrid-adaptive`` along tool z, all zero after a reset.
@@ -164,16 +162,33 @@ class PressMemory(Record):
     force: ForceObserver
 
 
-# Gains and memory of the laws that use the path.
+# The memory of the laws that use the path.
 
 
-class PathGains(Record):
-    """Gains of the four laws."""
+class LearningMemory(Record):
+    """Memory of ``learn``."""
 
-    forward: FeedForwardGains
-    feed: FeedGains
-    learning: LearningGains
-    normal: NormalGains
+    average: float  #: Averaged offset [m]
+    began: float  #: Arc length where the average began [m]; 0: it does not run
+    last_row: int  #: Last row written
+
+
+class NeighbourMemory(Record):
+    """Memory of ``learned_rate``."""
+
+    fading: float  #: 0 to 1 [-]
+    slope: float  #: Of the neighbour turn, kept while it fades out [-]
+
+
+class NormalMemory(Record):
+    """Correction of the planned axis."""
+
+    tilt_x: float  #: About tool x [rad]
+    tilt_y: float
+    rate_x: float  #: Its rate [rad/s]
+    rate_y: float
+    moment_x: float  #: Low-passed [N m]
+    moment_y: float
 
 
 class PathMemory(Record):
@@ -184,21 +199,3 @@ class PathMemory(Record):
     feed_error: float  #: Averaged force error [N]
     normal: NormalMemory
     wanted: Matrix3  #: Orientation the turning loop aims at, R_base_tool
-
-
-def path_gains(config: AdaptiveConfig) -> PathGains:
-    """The gains a configuration asks for; raises as `laws_of`."""
-    on = laws_of(config)
-    return PathGains(
-        FeedForwardGains(config.command_delay_s, "feed-forward" in on),
-        FeedGains(config.feed_error_n, config.feed_least, "feed" in on),
-        LearningGains(config.learning_length_m, config.learning_gain, "learning" in on),
-        NormalGains(
-            config.normal_rate_1_s,
-            config.normal_limit_rad,
-            config.normal_turning_rad_s,
-            config.head_stiffness_n_m,
-            config.pad_tilt_stiffness_nm_rad,
-            "normal" in on,
-        ),
-    )

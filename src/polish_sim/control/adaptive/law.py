@@ -11,14 +11,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import ControllerConfig
 from polish_sim.control.adaptive import drawing, force_loop, landing
 from polish_sim.control.adaptive.drawing import Ahead
-from polish_sim.control.adaptive.gains import (
-    AdaptiveGains,
-    PathGains,
-    PathMemory,
-    PressMemory,
-    adaptive_gains,
-    path_gains,
-)
+from polish_sim.control.adaptive.gains import AdaptiveGains, PathMemory, PressMemory, adaptive_gains
 from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_moment
 from polish_sim.control.hybrid import (
     HybridGains,
@@ -58,8 +51,7 @@ class AdaptiveContext(Record):
     """What the law reads and writes besides the course."""
 
     hybrid: HybridGains
-    press: AdaptiveGains
-    path: PathGains
+    gains: AdaptiveGains
     spacing: float  #: Of the course's rows [m]
     rows: int  #: Of the course; 0 without one
     memory: AdaptiveMemory
@@ -72,51 +64,45 @@ _CONTEXT, _ROW = AdaptiveContext.dtype, drawing.AheadRow.dtype
 def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type: ignore[no-untyped-def]
     c, m, t, out = records_at(context, _CONTEXT, measurement, target, answer)
     ahead = Ahead(c.spacing, carray(course, c.rows, _ROW))
-    g = c.press
-    p = c.path
-    press_memory = c.memory.press
-    path = c.memory.path
-    dt = m.cycle
-    force, twist = press_memory.force, out.twist
+    g, memory, path, twist = c.gains, c.memory.press, c.memory.path, out.twist
     position_by_velocity(m, t, c.hybrid.position, c.memory.hybrid, twist)
-    turn(c.hybrid, p, ahead, path, m, t, c.memory.hybrid, dt, twist)
+    turn(c.hybrid, g, ahead, path, m, t, c.memory.hybrid, twist)
     by_position = along_z(m, twist)
-    ratio = g.stiffness_n_m / force.stiffness if force.stiffness > 0.0 else 1.0
-    expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
-    expected_then = expected_rate(p, ahead, path, m, t, press_memory.delay.delay, ratio, 0.0)
+    ratio = g.stiffness_n_m / memory.force.stiffness if memory.force.stiffness > 0.0 else 1.0
+    expected = expected_rate(g, ahead, path, m, t, 0.0, ratio, m.cycle)
+    expected_then = expected_rate(g, ahead, path, m, t, memory.delay.delay, ratio, 0.0)
     arm_mode = drawing.at(ahead.rows.arm_mode, ahead.spacing, t.s) if c.rows > 1 else g.arm_mode
-    speed = press_adaptive(g, press_memory, m, t, by_position, expected, expected_then, arm_mode, dt)
+    speed = press_adaptive(g, memory, m, t, by_position, expected, expected_then, arm_mode)
     replace_along_z(m, speed, twist)
-    force_loop.remember_command(press_memory, speed)
-    out.feed = look_back(p, press_memory, ahead, path, m, t, ratio, dt)
+    force_loop.remember_command(memory, speed)
+    out.feed = look_back(g, memory, ahead, path, m, t, ratio)
 
 
 @kernel
 def turn(
     h: HybridGains,
-    p: PathGains,
+    g: AdaptiveGains,
     ahead: Ahead,
     path: PathMemory,
     m: Measurement,
     t: Target,
     hybrid: HybridMemory,
-    dt: float,
     twist: Array,
 ) -> None:
     """Angular part of the twist: to the planned axis, corrected by the surface's normal from the pad's
     moment."""
-    level_by_moment(ahead, m, t, p.normal, dt, path.normal)
+    level_by_moment(ahead, m, t, g, m.cycle, path.normal)
     tilt_frame(t.rotation, path.normal.tilt_x, path.normal.tilt_y, path.wanted)
-    if p.normal.on:
+    if g.normal:
         turn_to_target(m, path.wanted, t.twist, h.orientation, False, hybrid, twist)
     else:
         turn_and_level(m, t, h, hybrid, twist)
-    drawing.lead_turning(ahead, t, p.forward, twist)
+    drawing.lead_turning(ahead, t, g, twist)
 
 
 @kernel
 def expected_rate(
-    p: PathGains,
+    g: AdaptiveGains,
     ahead: Ahead,
     path: PathMemory,
     m: Measurement,
@@ -127,20 +113,19 @@ def expected_rate(
 ) -> float:
     """Speed along tool z that drawing and neighbour turn say the path asks for ``look_ahead`` [s] from now
     [m/s]."""
-    planned = drawing.planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, p.forward)
-    return planned + learned_rate(ahead, t, look_ahead, p.learning, dt, path.neighbour)
+    planned = drawing.planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, g)
+    return planned + learned_rate(ahead, t, look_ahead, g, dt, path.neighbour)
 
 
 @kernel
 def look_back(
-    p: PathGains,
+    g: AdaptiveGains,
     memory: PressMemory,
     ahead: Ahead,
     path: PathMemory,
     m: Measurement,
     t: Target,
     ratio: float,
-    dt: float,
 ) -> float:
     """Learn from the observed force where the surface is; share of the planned feed to grant [-]."""
     state = memory.force
@@ -148,10 +133,10 @@ def look_back(
         return 1.0
     error = t.force - (state.at_no_travel + state.stiffness * state.travel)
     height = dot(t.rotation[:, 2], minus(m.position, t.position))
-    offset = height + error / state.stiffness - drawing.planned_surplus(ahead, t, ratio, p.forward)
-    learn(ahead, t, offset, p.learning, dt, path.learning)
-    path.feed_error = drawing.averaged_error(path.feed_error, error, t, dt)
-    return drawing.granted_feed(ahead, t, path.feed_error, p.feed)
+    offset = height + error / state.stiffness - drawing.planned_surplus(ahead, t, ratio, g)
+    learn(ahead, t, offset, g, m.cycle, path.learning)
+    path.feed_error = drawing.averaged_error(path.feed_error, error, t, m.cycle)
+    return drawing.granted_feed(ahead, t, path.feed_error, g)
 
 
 @kernel
@@ -164,7 +149,6 @@ def press_adaptive(
     expected: float,
     expected_then: float,
     arm_mode: float,
-    dt: float,
 ) -> float:
     """Speed along tool z [m/s]: the laws along z in turn.
 
@@ -172,6 +156,7 @@ def press_adaptive(
     path asks for at this moment to keep the force, ``expected_then`` the same when today's command acts
     [m/s]; ``arm_mode`` is the arm's vibration [rad/s].
     """
+    dt = m.cycle
     force_loop.expect_delay(g, memory)
     speed = along_z(m, m.twist)
     pressing = speed - expected
@@ -186,7 +171,7 @@ def press_adaptive(
         return landing.seek_speed(memory) if t.contact else min(by_position, planned + landing.SEEK_SLOWEST)
     state = memory.force
     state.age += dt
-    if g.estimates and (state.landed < _LANDING or (t.speed == 0.0 and not memory.fit.reached)):
+    if g.stiffness and (state.landed < _LANDING or (t.speed == 0.0 and not memory.fit.reached)):
         stiffness = landing.refine_stiffness(g, memory, seen.path, reading, pressing)
         force_loop.change_stiffness(memory, stiffness, seen.path)
     pace = force_loop.pace_of(
@@ -234,7 +219,7 @@ def _touches(
     if air.touches and not before:
         force = max(air.fast, 0.0) if g.touch_down else reading
         force_loop.begin_contact(
-            memory, g.stiffness_n_m * (g.stiff_first if g.estimates else 1.0), path, force
+            memory, g.stiffness_n_m * (g.stiff_first if g.stiffness else 1.0), path, force
         )
         landing.restart_fit(memory, path, force)
     return air.touches
@@ -248,13 +233,13 @@ class AdaptiveController(CompiledController):
 
     def __init__(self, config: ControllerConfig) -> None:
         laws = config.adaptive
-        context = AdaptiveContext(hybrid_gains(config), adaptive_gains(laws), path_gains(laws), spacing=1.0)
+        context = AdaptiveContext(hybrid_gains(config), adaptive_gains(laws), spacing=1.0)
         super().__init__(context, _hybrid_adaptive_law, np.zeros(1, drawing.AheadRow.dtype))
         self._laws = laws
 
     def prepare(self, course: Course) -> None:
         """Take in what lies ahead on the path, and how the arm swings there, or is believed to."""
-        believed = self.context.press.arm_mode
+        believed = self.context.gains.arm_mode
         modes = np.where(course.arm_mode > 0.0, course.arm_mode, believed) * (believed > 0.0)
         course = course._replace(arm_mode=modes)
         self.course = drawing.rows_ahead(course, drawing.followable_share(course, self._laws))

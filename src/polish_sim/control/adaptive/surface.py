@@ -10,41 +10,17 @@ from __future__ import annotations
 import math
 
 from polish_sim.control.adaptive.drawing import Ahead, at
+from polish_sim.control.adaptive.gains import AdaptiveGains, LearningMemory, NeighbourMemory, NormalMemory
 from polish_sim.control.loops import low_pass_step
 from polish_sim.control.signals import Measurement, Target
-from polish_sim.kernels import Record, kernel
+from polish_sim.kernels import kernel
 
 #: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
 FADE_S = 0.1
 
 
-class LearningGains(Record):
-    """Gains of the learning."""
-
-    length: float  #: Length over which the offset is averaged, and its slope taken to either side [m]
-    gain: float  #: Share of the neighbour's slope that is fed forward [-]
-    on: bool  #: False leaves the law out
-
-
-class LearningMemory(Record):
-    """Memory of ``learn``."""
-
-    average: float  #: Averaged offset [m]
-    began: float  #: Arc length where the average began [m]; 0: it does not run
-    last_row: int  #: Last row written
-
-
-class NeighbourMemory(Record):
-    """Memory of ``learned_rate``."""
-
-    fading: float  #: 0 to 1 [-]
-    slope: float  #: Of the neighbour turn, kept while it fades out [-]
-
-
 @kernel
-def learn(
-    ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: float, state: LearningMemory
-) -> None:
+def learn(ahead: Ahead, t: Target, offset: float, g: AdaptiveGains, dt: float, state: LearningMemory) -> None:
     """Remember how much deeper than planned the real surface lies at the present place.
 
     The average lags its length behind: it is stored where it belongs. ``offset`` [m] is the tool beyond the
@@ -56,12 +32,12 @@ def learn(
         state.began = 0.0
         return
     s = t.s
-    row = int((s - gains.length) / ahead.spacing)
+    row = int((s - g.learning_length_m) / ahead.spacing)
     if state.began == 0.0:
         state.average, state.began, state.last_row = offset, s, row
-    state.average += min(speed * dt / gains.length, 1.0) * (offset - state.average)
+    state.average += min(speed * dt / g.learning_length_m, 1.0) * (offset - state.average)
     # The first stretch after a landing only fills the average.
-    if s - state.began < 2.0 * gains.length:
+    if s - state.began < 2.0 * g.learning_length_m:
         state.last_row = row
         return
     for k in range(max(state.last_row + 1, 0), min(row + 1, ahead.rows.shape[0])):
@@ -71,7 +47,7 @@ def learn(
 
 @kernel
 def learned_rate(
-    ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: NeighbourMemory
+    ahead: Ahead, t: Target, look_ahead: float, g: AdaptiveGains, dt: float, state: NeighbourMemory
 ) -> float:
     """Velocity along the tool axis that the neighbouring turn says will be needed ``look_ahead`` [s] from now
     [m/s].
@@ -80,10 +56,10 @@ def learned_rate(
     """
     speed = t.speed
     n = ahead.rows.shape[0]
-    if not gains.on or n < 2 or not t.contact:
+    if not g.learning or n < 2 or not t.contact:
         state.fading = 0.0
         return 0.0
-    s, h = t.s + speed * look_ahead, gains.length
+    s, h = t.s + speed * look_ahead, g.learning_length_m
     before, after = _neighbour(ahead, s - h), _neighbour(ahead, s + h)
     span = abs(after - before) * ahead.spacing
     found = before >= 0 and after >= 0 and h < span < 4.0 * h
@@ -91,7 +67,7 @@ def learned_rate(
     if found:
         state.slope = (ahead.rows[after].learned - ahead.rows[before].learned) / (2.0 * h)
     state.fading += min(dt / FADE_S, 1.0) * (found - state.fading)
-    return gains.gain * state.fading * state.slope * speed
+    return g.learning_gain * state.fading * state.slope * speed
 
 
 @kernel
@@ -116,40 +92,18 @@ MOMENT_HZ = 3.0
 moment."""
 
 
-class NormalGains(Record):
-    """Gains of the normal's correction."""
-
-    rate: float  #: Share of the angle seen that is taken back per time [1/s]
-    limit: float  #: Largest correction of the planned axis [rad]
-    turning_limit: float  #: Largest rate of the correction [rad/s]
-    head_stiffness: float  #: Spring between tool point and pad [N/m]
-    pad_tilt_stiffness: float  #: Of the whole disc on a flat part [N m/rad]
-    on: bool  #: False leaves the law out
-
-
-class NormalMemory(Record):
-    """Correction of the planned axis."""
-
-    tilt_x: float  #: About tool x [rad]
-    tilt_y: float
-    rate_x: float  #: Its rate [rad/s]
-    rate_y: float
-    moment_x: float  #: Low-passed [N m]
-    moment_y: float
-
-
 @kernel
 def level_by_moment(
-    ahead: Ahead, m: Measurement, t: Target, gains: NormalGains, dt: float, state: NormalMemory
+    ahead: Ahead, m: Measurement, t: Target, g: AdaptiveGains, dt: float, state: NormalMemory
 ) -> None:
     """Move the correction of the planned axis on by one cycle."""
-    if not gains.on or not t.contact or m.wrench[2] < 0.25 * t.force:
+    if not g.normal or not t.contact or m.wrench[2] < 0.25 * t.force:
         state.rate_x = state.rate_y = 0.0
         if not t.contact:
             state.tilt_x = state.tilt_y = state.moment_x = state.moment_y = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
-    travel = m.wrench[2] / gains.head_stiffness
+    travel = m.wrench[2] / g.head_stiffness_n_m
     moment_x = m.wrench[3] - travel * m.wrench[1]
     moment_y = m.wrench[4] + travel * m.wrench[0]
     s, carried = t.s, m.wrench[2] / t.force
@@ -157,23 +111,23 @@ def level_by_moment(
     moment_y -= carried * at(ahead.rows.moment_y, ahead.spacing, s)
     stiff_x, stiff_y = at(ahead.rows.tilt_x, ahead.spacing, s), at(ahead.rows.tilt_y, ahead.spacing, s)
     if ahead.rows.shape[0] < 2:
-        stiff_x = stiff_y = gains.pad_tilt_stiffness
+        stiff_x = stiff_y = g.pad_tilt_stiffness_nm_rad
     state.moment_x = low_pass_step(state.moment_x, moment_x, MOMENT_HZ, dt)
     state.moment_y = low_pass_step(state.moment_y, moment_y, MOMENT_HZ, dt)
-    state.rate_x = _rate(state.moment_x, stiff_x, gains)
-    state.rate_y = _rate(state.moment_y, stiff_y, gains)
+    state.rate_x = _rate(state.moment_x, stiff_x, g)
+    state.rate_y = _rate(state.moment_y, stiff_y, g)
     state.tilt_x += state.rate_x * dt
     state.tilt_y += state.rate_y * dt
     size = math.sqrt(state.tilt_x * state.tilt_x + state.tilt_y * state.tilt_y)
-    if size > gains.limit:
-        state.tilt_x *= gains.limit / size
-        state.tilt_y *= gains.limit / size
+    if size > g.normal_limit_rad:
+        state.tilt_x *= g.normal_limit_rad / size
+        state.tilt_y *= g.normal_limit_rad / size
 
 
 @kernel
-def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
+def _rate(moment: float, stiffness: float, g: AdaptiveGains) -> float:
     """Rate of the correction [rad/s]; slower where only a part of the pad touches and the moment says
     less."""
-    whole = max(stiffness / gains.pad_tilt_stiffness, 1e-3)
-    rate = -gains.rate * whole * moment / gains.pad_tilt_stiffness
-    return min(max(rate, -gains.turning_limit), gains.turning_limit)
+    whole = max(stiffness / g.pad_tilt_stiffness_nm_rad, 1e-3)
+    rate = -g.normal_rate_1_s * whole * moment / g.pad_tilt_stiffness_nm_rad
+    return min(max(rate, -g.normal_turning_rad_s), g.normal_turning_rad_s)
