@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from polish_sim.cell import build_scene, no_part, tool_on_flange
-from polish_sim.cell.scene import Drawn, robot_with_tool, works_below
+from polish_sim.cell.scene import Drawn, robot_with_tool
 from polish_sim.config import PartConfig, PlanConfig, Scenario, SmoothingConfig
 from polish_sim.config.key import POSE
 from polish_sim.errors import PolishSimError, ReachError
@@ -51,7 +51,7 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
     scenario, plan = planned(f"point:{SIDES[side]}")
     reach, path = reached(scenario, plan), plan.path
     part = no_part()._replace(position=reach.T_base_work[:3, 3], rotation=reach.T_base_work[:3, :3].copy())
-    model = build_scene(scenario, Drawn(plan.mesh, part), works_below(reach.T_base_work, path.axes_work))
+    model = build_scene(scenario, Drawn(plan.mesh, part), path.axes_work)
     turns = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     poses = transform(turns, apply(reach.T_base_work, path.positions_work))
     joints = track(poses, tool_on_flange(), reach.q_start)

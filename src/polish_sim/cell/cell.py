@@ -243,11 +243,6 @@ class Cell:
         """Errors of the wrist sensor, with the bias this run drew."""
         return self.state.sensor.errors
 
-    @property
-    def tare(self) -> Array:
-        """The host's tare: compensated wrench at the tool point when it was zeroed [N, N m], shape (6,)."""
-        return self.state.sensor.tare.copy()
-
     def compensate(self, mass: float, center: Array) -> None:
         """Let the host subtract the weight of a tool, its ``center`` of mass in the sensor frame [m], shape
         (3,).

@@ -71,8 +71,8 @@ def build_host_arm(
 
 
 @kernel
-def read_encoders(arm: HostArm, q: Array, first: int) -> None:
-    """Where axes and end are with joint angles ``q[first : first + 6]`` [rad], by the host's table."""
+def read_encoders(arm: HostArm, q: Array) -> None:
+    """Where axes and end are with joint angles ``q`` (>= 6,) [rad], by the host's table."""
     T = arm.frame
     for i in range(3):
         for j in range(4):
@@ -80,7 +80,7 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
     for k in range(6):
         for i in range(3):
             arm.anchors[k, i], arm.axes[k, i] = T[i, 3], T[i, 2]
-        advance_frame(T, arm.table[k], q[first + k])
+        advance_frame(T, arm.table[k], q[k])
     E = arm.T_flange_end
     set_to(arm.place, plus_matvec(T[:, 3], T, E[:, 3]))
     for i in range(3):

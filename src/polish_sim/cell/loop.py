@@ -176,7 +176,7 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
         return
     hear_joints(arm, e)
     compensate(arm, arm.host, e, m, 1.0)
-    read_encoders(arm.host, arm.links, 0)
+    read_encoders(arm.host, arm.links)
     for j in range(6):
         for i in range(3):
             arm.host.axes[j, i] *= arm.slope[j]  # so that the Jacobian is that of the encoders

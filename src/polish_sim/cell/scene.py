@@ -52,23 +52,22 @@ class Drawn(NamedTuple):
 
 
 def build_scene(
-    scenario: Scenario, part: Drawn | None = None, held_behind: bool = False, fixture: Drawn | None = None
+    scenario: Scenario, part: Drawn | None = None, axes: Array | None = None, fixture: Drawn | None = None
 ) -> mujoco.MjModel:
     """Compile the cell; without a part it is for motion in free space.
 
-    ``held_behind``: the stand leaves the part's underside free, see ``stand_of``. The meshes of part and
-    ``fixture`` are drawn only; the pad's contact and the crash check are computed on their signed distance,
-    because the engine would take the convex hull.
+    ``axes``: as of ``stand_of``. The meshes of part and ``fixture`` are drawn only; the pad's contact and the
+    crash check are computed on their signed distance, because the engine would take the convex hull.
     """
     spec = robot_with_tool(scenario)
     spec.option.timestep = scenario.simulation.timestep_s
     if part is not None:
-        lay_part(spec, part.mesh, part.pose, held_behind, fixture)
+        lay_part(spec, part.mesh, part.pose, axes, fixture)
     return spec.compile()
 
 
 def lay_part(
-    spec: Any, mesh: PartMesh, T_base_part: Array, held_behind: bool = False, fixture: Drawn | None = None
+    spec: Any, mesh: PartMesh, T_base_part: Array, axes: Array | None = None, fixture: Drawn | None = None
 ) -> None:
     """Put a part, in its fixture if it has one, on a stand on the table; both are drawn only."""
     add_table(spec)
@@ -77,7 +76,7 @@ def lay_part(
     if fixture is not None:
         add_drawn_part(spec, spec.worldbody, fixture.mesh, fixture.pose, "fixture", FIXTURE_COLOR)
         corners = np.concatenate([corners, apply(fixture.pose, fixture.mesh.vertices)])
-    add_stand(spec, stand_of(corners, held_behind))
+    add_stand(spec, stand_of(corners, T_base_part, axes))
 
 
 def robot_with_tool(scenario: Scenario) -> Any:
@@ -214,21 +213,17 @@ def add_stand(spec: Any, boxes: Sequence[Box]) -> None:
         )
 
 
-def works_below(T_base_work: Array, axes_work: Array) -> bool:
-    """Whether the tool comes to a part from below anywhere, by its axes from the part to the tool, (n, 3)."""
-    return bool((axes_work @ T_base_work[2, :3]).min() < _FROM_BELOW)
-
-
-def stand_of(corners: Array, held_behind: bool) -> list[Box]:
+def stand_of(corners: Array, T_base_part: Array, axes: Array | None) -> list[Box]:
     """Boxes that carry a part with vertices (n, 3) [m] in the base frame; none if the part lies on the table.
 
-    A block under it, or, ``held_behind``, a post behind it with an arm where the tool works from below.
+    A block under it, or, where the tool comes from below anywhere by its ``axes`` from the part to the tool,
+    (n, 3) in the part's frame, a post behind it with an arm.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     if low[2] - TABLE_TOP <= 0.005:
         return []
-    if not held_behind:
+    if axes is None or (axes @ T_base_part[2, :3]).min() >= _FROM_BELOW:
         return [_standing(middle, 0.84 * half, low[2])]
     back = low[1] - POST_AWAY
     width = min(0.84 * half[0], POST_AWAY)

@@ -300,7 +300,7 @@ def carry_part(
         return
     arm = carrier.host_arm
     _hear(master, said, heard, e.dt)
-    read_encoders(arm, carrier.q, 0)
+    read_encoders(arm, carrier.q)
     _add_joints(
         arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning
     )

@@ -158,7 +158,7 @@ def advance_pair(
         if arm.elastic:
             see_as_host(arm, state, e)
         else:
-            read_encoders(host_arm, e.qpos, 0)
+            read_encoders(host_arm, e.qpos)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
         read_sensor(cell, t, draws[k])
         due, waited = host_is_due(arm, state.status, cell.control_every)

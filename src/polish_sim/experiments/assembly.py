@@ -20,7 +20,7 @@ from polish_sim.cell.kernel import FORCE, SET_POINTS
 from polish_sim.cell.limits import check_contact_settings, check_rates, modelled_depth
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields
-from polish_sim.cell.scene import Drawn, works_below
+from polish_sim.cell.scene import Drawn
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
@@ -213,11 +213,10 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Seq
         # The part lies and the arm errs as before, the sensor's noise is another.
         again = np.random.SeedSequence(scenario.seed).spawn(len(streams) + lesson.runs)[-1]
         streams = streams._replace(sensor=np.random.default_rng(again))
-    held_behind = works_below(place.reach.T_base_work, place.path.axes_work)
     fixture = standing_fixture(scenario.pad.radius_m, place)
     cell = Cell(
         scenario,
-        build_scene(scenario, Drawn(place.shape.mesh, part), held_behind, fixture),
+        build_scene(scenario, Drawn(place.shape.mesh, part), place.path.axes_work, fixture),
         part,
         strokes,
         place.reach.q_start,

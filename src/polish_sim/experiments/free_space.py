@@ -109,16 +109,10 @@ AT_REST_RAD_S = 2e-3  #: No joint may be faster while the sensor is read
 
 
 def free_cell(
-    scenario: Scenario,
-    start: PathTable,
-    table: PathTable,
-    feed: float,
-    q_start: Array,
-    rng: np.random.Generator,
+    scenario: Scenario, table: PathTable, feed: float, q_start: Array, rng: np.random.Generator
 ) -> Cell:
-    """A cell without a part whose tool moves along a table at a feed [m/s], from one that stays at its
-    beginning."""
-    pace = feed_pace(feed)
+    """A cell without a part whose tool moves along a table at a feed [m/s]."""
+    start, pace = build_path_table(table.positions[:1], matrices(table.quaternions[:1])), feed_pace(feed)
     stroke = Stroke(
         travel=time_path(start, pace),
         lead_in=start,
@@ -186,10 +180,6 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
 
     There is nothing to press on, and no limit on a force that is the weight of a tool not known yet.
     """
-    start = build_path_table(
-        visit.table.positions[:1],
-        matrices(visit.table.quaternions[:1]),
-    )
     free = replace(
         scenario,
         process=replace(scenario.process, max_feed_s=0.0),
@@ -197,7 +187,7 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
         spindle=replace(scenario.spindle, speed_rpm=0.0),
         safety=replace(scenario.safety, force_limit_n=1e4, torque_limit_nm=1e3),
     )
-    cell = free_cell(free, start, visit.table, CLOCK_FEED, q_start, rng)
+    cell = free_cell(free, visit.table, CLOCK_FEED, q_start, rng)
     cell.compensate(0.0, np.zeros(3))
     return cell
 
@@ -242,7 +232,7 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
 
 def _at_sensor(cell: Cell, tared: Array) -> Array:
     """What the sensor read, from the host's tared wrenches about the tool point, shape (n, 6)."""
-    found = tared + cell.tare
+    found = tared + cell.state.sensor.tare
     found[:, 3:] += np.cross(cell.carried.lever, found[:, :3])
     return found
 
@@ -290,11 +280,10 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """
     path, reach, _ = prepare_arc(scenario)
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
-    start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     observer.stage("simulate")
     rng = np.random.default_rng(scenario.seed)
-    cell = free_cell(free, start, table, scenario.process.feed_m_s, reach.q_start, rng)
+    cell = free_cell(free, table, scenario.process.feed_m_s, reach.q_start, rng)
     believe_tool(cell, random_streams(scenario.seed).payload)
     run = cell.run(observer)
     done = run.trace.path_s_m[-1] / table.length

@@ -23,7 +23,6 @@ from polish_sim.cell.scene import (
     robot_with_tool,
     stand_of,
     touching_at,
-    works_below,
 )
 from polish_sim.config import Checked
 from polish_sim.errors import ReachError, place_in_mm
@@ -127,8 +126,7 @@ class ArmCheck:
 
     def _place(self, T_base_work: Array) -> None:
         """Put the stand under the part, or out of the way where it needs none."""
-        held_behind = works_below(T_base_work, self._axes)
-        boxes = stand_of(apply(T_base_work, self._mesh.vertices), held_behind)
+        boxes = stand_of(apply(T_base_work, self._mesh.vertices), T_base_work, self._axes)
         for geom, box in zip(self._stand, [*boxes, TABLE, TABLE], strict=False):
             self._model.geom_pos[geom], self._model.geom_size[geom] = box
             self._model.geom_rbound[geom] = np.linalg.norm(box.half)

@@ -89,8 +89,6 @@ def run_payload_calibration(
     figures |= {
         "drift_600s_rms_n": rms_length(once),
         "drift_600s_retared_rms_n": rms_length(again),
-        "drift_600s_max_n": norms(once).max(),
-        "drift_600s_retared_max_n": norms(again).max(),
         "simulated_s": run.steps * run.dt,
         "wall_s": run.wall_s,
         "steps": run.steps,
@@ -112,17 +110,14 @@ def _check_range(cell: Cell, readings: PayloadReadings) -> None:
 
 
 def _errors(cell: Cell, estimate: PayloadEstimate) -> Figures:
-    """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
+    """Estimate minus truth."""
     carried = cell.carried
-    off = estimate.bias_at(0.0) - cell.sensor.bias
     worst = abs(estimate.mass - carried.mass) * GRAVITY
     worst += float(np.linalg.norm(_bias_error(cell, estimate)))
     return {
         "mass_error_kg": estimate.mass - carried.mass,
         "mass_error_relative": abs(estimate.mass / carried.mass - 1.0),
         "center_error_m": np.linalg.norm(estimate.center - carried.center),
-        "bias_error_n": off[:3].tolist(),
-        "bias_error_nm": off[3:].tolist(),
         "compensation_error_max_n": worst,
     }
 
@@ -135,12 +130,10 @@ def _bias_error(cell: Cell, estimate: PayloadEstimate) -> Array:
 
 def _return_figures(readings: PayloadReadings, estimate: PayloadEstimate) -> Figures:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
-    drift, std = readings.wrenches[-1] - readings.wrenches[0], np.sqrt(2.0) * estimate.noise
+    drift = (readings.wrenches[-1] - readings.wrenches[0])[:3]
     return {
-        "drift_return_n": drift[:3].tolist(),
-        "drift_return_n_std": std[0],
-        "drift_return_nm": drift[3:].tolist(),
-        "drift_return_nm_std": std[3],
+        "drift_return_n": drift.tolist(),
+        "drift_return_n_std": np.sqrt(2.0) * estimate.noise[0],
         "drift_return_s": readings.time[-1] - readings.time[0],
     }
 
@@ -155,7 +148,6 @@ def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Gene
     left = (read - payload_regressor(R[:, 2, :]) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
     return {
-        "residual_poses": CHECK_POSES,
         "residual_force_max_n": norms(left).max(),
         "residual_force_rms_n": rms_length(left),
         "residual_force_tared_max_n": norms(left - left[0])[1:].max(),

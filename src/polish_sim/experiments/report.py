@@ -24,7 +24,7 @@ from polish_sim.analysis.run_record import (
 )
 from polish_sim.analysis.style import say_stop
 from polish_sim.arrays import Array
-from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
+from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments.registry import claims_shown, experiment, load, path_words, setting_rows
 from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plots, shown_rows
@@ -146,10 +146,8 @@ def cell_model(record: RunRecord) -> Any:
     spec = robot_with_tool(scenario)
     if T_base_work is not None and experiment(scenario.experiment).on_part:
         with suppress(PolishSimError):
-            mesh, below = load_mesh(scenario.part), False
-            if record.path is not None:
-                below = works_below(np.array(T_base_work), record.path.axes_work)
-            lay_part(spec, mesh, np.array(T_base_work), below)
+            axes = None if record.path is None else record.path.axes_work
+            lay_part(spec, load_mesh(scenario.part), np.array(T_base_work), axes)
     return spec.compile()
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from polish_sim.analysis.run_record import PATH, REMOVAL, RunRecord
 from polish_sim.arrays import Array, Figures
+from polish_sim.cell.observer import Observer
 from polish_sim.errors import number_text, place_in_mm
 from polish_sim.row_file import package_versions
 from polish_sim.spatial import apply, inverse
 
 if TYPE_CHECKING:
-    from polish_sim.cell import Observer
     from polish_sim.cell.cell import CellRun
     from polish_sim.config import Scenario
     from polish_sim.log import RemovalMap, RunLog, Trace
@@ -136,23 +136,16 @@ def _with_values(text: str | None, scenario: Scenario) -> str | None:
 # Progress of one of several equal tasks, as progress of the whole.
 
 
-class PartOf:
-    """Passes on what happens in piece ``number`` of ``count``."""
+class PartOf(Observer):
+    """Passes on the frames and the progress of piece ``number`` of ``count``; the whole is one stage."""
 
     def __init__(self, observer: Observer, number: int, count: int) -> None:
         self.observer, self.number, self.count = observer, number, count
         self.frame_every_s = observer.frame_every_s
 
-    def stage(self, text: str) -> None:
-        """The whole is one stage."""
-
     def progress(self, done: float, total: float) -> None:
         """Share of the whole."""
         self.observer.progress(self.number + done / total, self.count)
-
-    def start(self, cell: Any) -> None:
-        """Passed on."""
-        self.observer.start(cell)
 
     def frame(self, model: Any, data: Any) -> None:
         """Passed on."""

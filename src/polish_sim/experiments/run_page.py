@@ -13,7 +13,7 @@ from polish_sim.analysis.claim import figure_table
 from polish_sim.analysis.run_record import RunRecord, changed_settings, other_conditions, stop_mark
 from polish_sim.arrays import Array, Indices, Ints, chord_lengths, dots, into_plane, norms
 from polish_sim.cell import Stroke, tool_on_flange
-from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
+from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.config import Scenario
 from polish_sim.exchange.log_sources import JOINT_NAMES
 from polish_sim.experiments.cycle import cycle_of
@@ -294,7 +294,7 @@ def plan_page(
     from polish_sim.exchange.viewers import path_plots
 
     spec = robot_with_tool(scenario)
-    lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
+    lay_part(spec, result.mesh, reach.T_base_work, result.path.axes_work)
     model, cycle = spec.compile(), cycle_of(strokes)
     turns = matrices(cycle.quaternions)
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
