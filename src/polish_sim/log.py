@@ -52,6 +52,8 @@ COLUMNS: Mapping[str, int] = {
     "phase": 0,
     "host_depth_m": 0,  # of the tool beyond its target along the target's axis, by the encoders
 }
+LOG_ROW: Any = np.dtype((np.record, [(name, float, width or ()) for name, width in COLUMNS.items()]))
+"""A row of the log as it is recorded."""
 READ_BY_HOST = ("wrench_measured", "wrench_raw", "command", "host", "encoder")
 """Beginnings of the columns that a broken sensor fills with what is no number."""
 NEWER = ("host_depth_m",)  #: Columns that older runs' logs go without
@@ -104,13 +106,12 @@ class RunLog:
         return self["phase"] == PROCESS_PHASE
 
 
-def from_rows(rows: Array) -> RunLog:
-    """Split an array of packed rows, shape (n, row_width()), into the named columns of the contract."""
+def from_rows(rows: NDArray[np.void]) -> RunLog:
+    """Split recorded rows, shape (n,) of ``LOG_ROW`` or more, into the named columns of the contract."""
     columns: dict[str, NDArray[np.generic]] = {}
-    for name, (start, width) in row_layout().items():
-        block = rows[:, start] if width == 0 else rows[:, start : start + width]
+    for name in COLUMNS:
         dtype = _INTEGER.get(name, np.float64 if name in _DOUBLE else np.float32)
-        column = np.ascontiguousarray(block.astype(dtype))
+        column = np.ascontiguousarray(rows[name].astype(dtype))
         column.setflags(write=False)
         columns[name] = column
     return RunLog(MappingProxyType(columns))
@@ -123,20 +124,6 @@ def with_column(log: RunLog, name: str, values: Array) -> RunLog:
     column = np.array(values, dtype=np.float64)
     column.setflags(write=False)
     return RunLog(MappingProxyType({**log.columns, name: column}))
-
-
-def row_layout() -> dict[str, tuple[int, int]]:
-    """First index and width (0 = scalar) of every column in a packed row."""
-    layout, start = {}, 0
-    for name, width in COLUMNS.items():
-        layout[name] = (start, width)
-        start += max(width, 1)
-    return layout
-
-
-def row_width() -> int:
-    """Numbers in one packed row."""
-    return sum(max(width, 1) for width in COLUMNS.values())
 
 
 def write_log(path: Path, log: RunLog) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PAPER_ARC
-from polish_sim.log import PROCESS_PHASE, RemovalMap, RunLog, Trace, from_rows, row_layout, row_width
+from polish_sim.log import LOG_ROW, PROCESS_PHASE, RemovalMap, RunLog, Trace, from_rows
 from polish_sim.planning.toolpath import APPROACH, LEAD_OUT, PROCESS, ToolPath
 
 Array = NDArray[np.float64]
@@ -67,16 +67,15 @@ def surface_trace(path: ToolPath, dip_n: float = 5.0) -> Trace:
 
 def log_of(trace: Trace, every: int = 4) -> RunLog:
     """The log a run with this trace would have written: its rows, the quantities it does not know at zero."""
-    rows = np.zeros((len(trace.time_s[::every]), row_width()))
-    layout = row_layout()
+    rows = np.zeros(len(trace.time_s[::every]), LOG_ROW)
     for name in ("time_s", "normal_force_n", "tcp_speed_m_s", "path_s_m", "phase"):
-        rows[:, layout[name][0]] = getattr(trace, name)[::every]
+        rows[name] = getattr(trace, name)[::every]
     for name in ("normal_force_min_n", "normal_force_max_n"):
-        rows[:, layout[name][0]] = trace.normal_force_n[::every]
+        rows[name] = trace.normal_force_n[::every]
     for name in ("tcp_position_m", "target_position_m"):
-        rows[:, layout[name][0] : layout[name][0] + 3] = trace.tcp_position_m[::every]
+        rows[name] = trace.tcp_position_m[::every]
     for name in ("tcp_quaternion_wxyz", "target_quaternion_wxyz"):
-        rows[:, layout[name][0]] = 1.0
+        rows[name] = 1.0, 0.0, 0.0, 0.0
     return from_rows(rows)
 
 

@@ -63,7 +63,7 @@ from polish_sim.control.laws import file_of, tell_error
 from polish_sim.control.signals import Answer, CompiledController, Controller, Course
 from polish_sim.errors import InputError, ReachError
 from polish_sim.kernels import memory_of
-from polish_sim.log import RunLog, Trace, from_rows
+from polish_sim.log import LOG_ROW, RunLog, Trace, from_rows
 
 
 class CellRun(NamedTuple):
@@ -85,7 +85,7 @@ class CellRun(NamedTuple):
 class Played(NamedTuple):
     """What was recorded of a piece of a run."""
 
-    rows: Array  #: Of the log
+    rows: NDArray[np.void]  #: Of the log
     trace: NDArray[np.void]  #: ``TraceStep`` of every step
 
 
@@ -133,7 +133,7 @@ class Cell:
     arm = ""  #: Prefix of the names of the robot with the tool
     fault_table: Mapping[str, Fault] = FAULTS  #: What can go wrong in it
     reasons: Mapping[int, str] = REASONS  #: What each code of a protective stop means
-    more_columns = 0  #: Columns recorded behind those of the log
+    row: Any = LOG_ROW  #: What is recorded of it
 
     def __init__(
         self,
@@ -211,7 +211,7 @@ class Cell:
         )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel(part)
-        self.recorder = build_recorder(0, self._every, self.more_columns)
+        self.recorder = build_recorder(0, self._every, self.row)
 
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
@@ -337,7 +337,7 @@ class Cell:
             self.begin_stroke(0)
         self.faults.inject_due(self)
         if len(self.recorder.trace) < steps:
-            longer = build_recorder(steps, self._every, self.more_columns)
+            longer = build_recorder(steps, self._every, self.row)
             self.recorder = longer._replace(filled=self.recorder.filled)
         # What is left over is used in the next call: the noise must not depend on how a run is cut.
         if len(self.draws) < steps:
@@ -395,7 +395,7 @@ class Cell:
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         advance(self.kernel, self.real_arm, recorder, draws, steps)
 
-    def _log(self, rows: Array) -> RunLog:
+    def _log(self, rows: NDArray[np.void]) -> RunLog:
         return from_rows(rows)
 
     def _was_interrupted(self) -> bool:

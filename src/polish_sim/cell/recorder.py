@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +13,8 @@ from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.stroke import depth_below
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Bundle, Record, Vector2, Vector3, dot, kernel, minus, set_to
-from polish_sim.log import Trace, row_layout, row_width
+from polish_sim.log import LOG_ROW, Trace
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
-
-ROW_WIDTH = row_width()
-_AT = {name: start for name, (start, _width) in row_layout().items()}
-# Constants, because a compiled kernel cannot read a dictionary.
-_TIME, _Q, _QD, _TORQUE = _AT["time_s"], _AT["q_rad"], _AT["qd_rad_s"], _AT["torque_nm"]
-_POSITION, _QUATERNION = _AT["tcp_position_m"], _AT["tcp_quaternion_wxyz"]
-_TARGET_POSITION, _TARGET_QUATERNION = _AT["target_position_m"], _AT["target_quaternion_wxyz"]
-_DEPTH, _SPEED, _COMMAND = _AT["host_depth_m"], _AT["tcp_speed_m_s"], _AT["command_twist"]
-_MEASURED, _RAW, _TRUE = _AT["wrench_measured_tool"], _AT["wrench_raw_sensor"], _AT["wrench_true_tool"]
-_FORCE, _FORCE_MIN, _FORCE_MAX = _AT["normal_force_n"], _AT["normal_force_min_n"], _AT["normal_force_max_n"]
-_TRAVEL, _PATH, _PASS, _PHASE = _AT["pad_travel_m"], _AT["path_s_m"], _AT["pass_index"], _AT["phase"]
 
 
 class TraceStep(Record):
@@ -58,25 +48,24 @@ class Filled(Record):
 class Recorder(Bundle):
     """Buffers of one chunk of steps."""
 
-    rows: Array  #: Packed log rows and what a branch adds behind each, shape (k, ROW_WIDTH + extra)
+    rows: NDArray[np.void]  #: ``LOG_ROW`` and what a branch adds to each, shape (k,)
     trace: NDArray[np.void]  #: ``TraceStep`` of every step, shape (steps,)
     every: int  #: Steps per row
     filled: Filled
 
 
-def build_recorder(steps: int, every: int, extra: int = 0) -> Recorder:
-    """Buffers for chunks of at most ``steps`` steps, a row every ``every`` steps, ``extra`` columns behind
-    the log's own.
-    """
-    rows, trace = np.zeros((steps // every + 2, ROW_WIDTH + extra)), np.zeros(steps, TraceStep.dtype)
+def build_recorder(steps: int, every: int, row: Any = LOG_ROW) -> Recorder:
+    """Buffers for chunks of at most ``steps`` steps, a ``row`` every ``every`` steps."""
+    rows, trace = np.zeros(steps // every + 2, row), np.zeros(steps, TraceStep.dtype)
     return Recorder(rows, trace, every, Filled(force_range=(np.inf, -np.inf)))
 
 
 @kernel
-def put(row: Array, start: int, values: Array, count: int) -> None:
-    """Copy by hand: a slice assignment would compile a shape check with its message, seconds of it."""
-    for i in range(count):
-        row[start + i] = values[i]
+def put(out: Array, values: Array) -> None:
+    """Copy six numbers by hand: a slice assignment would compile a shape check with its message, seconds of
+    it."""
+    for i in range(6):
+        out[i] = values[i]
 
 
 @kernel
@@ -109,21 +98,20 @@ def record_state(
     if state.status.steps % recorder.every:
         return
     row = recorder.rows[filled.rows]
-    row[_TIME] = t
-    put(row, _Q, e.qpos, 6)
-    put(row, _QD, e.qvel, 6)
-    put(row, _POSITION, position, 3)
-    quaternion_from_rotation(e.site_xmat[e.tool_site], row[_QUATERNION : _QUATERNION + 4])
-    put(row, _TARGET_POSITION, target.position, 3)
-    quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
-    row[_DEPTH] = depth_below(target, m.position)
-    row[_SPEED] = speed
-    put(row, _COMMAND, state.speedl.twist, 6)
-    put(row, _MEASURED, m.wrench, 6)
-    put(row, _TRUE, state.wrench, 6)
-    row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
-    row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.s, phase
-    row[_PASS] = cell.stroke.process.pass_index[state.sequence.row]
+    row.time_s, row.phase, row.pass_index = t, phase, cell.stroke.process.pass_index[state.sequence.row]
+    put(row.q_rad, e.qpos)
+    put(row.qd_rad_s, e.qvel)
+    set_to(row.tcp_position_m, position)
+    quaternion_from_rotation(e.site_xmat[e.tool_site], row.tcp_quaternion_wxyz)
+    set_to(row.target_position_m, target.position)
+    quaternion_from_rotation(target.rotation, row.target_quaternion_wxyz)
+    row.host_depth_m = depth_below(target, m.position)
+    row.tcp_speed_m_s, row.pad_travel_m, row.path_s_m = speed, travel, target.s
+    put(row.command_twist, state.speedl.twist)
+    put(row.wrench_measured_tool, m.wrench)
+    put(row.wrench_true_tool, state.wrench)
+    row.normal_force_n = force
+    row.normal_force_min_n, row.normal_force_max_n = filled.force_range[0], filled.force_range[1]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1
 
@@ -144,8 +132,8 @@ def record_reading(recorder: Recorder, count: int, raw: Array, joint_torque: Arr
     """Add what the engine computes last to the row of this instant: exact sensor wrench and joint torques."""
     if count % recorder.every == 0:
         row = recorder.rows[recorder.filled.rows - 1]
-        put(row, _RAW, raw, 6)
-        put(row, _TORQUE, joint_torque, 6)
+        put(row.wrench_raw_sensor, raw)
+        put(row.torque_nm, joint_torque)
 
 
 def trace_from(steps: NDArray[np.void]) -> Trace:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -33,7 +34,7 @@ from polish_sim.cell.loop import (
 )
 from polish_sim.cell.real_arm import build_joints
 from polish_sim.cell.real_part import move_part
-from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
+from polish_sim.cell.recorder import Recorder, put
 from polish_sim.cell.robot import SENT
 from polish_sim.cell.stroke import FEEDING
 from polish_sim.dual.carrier import (
@@ -54,7 +55,7 @@ from polish_sim.dual.carrier import (
 )
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel, memory_of, scaled, set_to
-from polish_sim.log import RunLog, with_column
+from polish_sim.log import LOG_ROW, RunLog, with_column
 
 MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
 
@@ -99,7 +100,7 @@ class PairCell(Cell):
             "and line",
         }
     )
-    more_columns = 6
+    row = np.dtype((np.record, [*LOG_ROW.descr, ("master_q_rad", float, 6)]))
 
     def __init__(self, master: MasterRows, host_arm: HostArm, *cell: Any) -> None:
         self._rows = master
@@ -132,8 +133,8 @@ class PairCell(Cell):
         records = self.master.state, self.master_arm
         return [*super().memory(), *map(memory_of, records), self.master.line]
 
-    def _log(self, rows: Array) -> RunLog:
-        return with_column(super()._log(rows), "master_q_rad", rows[:, ROW_WIDTH:])
+    def _log(self, rows: NDArray[np.void]) -> RunLog:
+        return with_column(super()._log(rows), "master_q_rad", rows["master_q_rad"])
 
 
 @njit(_nrt=False)
@@ -171,7 +172,7 @@ def advance_pair(
         stopping = state.status.stop != 0 and state.stop.stage != SENT
         drive_master(master, state.sequence.stage == FEEDING, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
-            put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
+            put(recorder.rows[recorder.filled.rows].master_q_rad, e.qpos[FIRST_JOINT:])
         finish_step(cell, arm, other, recorder, t)
         if master.state.halted:
             trip(state.status, MASTER_HALTED, t)

@@ -24,7 +24,7 @@ from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
 from polish_sim.experiments.beliefs import believed_arm
-from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+from polish_sim.log import COLUMNS, LOG_ROW, RunLog, Trace, from_rows, with_column
 from polish_sim.motion import forward
 from polish_sim.motion.trajectory import PathTable, build_path_table, time_path
 from polish_sim.spatial import matrices, wxyz
@@ -90,10 +90,10 @@ def free_log(
         for number, play in enumerate(played)
     ]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    rows = np.zeros((len(columns["time_s"]), row_width()))
-    for name, (start, width) in row_layout().items():
+    rows = np.zeros(len(columns["time_s"]), LOG_ROW)
+    for name in COLUMNS:
         if name in columns:
-            rows[:, start : start + max(width, 1)] = columns.pop(name).reshape(len(rows), -1)
+            rows[name] = columns.pop(name)
     log = from_rows(rows)
     for name, values in columns.items():
         log = with_column(log, name, values)

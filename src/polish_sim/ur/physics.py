@@ -34,7 +34,7 @@ from polish_sim.cell.stroke import APPROACH, FEEDING
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
-from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE, row_layout
+from polish_sim.log import APPROACH_PHASE, LOG_ROW, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE
 from polish_sim.ur.kinematics import TICK_S
 
 SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
@@ -183,7 +183,7 @@ class Rig:
         for file in self.files:
             file.seek(0)
             contents.append(file.read())
-        rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1]).copy()
+        rows: NDArray[np.void] = np.frombuffer(contents[0], LOG_ROW).copy()
         trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
         force = trace["normal_force_n"]
         seconds = trace["time_s"]
@@ -198,10 +198,9 @@ class Rig:
             for some in np.split(seated, lifts + 1):
                 trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
             trace["phase"][seconds > seconds[seated[0]] + most_s] = RETRACT_PHASE
-        columns = row_layout()
-        at = np.searchsorted(seconds, rows[:, columns["time_s"][0]] - 1e-9)
+        at = np.searchsorted(seconds, rows["time_s"] - 1e-9)
         for name in ("path_s_m", "phase"):
-            rows[:, columns[name][0]] = trace[name][np.minimum(at, len(trace) - 1)]
+            rows[name] = trace[name][np.minimum(at, len(trace) - 1)]
         return self.cell.result([Played(rows, trace)], False, wall_s)
 
 
