@@ -171,10 +171,10 @@ def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
     m.wrench[:3] = friction, -0.5 * friction, 20.0
     behind = 20.0 / GAINS.head_stiffness_n_m * np.array([m.wrench[1], -m.wrench[0]])
     for _ in range(round(1000 * seconds)):
-        moment = -3.125 * (true_tilt - [state.tilt_x, state.tilt_y])
+        moment = -3.125 * (true_tilt - state.tilt)
         m.wrench[3:5] = moment + behind + noise * rng.standard_normal(2)
         surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), GAINS, 0.001, state)
-        track.append([state.tilt_x, state.tilt_y])
+        track.append(state.tilt.copy())
     return np.array(track)
 
 
@@ -189,7 +189,7 @@ def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border
     for k in range(3000):
         m.wrench[2:5] = 20.0, 0.3 * math.sin(2.0 * math.pi * 30.0 * 0.001 * k), 0.0
         surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), GAINS, 0.001, state)
-        tilts.append(state.tilt_x)
+        tilts.append(state.tilt[0])
     swing = 0.5 * np.ptp(tilts[2000:])
     alone = GAINS.normal_rate_1_s * 0.3 / GAINS.pad_tilt_stiffness_nm_rad / (2.0 * math.pi * 30.0)
     assert swing == pytest.approx(alone / math.hypot(1.0, 30.0 / surface.MOMENT_HZ), rel=0.05)
@@ -198,7 +198,7 @@ def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border
     m.wrench[2:5] = 20.0, 0.1, -0.2
     for _ in range(3000):
         surface.level_by_moment(ahead, m, fed_at(0.05), GAINS, 0.001, state)
-    np.testing.assert_allclose([state.tilt_x, state.tilt_y], 0.0, atol=1e-9)
+    np.testing.assert_allclose(state.tilt, 0.0, atol=1e-9)
 
 
 def controller(laws, course):

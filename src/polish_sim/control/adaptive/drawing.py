@@ -19,7 +19,7 @@ from polish_sim.arrays import Array, norms
 from polish_sim.config import AdaptiveConfig
 from polish_sim.control.adaptive.gains import AdaptiveGains
 from polish_sim.control.signals import Course, Measurement, Target
-from polish_sim.kernels import Record, kernel
+from polish_sim.kernels import Record, Vector2, Vector3, kernel
 from polish_sim.motion.trajectory import slowed_before
 
 SMOOTHING_M = 0.002  # of the planned depth before its slope is taken: the pad is far wider [m]
@@ -31,13 +31,9 @@ class AheadRow(Record):
     surplus: float  #: Depth that presses with the wanted force, beyond the planned target's [m]
     slope: float  #: Change of the surplus per arc length [-]
     stiffness: float  #: Head spring and touching part of the pad in series [N/m]
-    turn_x: float  #: Planned rotation per arc length about base x [rad/m]
-    turn_y: float
-    turn_z: float
-    moment_x: float  #: Moment of the pad's pressure about tool x through the middle of its face [N m]
-    moment_y: float
-    tilt_x: float  #: Stiffness against tilting about tool x [N m/rad]
-    tilt_y: float
+    turning: Vector3  #: Planned rotation per arc length, base frame [rad/m]
+    moment: Vector2  #: Of the pad's pressure about tool x and y through the middle of its face [N m]
+    tilt_stiffness: Vector2  #: Against tilting about them [N m/rad]
     share: float  #: Share of the planned feed the loops can follow [-]
     neighbour: int  #: Row of the nearest place on an earlier turn, -1 for none
     arm_mode: float  #: Vibration of the arm that the notch takes out [rad/s]; 0: none
@@ -57,13 +53,11 @@ def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
     `followable_share`."""
     rows = np.zeros(len(course.depth), AheadRow.dtype)
     smooth = gaussian_filter1d(course.surplus, SMOOTHING_M / course.spacing, mode="nearest")
-    rows["surplus"], rows["stiffness"], rows["share"] = smooth, course.stiffness, share
+    rows["surplus"], rows["share"] = smooth, share
     if len(rows) > 1:
         rows["slope"] = np.gradient(smooth, course.spacing)
-    rows["turn_x"], rows["turn_y"], rows["turn_z"] = course.turning.T
-    rows["moment_x"], rows["moment_y"] = course.moment.T
-    rows["tilt_x"], rows["tilt_y"] = course.tilt_stiffness.T
-    rows["neighbour"], rows["arm_mode"] = course.neighbour, course.arm_mode
+    for name in ("stiffness", "turning", "moment", "tilt_stiffness", "neighbour", "arm_mode"):
+        rows[name] = getattr(course, name)
     return rows
 
 
@@ -129,12 +123,10 @@ def lead_turning(ahead: Ahead, t: Target, g: AdaptiveGains, out: Array) -> None:
     speed = t.speed
     if speed <= 0.0 or ahead.rows.shape[0] < 2 or not g.feed_forward:
         return
-    now = t.s
     then = t.s + speed * g.command_delay_s
-    rows, spacing = ahead.rows, ahead.spacing
-    out[3] += speed * (at(rows.turn_x, spacing, then) - at(rows.turn_x, spacing, now))
-    out[4] += speed * (at(rows.turn_y, spacing, then) - at(rows.turn_y, spacing, now))
-    out[5] += speed * (at(rows.turn_z, spacing, then) - at(rows.turn_z, spacing, now))
+    for i in range(3):
+        turning = ahead.rows.turning[:, i]
+        out[3 + i] += speed * (at(turning, ahead.spacing, then) - at(turning, ahead.spacing, t.s))
 
 
 # Slow the feed where the loops could not follow: what the drawing says, and what the force says.

@@ -10,7 +10,7 @@ from polish_sim.config import AdaptiveConfig
 from polish_sim.control.hybrid import strike_gains
 from polish_sim.control.loops import StrikeGains
 from polish_sim.errors import ConfigError
-from polish_sim.kernels import Matrix3, Record
+from polish_sim.kernels import Matrix3, Record, Vector2
 
 #: Each may be left out
 LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")
@@ -183,12 +183,8 @@ class NeighbourMemory(Record):
 class NormalMemory(Record):
     """Correction of the planned axis."""
 
-    tilt_x: float  #: About tool x [rad]
-    tilt_y: float
-    rate_x: float  #: Its rate [rad/s]
-    rate_y: float
-    moment_x: float  #: Low-passed [N m]
-    moment_y: float
+    tilt: Vector2  #: About tool x and y [rad]
+    moment: Vector2  #: Low-passed [N m]
 
 
 class PathMemory(Record):

@@ -92,7 +92,7 @@ def turn(
     """Angular part of the twist: to the planned axis, corrected by the surface's normal from the pad's
     moment."""
     level_by_moment(ahead, m, t, g, m.cycle, path.normal)
-    tilt_frame(t.rotation, path.normal.tilt_x, path.normal.tilt_y, path.wanted)
+    tilt_frame(t.rotation, path.normal.tilt[0], path.normal.tilt[1], path.wanted)
     if g.normal:
         turn_to_target(m, path.wanted, t.twist, h.orientation, False, hybrid, twist)
     else:

@@ -98,36 +98,22 @@ def level_by_moment(
 ) -> None:
     """Move the correction of the planned axis on by one cycle."""
     if not g.normal or not t.contact or m.wrench[2] < 0.25 * t.force:
-        state.rate_x = state.rate_y = 0.0
         if not t.contact:
-            state.tilt_x = state.tilt_y = state.moment_x = state.moment_y = 0.0
+            for k in range(2):
+                state.tilt[k] = state.moment[k] = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
-    travel = m.wrench[2] / g.head_stiffness_n_m
-    moment_x = m.wrench[3] - travel * m.wrench[1]
-    moment_y = m.wrench[4] + travel * m.wrench[0]
-    s, carried = t.s, m.wrench[2] / t.force
-    moment_x -= carried * at(ahead.rows.moment_x, ahead.spacing, s)
-    moment_y -= carried * at(ahead.rows.moment_y, ahead.spacing, s)
-    stiff_x, stiff_y = at(ahead.rows.tilt_x, ahead.spacing, s), at(ahead.rows.tilt_y, ahead.spacing, s)
-    if ahead.rows.shape[0] < 2:
-        stiff_x = stiff_y = g.pad_tilt_stiffness_nm_rad
-    state.moment_x = low_pass_step(state.moment_x, moment_x, MOMENT_HZ, dt)
-    state.moment_y = low_pass_step(state.moment_y, moment_y, MOMENT_HZ, dt)
-    state.rate_x = _rate(state.moment_x, stiff_x, g)
-    state.rate_y = _rate(state.moment_y, stiff_y, g)
-    state.tilt_x += state.rate_x * dt
-    state.tilt_y += state.rate_y * dt
-    size = math.sqrt(state.tilt_x * state.tilt_x + state.tilt_y * state.tilt_y)
+    travel, carried = m.wrench[2] / g.head_stiffness_n_m, m.wrench[2] / t.force
+    moment = m.wrench[3] - travel * m.wrench[1], m.wrench[4] + travel * m.wrench[0]
+    usual, rows = g.pad_tilt_stiffness_nm_rad, ahead.rows
+    for k in range(2):
+        own = moment[k] - carried * at(rows.moment[:, k], ahead.spacing, t.s)
+        state.moment[k] = low_pass_step(state.moment[k], own, MOMENT_HZ, dt)
+        stiffness = usual if rows.shape[0] < 2 else at(rows.tilt_stiffness[:, k], ahead.spacing, t.s)
+        # Slower where only a part of the pad touches and the moment says less.
+        rate = -g.normal_rate_1_s * max(stiffness / usual, 1e-3) * state.moment[k] / usual
+        state.tilt[k] += min(max(rate, -g.normal_turning_rad_s), g.normal_turning_rad_s) * dt
+    size = math.sqrt(state.tilt[0] * state.tilt[0] + state.tilt[1] * state.tilt[1])
     if size > g.normal_limit_rad:
-        state.tilt_x *= g.normal_limit_rad / size
-        state.tilt_y *= g.normal_limit_rad / size
-
-
-@kernel
-def _rate(moment: float, stiffness: float, g: AdaptiveGains) -> float:
-    """Rate of the correction [rad/s]; slower where only a part of the pad touches and the moment says
-    less."""
-    whole = max(stiffness / g.pad_tilt_stiffness_nm_rad, 1e-3)
-    rate = -g.normal_rate_1_s * whole * moment / g.pad_tilt_stiffness_nm_rad
-    return min(max(rate, -g.normal_turning_rad_s), g.normal_turning_rad_s)
+        for k in range(2):
+            state.tilt[k] *= g.normal_limit_rad / size
