@@ -108,8 +108,8 @@ def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  
         depths[k] = depth
         center = _sunk(poses, k, depth)
         _press_nodes(
-            nodes.positions, nodes.normals, nodes.areas, center, axis, poses.velocities[k], poses.turning[k],
-            bedding, slide, under, number, force, power,
+            nodes, center, axis, poses.velocities[k], poses.turning[k], bedding, slide, under, number, force,
+            power,
         )  # fmt: skip
         carried = 0.0
         for t in range(number):

@@ -303,31 +303,30 @@ class FaultClock:
 class SafetyRecord(NamedTuple):
     """Times and ends; None where there was no stop, no fault or no retract."""
 
-    protective_stop_time_s: float | None  #: When the guard tripped [s]
-    #: What it measured then, with its unit; None where there is no limit
-    protective_stop_measured: str | None
-    stop_delay_s: float | None  #: From then to the brakes [s]
     fault_time_s: float | None  #: When the first fault was injected [s]
-    fault_to_stop_s: float | None  #: From that fault to the guard [s]; None if the stop came first
-    #: Whether the tool was taken off as far as it should; None: nothing to retract from
-    retracted: bool | None
-    retract_m: float | None  #: How far it was taken [m]
     faults_missed: tuple[str, ...]  #: Planned faults whose time did not come
+    protective_stop_time_s: float | None = None  #: When the guard tripped [s]
+    #: What it measured then, with its unit; None where there is no limit
+    protective_stop_measured: str | None = None
+    stop_delay_s: float | None = None  #: From then to the brakes [s]
+    fault_to_stop_s: float | None = None  #: From that fault to the guard [s]; None if the stop came first
+    #: Whether the tool was taken off as far as it should; None: nothing to retract from
+    retracted: bool | None = None
+    retract_m: float | None = None  #: How far it was taken [m]
 
 
 def record_safety(cell: CellKernel, faults: FaultClock) -> SafetyRecord:
     """Read the record off a cell after its run."""
-    missed = tuple(str(event) for event in faults.waiting)
+    first, missed = faults.first_time, tuple(map(str, faults.waiting))
     status, stop = cell.state.status, cell.state.stop
     if status.stop == NO_STOP:
-        return SafetyRecord(None, None, None, faults.first_time, None, None, None, missed)
-    stopped = float(status.stop_time)
+        return SafetyRecord(first, missed)
+    stopped, found = float(status.stop_time), float(cell.state.guards.found)
+    measured = MEASURED.get(int(status.stop), "").format(found, 1e3 * found) or None
     braked = float(stop.braked_at) - stopped if stop.stage != SENT else math.nan
-    since = None if faults.first_time is None or faults.first_time > stopped else stopped - faults.first_time
+    since = None if first is None or first > stopped else stopped - first
     retracted = height = None
     if stop.clearance > 0.0:
         height = float(stop.height)
         retracted = bool(stop.stage == STANDING and height >= stop.clearance - SHORT)
-    found = float(cell.state.guards.found)
-    measured = MEASURED.get(int(status.stop), "").format(found, 1e3 * found) or None
-    return SafetyRecord(stopped, measured, braked, faults.first_time, since, retracted, height, missed)
+    return SafetyRecord(first, missed, stopped, measured, braked, since, retracted, height)

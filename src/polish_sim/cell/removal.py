@@ -290,20 +290,9 @@ def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-unty
     for k in range(steps):
         number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
         _press_nodes(
-            nodes.positions,
-            nodes.normals,
-            nodes.areas,
-            motion.centers[k],
-            motion.axes[k],
-            motion.velocities[k],
-            motion.turning[k],
-            bedding,
-            slide,
-            under,
-            number,
-            force,
-            power,
-        )
+            nodes, motion.centers[k], motion.axes[k], motion.velocities[k], motion.turning[k], bedding, slide,
+            under, number, force, power,
+        )  # fmt: skip
         total = 0.0
         for t in range(number):
             total += force[t]
@@ -325,52 +314,41 @@ def _room_for(nodes):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no-untyped-def]
-    """List the nodes over the face of a pad at ``center``, a way ``up`` its axis."""
+    """List the nodes over the face of a pad at ``center`` that look at it, a way ``up`` its axis; returns how
+    many are listed."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for d in range(3):
         # A disc's half width, and the way up.
         reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + up * abs(axis[d])
         low[d], high[d] = cells_between(grid, d, center[d] - reach, center[d] + reach)
     number = 0
+    c, a = scaled(1.0, center), scaled(1.0, axis)  # values: loaded once, not at every node
     if low[2] < high[2]:
         for i in range(low[0], high[0]):
             for j in range(low[1], high[1]):
                 row = (i * grid.size[1] + j) * grid.size[2]
-                first, last = grid.first[row + low[2]], grid.first[row + high[2]]
-                number = _find_under(
-                    nodes.positions, nodes.normals, first, last, center, axis, radius, under, number
-                )
-    return number
-
-
-@kernel
-def _find_under(  # type: ignore[no-untyped-def]
-    positions, normals, first, last, center, axis, radius, under, number
-):
-    """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
-    center, axis = scaled(1.0, center), scaled(1.0, axis)  # values: loaded once, not at every node
-    for q in range(first, last):
-        r = minus(positions[q], center)
-        height = dot(r, axis)
-        beside = dot(r, r) - height * height
-        under[number] = q
-        number += int(height > 0.0 and beside < radius * radius and dot(normals[q], axis) > REMOVAL_FACING)
+                for q in range(grid.first[row + low[2]], grid.first[row + high[2]]):
+                    r = minus(nodes.positions[q], c)
+                    height = dot(r, a)
+                    near = dot(r, r) - height * height < radius * radius
+                    under[number] = q
+                    number += int(height > 0.0 and near and dot(nodes.normals[q], a) > REMOVAL_FACING)
     return number
 
 
 @kernel
 def _press_nodes(  # type: ignore[no-untyped-def]
-    positions, normals, areas, center, axis, velocity, turning, bedding, slide, under, number, force, power
+    nodes, center, axis, velocity, turning, bedding, slide, under, number, force, power
 ):
     """Force on each node along the pad's axis [N], and force along the part's normal x sliding speed [W]."""
     for t in range(number):
         q = under[t]
-        n = normals[q]
-        r = minus(positions[q], center)
+        n = nodes.normals[q]
+        r = minus(nodes.positions[q], center)
         height, facing = dot(r, axis), dot(n, axis)
         # The spring under the node, at the pad's face: as deep as the part is thick there, across its
         # surface; its share of the disc is the node's shadow.
-        push = bedding * height * facing * areas[q] * facing
+        push = bedding * height * facing * nodes.areas[q] * facing
         v = plus_cross(velocity, turning, minus(r, scaled(height, axis)))
         v = minus(v, scaled(dot(v, n), n))
         force[t] = push * facing

@@ -222,7 +222,7 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
     """The master as the host computes it, and its flange at the first row so, shape (4, 4)."""
     base = data.body(f"{MASTER}base")
     arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4), rows.gears)
-    read_encoders.py_func(arm, rows.q[0], 0)
+    read_encoders.py_func(arm, rows.q[0])
     return arm, transform(arm.turn, arm.place)
 
 

@@ -94,10 +94,8 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
 def outermost(positions: Array, axes: Array) -> Indices:
     """Rows of the path that go furthest in any direction, and some along it; the furthest from the middle
     first."""
-    directions = np.array(
-        [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]
-    )
-    extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]
+    directions = np.indices((3, 3, 3)).reshape(3, 27) - 1
+    extreme = [(values @ directions).argmax(axis=0) for values in (positions, axes)]
     rows = np.unique([*np.linspace(0, len(positions) - 1, _SAMPLES).astype(int), *extreme[0], *extreme[1]])
     away = norms(positions[rows] - positions[rows].mean(axis=0))
     return rows[np.argsort(-away, kind="stable")]

@@ -88,7 +88,7 @@ def check_stroke_rule(asked: SmoothingConfig) -> None:
     """Refuse an unknown rule (InputError) and a file of limits that cannot be used (ConfigError) before
     planning."""
     check_rule("smoothing.rule", asked.rule, STROKE_RULES)
-    cell_limits(asked, CELL_LIMITS, math.inf)
+    cell_limits(asked, CELL_LIMITS)
 
 
 _MOTIONS: dict[bytes, TimedPath | None] = {}
@@ -105,7 +105,7 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     Raises:
         SmoothingError: There is no such motion; names the place.
     """
-    settings = repr((asked, cell_limits(asked, stroke.limits, math.inf))).encode()
+    settings = repr((asked, cell_limits(asked, stroke.limits))).encode()
     columns = (*stroke[:4], *(arm or ()), NOMINAL)
     content = b"".join(np.ascontiguousarray(column).tobytes() for column in columns)
     key = hashlib.sha256(settings + content).digest()
@@ -134,7 +134,7 @@ def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm:
     from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
     marks = stroke.marks
-    limits = cell_limits(asked, stroke.limits, math.inf)
+    limits = cell_limits(asked, stroke.limits)
     tolerances = asked.tolerance_m, asked.axis_tolerance_rad
     return time_schedule(
         plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks
@@ -193,11 +193,13 @@ def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool
     return bool(np.all(np.abs(joints[1:]) <= limits.table[:, None, 2:]))
 
 
-def cell_limits(asked: SmoothingConfig, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:
+def cell_limits(
+    asked: SmoothingConfig, otherwise: SmoothingLimits, feed: float = math.inf
+) -> SmoothingLimits:
     """Limits of a stroke: those of the file asked for, else the given ones; the tip's speed is the feed
     [m/s]."""
     limits = load_limits(Path(asked.limits_file), otherwise) if asked.limits_file else otherwise
-    return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
+    return replace(limits, tip_speed=feed)
 
 
 # How long the smoothed motion along a path takes and where it is slower than the feed.
