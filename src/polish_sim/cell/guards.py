@@ -375,8 +375,8 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
             mesh = int(model.geom_dataid[geom])
             start = model.mesh_vertadr[mesh]
             spread = R.apply(model.mesh_vert[start : start + model.mesh_vertnum[mesh]]) + model.geom_pos[geom]
-            cubes = np.round(spread / _SPACING).astype(int)
-            points.append(spread[np.unique(cubes, axis=0, return_index=True)[1]])
+            cubes = np.round(spread / _SPACING) @ [1e6, 1e3, 1.0]  # a number for each
+            points.append(spread[np.unique(cubes, return_index=True)[1]])
             bodies.append(np.full(len(points[-1]), body))
     rim = _on_cylinder(model, model.geom(f"{arm}{_PAD}").id, _AROUND_PAD)
     points, bodies = [*points, rim], [*bodies, np.full(len(rim), model.body(f"{arm}head").id)]

@@ -178,13 +178,13 @@ class SetPoints:
         At another force the springs are pressed in further or less: as after landing, the guard that watches
         where the surface is waits until the force is held before it knows the new depth.
         """
-        before = float(cell.stroke.force[0])
+        before = cell.stroke.force[0]
         self.now[name] = value
         self._scale(cell.stroke)
         guards = cell.state.guards
-        change = float(cell.stroke.force[0]) - before
+        change = cell.stroke.force[0] - before
         if change != 0.0 and self._planned.depth > 0.0:
-            guards.depth += min(self._planned.depth / float(self._planned.force[0]) * change, 0.0)
+            guards.depth += min(self._planned.depth / self._planned.force[0] * change, 0.0)
             guards.holding, guards.was_held = 0.0, False
 
     def _scale(self, stroke: Stroke) -> None:

@@ -85,7 +85,7 @@ def pad_motion(
 def _marks(first: float, last: float, speeds: Array, pad_radius: float) -> Array:
     """Ends of steps [s] in which a pad at almost its highest speed moves no further than a share of its
     radius."""
-    step = min(STEP * pad_radius / max(float(np.percentile(speeds, 99.0)), 1e-9), LONGEST_S)
+    step = min(STEP * pad_radius / max(np.percentile(speeds, 99.0), 1e-9), LONGEST_S)
     return np.linspace(first, last, math.ceil((last - first) / max(step, SHORTEST_S)) + 1)
 
 
@@ -149,7 +149,7 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     They are moved along the drawing's normals. ``edge`` is the longest edge of the region's triangles in pad
     radii.
     """
-    area = float(region.surface.facet_areas.sum())
+    area = region.surface.facet_areas.sum()
     longest = max(edge * touch.pad_radius, math.sqrt(4.0 * area / MOST_NODES))
     mesh = triangulate(region.surface, longest)
     beside = surroundings(surface, region, touch, longest)

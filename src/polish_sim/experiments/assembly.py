@@ -288,7 +288,7 @@ def check_settings(scenario: Scenario) -> None:
     check_compensation(scenario.robot, scenario.seed, row)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
-    if scenario.part.fixture_file and not row.fixtures:
+    if scenario.part.fixture_file and not row.plans:
         raise InputError(
             f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'."
         )

@@ -98,7 +98,9 @@ class Experiment:
     #: nothing to check
     prepare: str = ""
     along_plan: bool = False  #: Whether it can run along a finished plan
-    plans: bool = False  #: Whether a plan is made before it where none is given
+    plans: bool = (
+        False  #: Whether a plan is made before it where none is given, and a fixture may hold the part
+    )
     paper: Mapping[str, Any] = field(default_factory=dict)
     """Settings that make a run the paper's own trial, so that the paper's figures stand beside it."""
     only_with: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
@@ -117,7 +119,6 @@ class Experiment:
     remade: bool = True  #: Whether the cell of a run can be set up again from what it left
     band_n: float = 0.0  #: In which the force is to stay about what is set [N]; 0: none
     faults: str = "polish_sim.cell.faults:FAULTS"  #: What can go wrong in its cell, Faults by name
-    fixtures: bool = False  #: Whether a fixture may hold the part
     holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path
     #: Sections of the scenario that change nothing
     idle: tuple[str, ...] = ("guide", "hand", "drag", "dual")

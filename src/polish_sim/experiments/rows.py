@@ -146,7 +146,6 @@ SURFACE = Experiment(
     ),
     along_plan=True,
     plans=True,
-    fixtures=True,
     band_n=FOLLOW_BAND_N,
     only_with={("--path",): ("--from",)},
     paper={
