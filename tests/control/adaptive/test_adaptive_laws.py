@@ -157,22 +157,24 @@ def test_the_loop_is_as_fast_as_delay_inertia_and_noise_allow_and_knows_the_forc
         z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
         memory.force.travel = z
         seen = force_loop.as_sensed(GAINS, memory, z, 0.0, DT)
-        force = force_loop.observe_force(memory, PACE, seen.path, k * seen.path, 1.0, DT)
-        assert force == pytest.approx(k * z, abs=1e-9)
+        memory.force.landed = 1.0
+        force_loop.observe_force(memory, PACE, seen.path, k * seen.path, DT)
+        assert memory.force.at_no_travel + k * z == pytest.approx(k * z, abs=1e-9)
     for first in (25.0, 100.0):
         memory = PressMemory()
         force_loop.begin_contact(memory, k, 0.0, 0.0)
-        force_loop.observe_force(memory, force_loop.LoopSpeed(40.0, 25.0, first), 0.0, 3.0, 0.1, DT)
+        memory.force.landed = 0.1
+        force_loop.observe_force(memory, force_loop.LoopSpeed(40.0, 25.0, first), 0.0, 3.0, DT)
         rates.append(memory.force.rate)
     assert rates[0] == rates[1] > 0.0
 
 
 def corrections(memory, added, seconds=2.0):
     """What the force loop adds to k z while b is ``added`` of the time."""
-    found = []
+    found, memory.force.landed = [], 1.0
     for k in range(round(seconds / DT)):
         memory.force.at_no_travel = added(k * DT)
-        found.append(force_loop.correction(memory, GAINS.arm_mode, 40.0, 1.0, DT))
+        found.append(force_loop.correction(memory, GAINS.arm_mode, 40.0, DT))
     return found
 
 
@@ -190,7 +192,7 @@ def test_the_notch_does_not_lag_behind_an_even_rise_nor_swing_when_another_stiff
     assert found[-1] == pytest.approx(rise * (2.0 - DT) + rise / 40.0, abs=1.1 * rise * DT)
     memory = PressMemory()
     for memory.force.at_no_travel in (3.0, -5.0):
-        assert force_loop.correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
+        assert force_loop.correction(memory, 0.0, 40.0, DT) == memory.force.at_no_travel
     memory, other = PressMemory(), PressMemory()
     for each in (memory, other):
         force_loop.begin_contact(each, 25000.0, 0.001, 3.0)
@@ -199,7 +201,8 @@ def test_the_notch_does_not_lag_behind_an_even_rise_nor_swing_when_another_stiff
     for each in (memory, other):
         force_loop.change_stiffness(each, 5000.0, 0.001)
     assert corrections(memory, lambda _: -2.0, 0.1) == pytest.approx(np.full(100, -2.0), abs=1e-9)
-    assert force_loop.observe_force(other, PACE, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
+    force_loop.observe_force(other, PACE, 0.001, 3.0, DT)
+    assert other.force.at_no_travel + 5000.0 * 0.001 == pytest.approx(3.0)
 
 
 def adaptive(without="", **changes):

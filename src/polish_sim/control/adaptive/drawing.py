@@ -121,7 +121,7 @@ def lead_turning(ahead: Ahead, t: Target, g: AdaptiveGains, out: Array) -> None:
     """Turn as the plan will when the command acts, by the believed delay: add the change of the planned
     turning rate to ``out[3:6]``."""
     speed = t.speed
-    if speed <= 0.0 or ahead.rows.shape[0] < 2 or not g.feed_forward:
+    if speed <= 0.0 or not g.feed_forward:
         return
     then = t.s + speed * g.command_delay_s
     for i in range(3):

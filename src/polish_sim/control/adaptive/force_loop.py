@@ -81,19 +81,13 @@ def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None
 
 
 @kernel
-def observe_force(
-    memory: PressMemory, pace: LoopSpeed, path: float, reading: float, landed: float, dt: float
-) -> float:
-    """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the force
-    now [N].
-
-    ``landed`` is the weight of the rate's learning, 0 to 1.
-    """
+def observe_force(memory: PressMemory, pace: LoopSpeed, path: float, reading: float, dt: float) -> None:
+    """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the rate is
+    learned as far as the landing is over."""
     state = memory.force
     surprise = reading - (state.at_no_travel + state.stiffness * path)
     state.at_no_travel += dt * (state.rate + 2.0 * pace.first * surprise)
-    state.rate += dt * landed * pace.observer * pace.observer * surprise
-    return float(state.at_no_travel + state.stiffness * state.travel)
+    state.rate += dt * state.landed * pace.observer * pace.observer * surprise
 
 
 # The arm swings on its gears, the encoders of its motors hardly: the law ``inertia`` does not know of it, and
@@ -104,13 +98,13 @@ def observe_force(
 
 
 @kernel
-def correction(memory: PressMemory, arm_mode: float, crossover: float, landed: float, dt: float) -> float:
-    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's vibration
-    [rad/s]."""
+def correction(memory: PressMemory, arm_mode: float, crossover: float, dt: float) -> float:
+    """What is added to k z [N]: b and, as far as the landing is over, its rate's share, without the arm's
+    vibration [rad/s]."""
     state = memory.force
     turn = arm_mode * dt
     lead = 1.0 / crossover + (2.0 / arm_mode if arm_mode > 0.0 else 0.0)
-    added = state.at_no_travel + lead * landed * state.rate
+    added = state.at_no_travel + lead * state.landed * state.rate
     state.swing = (state.swing + turn * (added - state.slow)) / (1.0 + turn) ** 2
     state.slow += turn * state.swing
     return float(added - 2.0 * state.swing)
@@ -126,13 +120,6 @@ def correction(memory: PressMemory, arm_mode: float, crossover: float, landed: f
 _REST = 2e-4  # slower than this the tool is at rest [m/s]
 _SLOWEST = 1e-3  # command from which the delay is measured [m/s]
 _STEADY = 0.1  # a command this near its low-passed self is steady [-]
-
-
-@kernel
-def expect_delay(g: AdaptiveGains, memory: PressMemory) -> None:
-    """Believe the configured delay until one has been measured."""
-    if memory.delay.delay == 0.0:
-        memory.delay.delay = g.command_delay_s
 
 
 @kernel

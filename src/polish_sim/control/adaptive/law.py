@@ -157,7 +157,8 @@ def press_adaptive(
     [m/s]; ``arm_mode`` is the arm's vibration [rad/s].
     """
     dt = m.cycle
-    force_loop.expect_delay(g, memory)
+    if memory.delay.delay == 0.0:
+        memory.delay.delay = g.command_delay_s  # believed until one has been measured
     speed = along_z(m, m.twist)
     pressing = speed - expected
     memory.force.travel += pressing * dt
@@ -177,10 +178,8 @@ def press_adaptive(
     pace = force_loop.pace_of(
         g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age
     )
-    force_loop.observe_force(memory, pace, seen.path, reading, state.landed, dt)
-    force = state.stiffness * state.travel + force_loop.correction(
-        memory, arm_mode, pace.crossover, state.landed, dt
-    )
+    force_loop.observe_force(memory, pace, seen.path, reading, dt)
+    force = state.stiffness * state.travel + force_loop.correction(memory, arm_mode, pace.crossover, dt)
     # A reading that swings is beyond it before the travel has said anything of the springs.
     memory.fit.reached |= force >= t.force and state.stiffness < 0.5 * g.stiff_first * g.stiffness_n_m
     # What the path will have asked for until then is no travel into the part.

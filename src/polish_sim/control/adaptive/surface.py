@@ -28,7 +28,7 @@ def learn(ahead: Ahead, t: Target, offset: float, g: AdaptiveGains, dt: float, s
     ``planned_surplus``.
     """
     speed = t.speed
-    if not t.contact or speed <= 0.0 or ahead.rows.shape[0] < 2:
+    if not t.contact or speed <= 0.0:
         state.began = 0.0
         return
     s = t.s
@@ -55,8 +55,7 @@ def learned_rate(
     A cycle ``dt`` of 0 leaves the fading as it is.
     """
     speed = t.speed
-    n = ahead.rows.shape[0]
-    if not g.learning or n < 2 or not t.contact:
+    if not g.learning or not t.contact:
         state.fading = 0.0
         return 0.0
     s, h = t.s + speed * look_ahead, g.learning_length_m
