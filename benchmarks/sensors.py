@@ -69,7 +69,7 @@ def _read(config: SensorConfig, travel: Array, average: float, seed: int) -> Arr
     rng = np.random.default_rng(seed)
     sensor: WristSensor = build_sensor(config, rng)
     loads = np.repeat(HANGING, len(travel), axis=0)
-    return read_at_rest(sensor, build_sample_line(sensor), loads, travel, 0.0, average, rng)
+    return read_at_rest(sensor, loads, travel, 0.0, average, rng)
 
 
 def _noise(read: Array) -> float:

@@ -154,8 +154,7 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model):
 def test_a_warm_up_leaves_bias_and_noise_as_they_were_and_cross_talk_is_in_shares_of_the_ranges():
     config, rng = replace(PERFECT, warm_up_force_n=6.5, warm_up_s=10.0), np.random.default_rng(1)
     sensor = wrist_sensor.build_sensor(config, rng)
-    line = wrist_sensor.build_sample_line(sensor)
-    wrist_sensor.read_at_rest(sensor, line, LOAD[None], np.array([4.0]), 0.5, 0.5, rng)
+    wrist_sensor.read_at_rest(sensor, LOAD[None], np.array([4.0]), 0.5, 0.5, rng)
     assert sensor.warmth == pytest.approx(1.0 - math.exp(-5.0 / 10.0))
     plain = replace(PERFECT, force_bias_n=3.0, force_noise_n=0.5)
     warming = readings(replace(plain, warm_up_force_n=1.0, warm_up_s=1.0), steady, 1.0)

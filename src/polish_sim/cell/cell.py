@@ -52,11 +52,9 @@ from polish_sim.cell.wrist_sensor import (
     DRAWS,
     Payload,
     SensorErrors,
-    WristSensor,
     build_sample_line,
     build_sensor,
     carried_payload,
-    read_at_rest,
 )
 from polish_sim.config import Scenario
 from polish_sim.control.laws import file_of, tell_error
@@ -261,29 +259,6 @@ class Cell:
         return PayloadErrors(
             float(believed.mass - carried.mass), float(np.linalg.norm(believed.center - carried.center))
         )
-
-    def read_at_rest(
-        self,
-        loads: Array,
-        travel: Array,
-        settle: float,
-        average: float,
-        rng: np.random.Generator,
-        fresh: bool = True,
-    ) -> Array:
-        """Mean readings of this run's sensor in pose after pose, shape (n, 6); arguments as of
-        `wrist_sensor.read_at_rest`.
-
-        ``fresh`` readings are taken before the run, without drift; others continue from where the run has
-        left the sensor.
-        """
-        sensor, line = self.state.sensor, self.kernel.samples
-        if fresh:
-            sensor = WristSensor(
-                errors=sensor.errors, blend=sensor.blend, period=sensor.period, delay=sensor.delay
-            )
-            line = build_sample_line(sensor)
-        return read_at_rest(sensor, line, loads, travel, settle, average, rng)
 
     def let_happen(self, what: str) -> None:
         """Let a fault, or a change of a set point as ``NAME=VALUE`` [SI], happen before the next step.

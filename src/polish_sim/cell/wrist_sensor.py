@@ -189,18 +189,22 @@ def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
 # out.
 
 
+def unused(sensor: WristSensor) -> WristSensor:
+    """A sensor with the same errors before its first sample, without drift."""
+    return WristSensor(sensor.errors, sensor.blend, sensor.period, sensor.delay)
+
+
 def read_at_rest(
-    sensor: WristSensor, line: Array, loads: Array, travel: Array, settle: float, average: float,
-    rng: np.random.Generator,
-) -> Array:  # fmt: skip
+    sensor: WristSensor, loads: Array, travel: Array, settle: float, average: float, rng: np.random.Generator
+) -> Array:
     """Mean readings in pose after pose: bias, drift, noise, filter, quantisation and saturation as in a run.
 
     Args:
-        sensor: The sensor; while the arm travels only its drift changes.
-        line: Samples under way, see ``build_sample_line``.
+        sensor: The sensor, `unused` or as a run has left it; while the arm travels only its drift changes.
         loads: Exact wrench at the sensor in each pose [N, N m], shape (n, 6).
         travel: Time before each pose in which the arm moves there [s], shape (n,).
-        settle: Time it then stands still before readings are taken [s].
+        settle: Time it then stands still before readings are taken, no shorter than the delay of a sensor
+            that is not unused [s].
         average: Time over which readings are averaged [s].
         rng: Draws noise and drift.
 
@@ -208,7 +212,7 @@ def read_at_rest(
         Mean reading in each pose, shape (n, 6).
     """
     wait, count = round(settle / sensor.period), max(1, round(average / sensor.period))
-    means = np.zeros((len(loads), 6))
+    line, means = build_sample_line(sensor), np.zeros((len(loads), 6))
     for load, pause, mean in zip(loads, travel, means, strict=True):
         sensor.drift += sensor.errors.drift_step * math.sqrt(pause / sensor.period) * rng.standard_normal(6)
         sensor.warmth = 1.0 - (1.0 - sensor.warmth) * (1.0 - sensor.errors.warming) ** (pause / sensor.period)

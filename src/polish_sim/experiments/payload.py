@@ -22,6 +22,7 @@ from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.limits import check_rates
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
+from polish_sim.cell.wrist_sensor import read_at_rest, unused
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.free_space import patience, plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import random_streams
@@ -143,7 +144,7 @@ def _residual_figures(cell: Cell, estimate: PayloadEstimate, rng: np.random.Gene
     tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
     load = weight_of(cell.carried, R)
-    read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
+    read = read_at_rest(cell.state.sensor, load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng)
     theta = np.concatenate([estimate.theta[:4], estimate.bias_at(float(cell.data.time))])
     left = (read - payload_regressor(R[:, 2, :]) @ theta)[:, :3]
     # The tare is taken in the first pose; tool axes turn with the sensor's.
@@ -162,7 +163,7 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     """
     count, a_value, a_tare = (round(span / TARE_TIME) for span in (LONG_RUN_S, VALUE_S, RETARE_S))
     load = np.tile(weight_of(cell.carried, np.diag([1.0, -1.0, -1.0])[None]), (count, 1))
-    read = cell.read_at_rest(load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
+    read = read_at_rest(unused(cell.state.sensor), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
     return once, again
