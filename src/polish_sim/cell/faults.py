@@ -22,6 +22,7 @@ from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, CellState, Set
 from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.config import FaultsConfig, ProcessConfig, Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.tables import number_in
 
 JUMP_N = 20.0
 DRIFT_N_S = 3.0
@@ -192,7 +193,7 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
     what, _, when = entry.partition("@")
     name, equals, number = (word.strip() for word in what.partition("="))
     when = when.replace(" ", "")
-    time = _number(when.removeprefix("contact+"))
+    time = number_in(when.removeprefix("contact+"))
     if (equals and not change) or not 0.0 <= time < math.inf:
         raise ConfigError(
             f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. "
@@ -200,18 +201,10 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
         )
     if name not in known:
         raise unknown_name("set point" if change else kind, name, known)
-    value = _number(number) if change else None
+    value = number_in(number) if change else None
     if value is not None and math.isnan(value):
         raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.")
     return FaultEvent(name, time, when.startswith("contact+"), value)
-
-
-def _number(text: str) -> float:
-    """A number from its text; nan if it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def planned_events(

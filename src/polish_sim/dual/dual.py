@@ -73,7 +73,7 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
-    return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal)
+    return RunResult(scenario, log, run.trace, figures, path, removal)
 
 
 def build_dual_cell(scenario: Checked, task: DualTask) -> tuple[PairCell, RealPart]:

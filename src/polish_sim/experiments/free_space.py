@@ -289,6 +289,6 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     done = run.trace.path_s_m[-1] / table.length
     figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
     return RunResult(
-        scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,
+        scenario, run.log, run.trace, figures, path, None,
         run.files,
     )  # fmt: skip

@@ -31,11 +31,19 @@ class RunResult:
     log: RunLog
     trace: Trace
     figures: Figures  #: The keys of metrics.json for this experiment
-    stop_reason: str | None  #: Why the robot stopped itself, or None
-    interrupted: bool
     path: ToolPath | None = None  #: The path that was run, work frame
     removal: RemovalMap | None = None  #: What it took off the part, of ``surface`` and of ``dual`` in contact
     files: Mapping[str, str] = field(default_factory=dict)  #: More text files of the run, by name
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the robot stopped itself, where and when, or None."""
+        return self.figures["protective_stop"]  # type: ignore[no-any-return]
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user broke it off."""
+        return self.figures["interrupted"]  # type: ignore[no-any-return]
 
     @property
     def record(self) -> RunRecord:

@@ -145,7 +145,7 @@ def measure_run(
     most = path.largest_force(scenario.process.contact_force_n)
     figures["bad_figures"] = [*faults_of_force(figures, most), *faults_of_plan(figures)]
     return RunResult(
-        scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal,
+        scenario, log, run.trace, figures, path, removal,
         run.files,
     )  # fmt: skip
 
@@ -247,7 +247,7 @@ def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult
     figures: Figures = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
     return RunResult(
-        scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, place.path, None,
+        scenario, run.log, run.trace, figures, place.path, None,
         run.files,
     )  # fmt: skip
 

@@ -282,8 +282,6 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         free_log(scenario, [meant], move_columns),
         trace_of_move(meant),
         figures,
-        run.stop_reason,
-        run.interrupted,
         path,
         files=files,
     )

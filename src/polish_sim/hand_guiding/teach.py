@@ -257,10 +257,7 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         if run.interrupted:
             break
     figures = figures_of_moves(scenario, played, len(moves), time.perf_counter() - started)
-    return RunResult(
-        scenario, free_log(scenario, played, move_columns), trace_of_move(played[-1]), figures,
-        figures["protective_stop"], bool(figures["interrupted"]),
-    )  # fmt: skip
+    return RunResult(scenario, free_log(scenario, played, move_columns), trace_of_move(played[-1]), figures)
 
 
 COAST_S = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]

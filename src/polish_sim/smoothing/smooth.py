@@ -241,9 +241,7 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     simulated = sum(float(play.seen.time[-1]) for play in plays)
     steps = sum(len(play.seen.time) for play in plays)
     figures |= free_figures(scenario.seed, task.arm.T_base_work, steps, simulated, wall)
-    return RunResult(
-        scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures, None, False
-    )
+    return RunResult(scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures)
 
 
 def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:

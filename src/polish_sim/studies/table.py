@@ -69,7 +69,7 @@ def run_row(study: Study, logs: Path | None, task: StudyTask) -> Row:
                 write_record(folder, result.record)
         row |= {
             "outcome": STOPPED if result.stop_reason else DONE,
-            "reason": result.figures["protective_stop"],
+            "reason": result.stop_reason,
         }
         row |= {name: v for name, v in result.figures.items() if name not in _NOT_FIGURES and _is_cell(v)}
         row["loop_wall_s"] = result.figures["wall_s"]
