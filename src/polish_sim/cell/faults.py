@@ -39,6 +39,7 @@ class FaultyCell(Protocol):
 
     kernel: CellKernel
     fault_table: Mapping[str, Fault]
+    set_points: SetPoints
 
     @property
     def state(self) -> CellState:
@@ -256,8 +257,8 @@ def as_planned(scenario: Scenario, events: Sequence[FaultEvent]) -> Scenario:
 class FaultClock:
     """Injects the planned faults into a running cell and changes its set points, each at its step."""
 
-    def __init__(self, events: tuple[FaultEvent, ...], set_points: SetPoints) -> None:
-        self.waiting, self._set_points = list(events), set_points
+    def __init__(self, events: tuple[FaultEvent, ...]) -> None:
+        self.waiting = list(events)
         self.first_time: float | None = None
         """When the first fault happened [s]."""
 
@@ -268,7 +269,7 @@ class FaultClock:
         for event in [e for e in self.waiting if self._time_of(e, cell.kernel) <= now + 0.5 * dt]:
             self.waiting.remove(event)
             if event.value is not None:
-                self._set_points.change(event.name, event.value, cell.kernel)
+                cell.set_points.change(event.name, event.value, cell.kernel)
                 continue
             cell.fault_table[event.name].inject(cell)
             self.first_time = now if self.first_time is None else self.first_time

@@ -161,7 +161,7 @@ class SetPoints:
 
     def __init__(self, process: ProcessConfig) -> None:
         self._usual = {FORCE: process.contact_force_n, FEED: process.feed_m_s}
-        self.now = dict(self._usual)
+        self._shares = {FORCE: 1.0, FEED: 1.0}
         self._planned: Stroke
 
     def begin(self, stroke: Stroke) -> Stroke:
@@ -179,7 +179,7 @@ class SetPoints:
         where the surface is waits until the force is held before it knows the new depth.
         """
         before = cell.stroke.force[0]
-        self.now[name] = value
+        self._shares[name] = value / self._usual[name]
         self._scale(cell.stroke)
         guards = cell.state.guards
         change = cell.stroke.force[0] - before
@@ -188,6 +188,5 @@ class SetPoints:
             guards.holding, guards.was_held = 0.0, False
 
     def _scale(self, stroke: Stroke) -> None:
-        force, feed = (self.now[name] / self._usual[name] for name in (FORCE, FEED))
-        stroke.force[:] = self._planned.force * force
-        stroke.motion.rates[:] = self._planned.motion.rates * feed
+        stroke.force[:] = self._planned.force * self._shares[FORCE]
+        stroke.motion.rates[:] = self._planned.motion.rates * self._shares[FEED]
