@@ -14,7 +14,7 @@ from numba import njit
 
 from benchmarks.table import Row
 from polish_sim.cell import Cell
-from polish_sim.cell.engine import mj_step
+from polish_sim.cell.engine import mj_step1, mj_step2
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
@@ -38,7 +38,8 @@ PAIR_START, PAIR_STEPS = 9000, 4000
 @njit(cache=True)
 def _bare_steps(model: int, data: int, steps: int) -> None:
     for _ in range(steps):
-        mj_step(model, data)
+        mj_step1(model, data)
+        mj_step2(model, data)
 
 
 def measure() -> Iterator[Row]:

@@ -88,7 +88,6 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
 # found by symbol name, which numba can cache.
 
 _STEP = types.void(types.intp, types.intp)
-mj_step = types.ExternalFunction("mj_step", _STEP)
 mj_step1 = types.ExternalFunction("mj_step1", _STEP)
 mj_step2 = types.ExternalFunction("mj_step2", _STEP)
 
@@ -108,7 +107,7 @@ def register_engine() -> None:
     if not candidates:
         raise OSError(f"no MuJoCo library in {folder}; reinstall the mujoco package.")
     library = ctypes.CDLL(str(candidates[0]))
-    for name in ("mj_step", "mj_step1", "mj_step2"):
+    for name in ("mj_step1", "mj_step2"):
         address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
         add_symbol(name, address)
     ctypes.c_void_p.in_dll(library, "mjcb_time").value = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import abc
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -116,7 +117,7 @@ def expected_duration(stroke: Stroke) -> float:
     )
 
 
-def cycle_time(strokes: list[Stroke] | tuple[Stroke, ...]) -> float:
+def cycle_time(strokes: abc.Sequence[Stroke]) -> float:
     """How long all strokes take, the sensor zeroed before the first and those that ask for it [s]."""
     kept = sum(TARE_START + TARE_TIME for stroke in strokes[1:] if not stroke.retare)
     return sum(expected_duration(stroke) for stroke in strokes) - kept

@@ -153,10 +153,9 @@ def place_key(scenario: Scenario) -> Hashable:
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
     head, safety = scenario.head, scenario.safety
     settings = (
-        *(scenario.robot.arm, scenario.smoothing.rule, scenario.process.contact_force_n),
-        *(head.stiffness_n_m, head.travel_m, head.flange),
-        *(safety.singular_value_limit, safety.tool_in_part),
-    )
+        scenario.robot.arm, scenario.smoothing.rule, scenario.process.contact_force_n, head.stiffness_n_m,
+        head.travel_m, head.flange, safety.singular_value_limit, safety.tool_in_part,
+    )  # fmt: skip
     dwell = scenario.plan.removal and (scenario.process, head, scenario.spindle, safety)
     return scenario.experiment, part, scenario.plan, scenario.pad, settings, dates, dwell
 

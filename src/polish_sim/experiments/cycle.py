@@ -68,7 +68,7 @@ def time_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
     if not strokes:
         return dict.fromkeys((*feed_figures(()), *OWN), math.nan)
     off = np.max([(0.0, 0.0), *(_deviations(stroke) for stroke in strokes)], axis=0)
-    return feed_figures(strokes) | dict(zip(OWN, (cycle_time(tuple(strokes)), *off), strict=True))
+    return feed_figures(strokes) | dict(zip(OWN, (cycle_time(strokes), *off), strict=True))
 
 
 def _deviations(stroke: Stroke) -> tuple[float, float]:
