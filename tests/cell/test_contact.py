@@ -155,9 +155,9 @@ def test_a_dropped_weight_bounces_ever_lower_and_is_carried(mass, height):
 
 def accepted(*changes):
     scenario = cells.ideal("force", "safety.force_limit_n=30", *changes)
-    force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
-    limits.check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
-    limits.check_friction(pad, dt, force, TANGENTIAL_MASS)
+    force = scenario.process.contact_force_n
+    limits.check_contact_settings(scenario, force)
+    limits.check_friction(scenario, force, TANGENTIAL_MASS)
     limits.check_rates(scenario)
 
 
@@ -192,9 +192,9 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
         with pytest.raises(ConfigError, match=key):
             run_experiment(cells.ideal("force", f"{key}={value}"))
     usual = cells.ideal("force")
-    assert limits.modelled_depth(usual.head, usual.pad, 20.0) == 0.008  # 2 x 20 N / 4000 N/m
-    soft = replace(usual.head, spring_scale=0.2)
-    assert limits.modelled_depth(soft, usual.pad, 20.0) == pytest.approx(0.010)
+    assert limits.modelled_depth(usual, 20.0) == 0.008  # 2 x 20 N / 4000 N/m
+    soft = replace(usual, head=replace(usual.head, spring_scale=0.2))
+    assert limits.modelled_depth(soft, 20.0) == pytest.approx(0.010)
 
 
 def course_on(field, *strokes, T_base_work=UPRIGHT, arm="robot.arm=ur5e"):

@@ -208,7 +208,7 @@ def sinks(block, x, force, aside):
     """Whether the pad sinks with its middle at ``x`` (n,) [m]."""
     places = np.column_stack([x, np.zeros((len(x), 2))])
     ups, forces = np.tile(UP, (len(x), 1)), np.full(len(x), force)
-    return would_sink(block, SMALL_PAD, places, ups, forces, aside, DEEPEST)
+    return would_sink(block, SMALL_PAD, places, ups, forces, aside)
 
 
 def test_near_an_edge_the_hold_is_lost_earlier_on_a_part_that_lies_aside(block):

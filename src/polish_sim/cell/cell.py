@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -192,12 +191,11 @@ class Cell:
     def _prepare(self, scenario: Scenario, part: RealPart) -> None:
         """Check a scenario, of which `check_rates` holds, against the cell, and build what changes in its
         run."""
-        force, mass, dt = self._start.force, self._start.mass, scenario.simulation.timestep_s
+        force, mass = self._start.force, self._start.mass
         if self.real_arm.elastic:
-            scenario = replace(scenario, pad=with_implicit_friction(scenario.pad, dt, force, mass))
-        pad = scenario.pad
-        check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
-        check_friction(pad, dt, force, mass)
+            scenario = with_implicit_friction(scenario, force, mass)
+        check_contact_settings(scenario, force)
+        check_friction(scenario, force, mass)
         self.on_part = any(stroke.contact for stroke in self.strokes)
         self.scenario = scenario
         self.set_points = SetPoints(scenario.process)

@@ -172,10 +172,9 @@ def would_sink(
     axes: Array,
     force: Array,
     aside: float,
-    deepest: float,
 ) -> Bools:
     """Where a pad would sink by more than `SINKS` on a part that lies up to ``aside`` [m] to any side, shape
-    (n,).
+    (n,). What does not carry the force as deep as the part is modelled lets it sink.
 
     Args:
         fields: Distances of the drawn part, work frame.
@@ -184,7 +183,6 @@ def would_sink(
         axes: Unit tool axes from the part to the tool, shape (n, 3).
         force: Force to carry at each [N], shape (n,).
         aside: How far the part may lie aside [m].
-        deepest: How deep the part is modelled [m]; what does not carry the force by then lets the pad sink.
     """
     part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
     across = perpendicular(axes)
@@ -192,5 +190,5 @@ def would_sink(
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     shifts = aside * directions_at(angles)
     sinks = np.empty(len(axes), bool)
-    _note_sinking(pad, part, frames, positions, force, shifts, round(deepest / STEP), sinks)
+    _note_sinking(pad, part, frames, positions, force, shifts, round(fields.near.band / STEP), sinks)
     return sinks

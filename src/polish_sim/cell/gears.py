@@ -232,9 +232,11 @@ def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
     """Servos, rotors and gears up to the engine's step: the torques the joints get, and what damps them in
     it.
 
-    Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not
-    the links'.
+    Between ``mj_step1`` and ``mj_step2``; rigid ones are the engine's. The weight the robot carries for
+    itself is the motors' here, not the links'.
     """
+    if not arm.elastic:
+        return
     for j in range(6):
         i, control = arm.first + j, arm.first_control + 2 * j
         arm.set_point[j] += arm.lag * (e.ctrl[control] - arm.set_point[j])
@@ -284,7 +286,9 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
 @kernel
 def follow_rotors(arm: RealArm, e: EngineViews) -> None:
     """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its
-    own."""
+    own. Rigid joints have none."""
+    if not arm.elastic:
+        return
     for j in range(6):
         i = arm.first + j
         speed = arm.free[j] + arm.share[j] * e.qvel[i]

@@ -6,22 +6,22 @@ import math
 from dataclasses import replace
 
 from polish_sim.cell.real_part import DEEPEST_BAND, FIELD_BAND
-from polish_sim.config import HeadConfig, PadConfig, SafetyConfig, Scenario
+from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 
-def check_friction(pad: PadConfig, dt: float, force: float, tangential_mass: float) -> None:
-    """Refuse a pad whose friction would be unstable in a step of ``dt`` [s], pressed with at most ``force``
-    [N].
+def check_friction(scenario: Scenario, force: float, tangential_mass: float) -> None:
+    """Refuse a pad whose friction would be unstable in a step, pressed with at most ``force`` [N].
 
     ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis.
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
     """
+    pad, dt = scenario.pad, scenario.simulation.timestep_s
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
     if drag >= 1.0:
         raise ConfigError(
@@ -31,21 +31,21 @@ def check_friction(pad: PadConfig, dt: float, force: float, tangential_mass: flo
         )
 
 
-def with_implicit_friction(pad: PadConfig, dt: float, force: float, tangential_mass: float) -> PadConfig:
-    """A pad whose friction, taken at the beginning of a step of ``dt`` [s], acts as if taken at its end.
+def with_implicit_friction(scenario: Scenario, force: float, tangential_mass: float) -> Scenario:
+    """With a pad whose friction, taken at the beginning of a step, acts as if taken at its end.
 
     Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F
     / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_friction`.
     """
+    pad, dt = scenario.pad, scenario.simulation.timestep_s
     smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
-    return replace(pad, friction_smoothing_m_s=smoothing)
+    return replace(scenario, pad=replace(pad, friction_smoothing_m_s=smoothing))
 
 
-def check_contact_settings(
-    pad: PadConfig, head: HeadConfig, safety: SafetyConfig, dt: float, force: float
-) -> None:
-    """Refuse springs and limits that cannot work in a step of ``dt`` [s], pressed with at most ``force`` [N];
-    raises as `check_friction`."""
+def check_contact_settings(scenario: Scenario, force: float) -> None:
+    """Refuse springs and limits that cannot work in a step, pressed with at most ``force`` [N]; raises as
+    `check_friction`."""
+    pad, head, safety, dt = scenario.pad, scenario.head, scenario.safety, scenario.simulation.timestep_s
     damping = pad.damping_s_m * safety.force_limit_n * dt / head.mass_kg
     if damping >= 1.0:
         raise ConfigError(
@@ -74,12 +74,12 @@ def check_contact_settings(
         )
 
 
-def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
+def modelled_depth(scenario: Scenario, force: float) -> float:
     """How deep a part is modelled [m] for a pad pressed in by twice a ``force`` [N].
 
     Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
     """
-    needed = math.ceil(2e3 * force / (pad.stiffness_n_m * head.spring_scale)) * 1e-3
+    needed = math.ceil(2e3 * force / (scenario.pad.stiffness_n_m * scenario.head.spring_scale)) * 1e-3
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 

@@ -315,15 +315,13 @@ def finish_step(cell: CellKernel, arm: RealArm, other: RealArm | None, recorder:
     else:
         record_state(recorder, cell, m.position, m.rotation, math.sqrt(dot(m.twist, m.twist)), t, phase)
     keep_speeds(e)
-    if arm.elastic:
-        drive_joints(arm, e, t)
-    if other is not None and other.elastic:
+    drive_joints(arm, e, t)
+    if other is not None:
         drive_joints(other, e, t)
     mj_step2(e.model, e.data)
     correct_reading(e)
-    if arm.elastic:
-        follow_rotors(arm, e)
-    if other is not None and other.elastic:
+    follow_rotors(arm, e)
+    if other is not None:
         follow_rotors(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1

@@ -94,11 +94,9 @@ def _play(arm: RealArm, e: EngineViews, targets: JointTargets, played: PlayedBac
                 played.q[row, j], played.qd[row, j] = e.qpos[j], e.qvel[j]
                 played.motor[row, j] = arm.angle[j] if arm.elastic else e.qpos[j]
                 played.read[row, j] = arm.read[j] if arm.elastic else e.qpos[j]
-        if arm.elastic:
-            drive_joints(arm, e, (still + step) * e.dt)
+        drive_joints(arm, e, (still + step) * e.dt)
         mj_step2(e.model, e.data)
-        if arm.elastic:
-            follow_rotors(arm, e)
+        follow_rotors(arm, e)
         if step >= 0:
             for j in range(JOINTS):
                 played.torque[row, j] = e.qfrc_actuator[j]

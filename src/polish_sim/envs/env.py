@@ -174,7 +174,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         chosen = scenario_of(task, scenario, settings)
         self._dt = dt = chosen.simulation.timestep_s
         if force_steps:
-            check_contact_settings(chosen.pad, chosen.head, chosen.safety, dt, max(force_range_n))
+            check_contact_settings(chosen, max(force_range_n))
         self._every = steps_per_action(chosen.simulation, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n

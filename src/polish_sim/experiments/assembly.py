@@ -85,7 +85,7 @@ class Workplace:
         """Distances of the part as ``drawn``, or as it is before it is displaced and bent (``shape``), where
         a scenario's pad goes; sampled at first use and kept."""
         force = self.path.largest_force(scenario.process.contact_force_n)
-        depth = modelled_depth(scenario.head, scenario.pad, force)
+        depth = modelled_depth(scenario, force)
         key = (shape.given, scenario.pad.radius_m, depth)
         if key not in self._kept:
             self._kept[key] = build_part_fields(
@@ -326,8 +326,7 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
         force = usual if path is None else path.largest_force(usual)
         changes = parse_events(scenario.process.changes, SET_POINTS)
         raised = [change.value or 0.0 for change in changes if change.name == FORCE]
-        dt, most = scenario.simulation.timestep_s, force / usual * max([usual, *raised])
-        check_contact_settings(scenario.pad, scenario.head, scenario.safety, dt, most)
+        check_contact_settings(scenario, force / usual * max([usual, *raised]))
     if scenario.plan.removal:
         if not scenario.spindle.speed_rpm + scenario.pad.slide_m_s:
             raise InputError(

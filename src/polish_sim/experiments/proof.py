@@ -29,7 +29,6 @@ from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
-from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_part import NORMAL_SHARE, facing_tool
 from polish_sim.config import Checked, PadConfig, PlanConfig
 from polish_sim.control.signals import CompiledController
@@ -275,14 +274,11 @@ class _Prover:
             scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2)
             + scenario.part.rotation_rad * extent
         )
-        depth = modelled_depth(
-            scenario.head, scenario.pad, path.largest_force(scenario.process.contact_force_n)
-        )
         fields, axes = self.place.fields(self.place.drawn, scenario), path.axes_work[rows]
 
         def sinking(share: float) -> Bools:
             """Rows in contact at which the pad would sink under a share of the force."""
-            lost = would_sink(fields, scenario.pad, places, axes, share * force + CONTACT_N, aside, depth)
+            lost = would_sink(fields, scenario.pad, places, axes, share * force + CONTACT_N, aside)
             if not lost.any():
                 return np.zeros(len(path.s), dtype=bool)
             near, _ = cKDTree(places[lost]).query(path.positions_work)

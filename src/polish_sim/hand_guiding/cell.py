@@ -269,8 +269,7 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
         if arm.elastic:
             turn_rotors(arm, e, step * e.dt)
         mj_step2(e.model, e.data)
-        if arm.elastic:
-            follow_rotors(arm, e)
+        follow_rotors(arm, e)
         correct_reading(e)
         for i in range(6):
             rows[step].raw[i] = e.sensordata[i]

@@ -79,7 +79,7 @@ def setup_key(task: Task) -> Hashable:
     return (
         place_key(scenario),
         scenario.part,
-        modelled_depth(scenario.head, scenario.pad, scenario.process.contact_force_n),
+        modelled_depth(scenario, scenario.process.contact_force_n),
         scenario.seed,
     )
 
