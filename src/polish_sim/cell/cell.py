@@ -402,7 +402,7 @@ class Cell:
             payload=self.carried,
             speedl=build_speedl(robot, safety, dt, self._start.q),
             sequence=build_sequence(),
-            guards=build_guards(safety, scenario.sensor, dt, scenario.controller.adaptive.arm_mode_hz),
+            guards=build_guards(scenario),
             stop=build_stop_motion(robot, safety, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
         )

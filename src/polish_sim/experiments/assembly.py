@@ -196,8 +196,7 @@ def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     use_arm(scenario.robot.arm)
     hold, lift = (scenario.process.hold_s, 0.0) if place.holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
-    scenario = replace(scenario, smoothing=within_noise(scenario.smoothing, place.mesh.noise))
-    return placed_strokes(scenario, place.path, placed, hold, lift)
+    return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 
 
 def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Sequence[Stroke] = ()) -> Cell:
@@ -224,7 +223,7 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Seq
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
         lesson,
-        believed_arm(scenario.robot, scenario.head, scenario.seed, place.reach.q_start),
+        believed_arm(scenario, place.reach.q_start),
     )
     believe_tool(cell, streams.payload)
     return cell
@@ -284,7 +283,7 @@ def check_settings(scenario: Scenario) -> None:
     row = experiment(scenario.experiment)
     check_events(scenario, row.on_part, load(row.faults), known_faults())
     check_flange(scenario)
-    check_compensation(scenario.robot, scenario.seed, row)
+    check_compensation(scenario, row)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.plans:

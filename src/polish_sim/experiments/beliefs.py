@@ -51,19 +51,19 @@ HEAD = (
 FILE = "compensation.toml"
 
 
-def believed_arm(robot: RobotConfig, head: HeadConfig, seed: int, q_start: Array) -> BelievedArm:
-    """What the host knows of the arm of a seed, for work that starts at ``q_start`` (6,) [rad].
+def believed_arm(scenario: Scenario, q_start: Array) -> BelievedArm:
+    """What the host knows of the arm of a scenario, for work that starts at ``q_start`` (6,) [rad].
 
     Beside a file the arms of other seeds, which `--seeds` and the proof play, are measured.
 
     Raises:
         InputError: The file cannot be used.
     """
-    asked = robot.compensation
+    seed, asked = scenario.seed, scenario.robot.compensation
     if asked == NONE:
         return MAKERS_ARM
     known = None if asked == TRACKER else read_arm(Path(asked), seed)
-    found = known or track_arm(robot, head, seed, tuple(q_start))
+    found = known or track_arm(scenario.robot, scenario.head, seed, tuple(q_start))
     T_flange_tool = tool_on_flange().copy()
     T_flange_tool[:3, 3] = found.target
     values = {
@@ -77,13 +77,13 @@ def believed_arm(robot: RobotConfig, head: HeadConfig, seed: int, q_start: Array
     )
 
 
-def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
+def check_compensation(scenario: Scenario, row: Experiment) -> None:
     """Refuse a compensation that changes nothing in an experiment or cannot be used.
 
     Raises:
         PolishSimError: Saying why and what to do.
     """
-    asked = robot.compensation
+    robot, seed, asked = scenario.robot, scenario.seed, scenario.robot.compensation
     if asked == NONE:
         return
     if not row.controlled:

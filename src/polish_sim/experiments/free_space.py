@@ -127,7 +127,7 @@ def free_cell(
     return Cell(
         scenario, build_scene(scenario), no_part(), [stroke], q_start,
         build_controller(scenario.controller), rng,
-        known=believed_arm(scenario.robot, scenario.head, scenario.seed, q_start),
+        known=believed_arm(scenario, q_start),
     )  # fmt: skip
 
 

@@ -16,14 +16,14 @@ from polish_sim.experiments.registry import (
 )
 
 
-def arc_claims(elastic: bool, feed: float) -> tuple[Claim, ...]:
-    """What is asked of an arc at a feed [m/s]; of an arm with gears as much as their transmission error
-    leaves.
+def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
+    """What is asked of an arc; of an arm with gears as much as their transmission error leaves.
 
     Its slope, 202 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add
     up.
     """
-    error, deviation = (3e-4, 0.09 * feed) if elastic else (1e-4, 0.01 * feed)
+    error, share = (3e-4, 0.09) if scenario.robot.elastic else (1e-4, 0.01)
+    deviation = share * scenario.process.feed_m_s
     return (
         Claim("tracking_error_max_m", "tracking error, max", "mm", "< 0.3", high=error),
         Claim("tracking_error_rms_m", "tracking error, rms", "mm"),
@@ -54,8 +54,8 @@ def most_astray(robot: RobotConfig) -> float:
     return 6.5e-4 if robot.elastic else 3e-4
 
 
-def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
-    """What is asked of polishing a part, with an active ``flange`` or without."""
+def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
+    """What is asked of polishing a part, with an active flange or without."""
     stroke = Claim("flange_stroke_used", "stroke of the flange used", "%")
     return (
         Claim("force_within_4n", "force in ±4 N", "%", "100, six dips", low=0.995, more_is_better=True),
@@ -67,7 +67,7 @@ def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
         Claim("force_error_median_n", "force error, median", "N"),
         Claim("curvature_peaks", "curvature peaks", "", "6"),
         Claim("contact_lost_s", "contact lost", "s", "0"),
-        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(robot)),
+        Claim("tracking_error_max_m", "tangential error, max", "mm", high=most_astray(scenario.robot)),
         Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant", is_mean=True),
         Claim("cycle_time_s", "cycle time", "s"),
         Claim("coverage", "region touched by the pad", "%", more_is_better=True),
@@ -75,7 +75,7 @@ def surface_claims(robot: RobotConfig, flange: bool) -> tuple[Claim, ...]:
         Claim("removal_cv_inside", "  a pad's radius inside the border", "%"),
         Claim("under_polished_share", "removal below half its mean", "%"),
         Claim("over_polished_share", "removal above 1.5 x its mean", "%"),
-        *([stroke] if flange else []),
+        *([stroke] if scenario.head.flange.bandwidth_hz else []),
         PATH_DONE,
     )
 
@@ -86,7 +86,7 @@ ARC = Experiment(
     Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
     run="polish_sim.experiments.free_space:run_arc",
     prepare="polish_sim.experiments.free_space:prepare_arc",
-    claims=lambda s: arc_claims(s.robot.elastic, s.process.feed_m_s),
+    claims=arc_claims,
     plots=always({"arc.png": "polish_sim.analysis.run_plots:plot_arc"}),
     comparisons={"arc.png": "polish_sim.analysis.run_plots:plot_arc_runs"},
     options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
@@ -124,7 +124,7 @@ SURFACE = Experiment(
     Scenario(experiment="surface"),
     run="polish_sim.experiments.surface:run_surface",
     prepare="polish_sim.experiments.surface:prepare_surface",
-    claims=lambda s: surface_claims(s.robot, s.head.flange.bandwidth_hz > 0.0),
+    claims=surface_claims,
     notes="polish_sim.analysis.metrics:map_notes",
     plots=always({"force.png": "polish_sim.analysis.surface_plot:plot_surface_force"}),
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},

@@ -300,7 +300,7 @@ def plan_page(
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page
-    sunk = sunk_under(scenario.head, scenario.pad, cycle.force)
+    sunk = sunk_under(scenario, cycle.force)
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
     steps = np.diff(cycle.time)
