@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from benchmarks.table import Row, print_rows, words
 from polish_sim.cell import Silent
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.assembly import build_cell
 from polish_sim.experiments.proof import prove_with_a_pad_that_fits
 from polish_sim.experiments.stroke_motion import _MOTIONS
 from polish_sim.experiments.surface import prepare_surface
@@ -53,14 +53,14 @@ def _once(scenario):  # type: ignore[no-untyped-def]
     begin = time.process_time()
     plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
     place = prepare_surface(scenario, plan)
-    cell = build_cell(scenario, place, build_part(scenario, place))
+    cell = build_cell(scenario, place)
     planned, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     asked = time.perf_counter()
     proven = prove_with_a_pad_that_fits(scenario, plan)
     proof, busy = time.perf_counter() - asked, time.process_time() - planned
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / before
     place = prepare_surface(proven.scenario, proven.plan)
-    cell = build_cell(proven.scenario, place, build_part(proven.scenario, place))
+    cell = build_cell(proven.scenario, place)
     ready = time.process_time()
     run = cell.run(Silent())
     play = time.process_time() - ready

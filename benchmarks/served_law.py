@@ -34,7 +34,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from benchmarks.served import serving
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.assembly import build_cell
 from polish_sim.experiments.surface import place_force
 from polish_sim.scenario_file import override
 from polish_sim.scoring import BATTERY, Entry, Task, choose_cases, measure_row, measured
@@ -164,7 +164,7 @@ def instead(modules: dict[str, object], words: list[str]) -> Iterator[None]:
 def in_step(task: Task) -> tuple[Row, float]:
     """The example's row of the score without wire and clock, and its latency [s]."""
     scenario, place = task.scenario, place_force(task.scenario)
-    robot = SimulatedRobot(build_cell(scenario, place, build_part(scenario, place)))
+    robot = SimulatedRobot(build_cell(scenario, place))
     robot.rig.recording = True
     with tempfile.TemporaryDirectory() as folder:
         step = InStep(robot)
@@ -180,7 +180,7 @@ def in_step(task: Task) -> tuple[Row, float]:
 def noise_again(task: Task, number: int) -> Row:
     """The row of a task whose sensor has other noise: part, place and arm stay."""
     scenario, place = task.scenario, place_force(task.scenario)
-    cell = build_cell(scenario, place, build_part(scenario, place))
+    cell = build_cell(scenario, place)
     cell.rng = np.random.default_rng([task.seed, number])
     return measured(task, place, cell.run())
 

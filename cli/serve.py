@@ -167,7 +167,6 @@ class _Job:
 
     scenario: Any
     place: Workplace
-    part: Any
     measure: Callable[[Any, Cell, CellRun], RunResult]
     notes: Any = ()
     task: Task | None = None  #: Of the score
@@ -190,7 +189,7 @@ def _case(given: Given) -> Task | None:
 
 
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
-    from polish_sim.experiments.assembly import build_part, check
+    from polish_sim.experiments.assembly import check
     from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
 
     if task is not None and not task.case.moving:
@@ -199,7 +198,6 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         return _Job(
             scenario,
             place,
-            build_part(scenario, place),
             lambda ran, _, run: measure_hold(ran, place, run),
             task=task,
             most_s=scenario.process.hold_s,
@@ -212,13 +210,11 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
     assert plan is not None  # ``surface`` plans one
     place = prepare_surface(scenario, plan, observer)
-    part = build_part(scenario, place)
     most_s = (task and scenario.process.max_feed_s) or math.inf
     return _Job(
         scenario,
         place,
-        part,
-        lambda *ran: measure_run(ran[0], plan, place, ran[1], part, ran[2]),
+        lambda *ran: measure_run(ran[0], plan, place, *ran[1:]),
         plan.notes,
         task,
         most_s,
@@ -245,7 +241,7 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
     from polish_sim.ur.robot import SimulatedRobot
 
     observer.stage("prepare the cell")
-    cell = build_cell(job.scenario, job.place, job.part)
+    cell = build_cell(job.scenario, job.place)
     if given["--air"]:
         clear_away(cell)
     robot = SimulatedRobot(cell)

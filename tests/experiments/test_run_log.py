@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.experiments import default_scenario, prepare_surface, run_experiment
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.assembly import build_cell
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.proof_play import restore_cell, save_cell, use_strokes
 from polish_sim.log import COLUMNS
@@ -138,7 +138,7 @@ SHORT = (
 def cell(*changes):
     scenario = override(default_scenario("surface"), [*SHORT, *changes])
     place = prepare_surface(*planned(scenario))
-    return build_cell(scenario, place, build_part(scenario, place))
+    return build_cell(scenario, place)
 
 
 def played(one, before, piece):

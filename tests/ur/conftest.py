@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.assembly import build_cell
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
@@ -21,7 +21,7 @@ def build() -> Callable[[], SimulatedRobot]:
     place = prepare_surface(*planned(scenario))
 
     def make() -> SimulatedRobot:
-        return SimulatedRobot(build_cell(scenario, place, build_part(scenario, place)))
+        return SimulatedRobot(build_cell(scenario, place))
 
     make().step()  # compiles before anything has to be in time
     return make

@@ -197,14 +197,14 @@ class Cell:
         check_contact_settings(scenario, force)
         check_friction(scenario, force, mass)
         self.on_part = any(stroke.contact for stroke in self.strokes)
-        self.scenario = scenario
+        self.scenario, self.part = scenario, part
         self.set_points = SetPoints(scenario.process)
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number = 0
         self.draws = np.empty((0, DRAWS))
         self.faults = FaultClock(planned_events(scenario.faults, scenario.process, self.fault_table))
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
-        self.kernel = self._build_kernel(part)
+        self.kernel = self._build_kernel()
         self.recorder = build_recorder(0, self._every, self.row)
 
     def use_controller(self, controller: Controller) -> None:
@@ -389,8 +389,8 @@ class Cell:
         mobility = across @ np.linalg.solve(joint_inertia(self.model, self.data), across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart) -> CellKernel:
-        scenario = self.scenario
+    def _build_kernel(self) -> CellKernel:
+        scenario, part = self.scenario, self.part
         stroke = self.strokes[0]
         nothing = np.zeros(8, np.uint8)
         dt, robot, safety = scenario.simulation.timestep_s, scenario.robot, scenario.safety

@@ -199,10 +199,12 @@ def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 
 
-def build_cell(scenario: Checked, place: Workplace, part: RealPart, strokes: Sequence[Stroke] = ()) -> Cell:
-    """Set the cell up for a path on a part of ``build_part``, not yet run, with its ``strokes_for`` unless
-    they were made before; its host believes its calibrated payload."""
-    strokes = strokes or strokes_for(scenario, place)
+def build_cell(
+    scenario: Checked, place: Workplace, part: RealPart | None = None, strokes: Sequence[Stroke] = ()
+) -> Cell:
+    """Set the cell up for a path, not yet run, on its ``build_part`` and with its ``strokes_for`` unless they
+    were made before; its host believes its calibrated payload."""
+    part, strokes = part or build_part(scenario, place), strokes or strokes_for(scenario, place)
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
     lesson = NO_LESSON

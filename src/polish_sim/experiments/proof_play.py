@@ -25,7 +25,7 @@ from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
 from polish_sim.cell.stroke import FEEDING, Stroke, cycle_time
 from polish_sim.config import Checked, FaultsConfig
 from polish_sim.control.signals import CompiledController, Course
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part, course_for, strokes_for
+from polish_sim.experiments.assembly import Workplace, build_cell, course_for, strokes_for
 from polish_sim.experiments.rows import most_astray
 from polish_sim.log import PROCESS_PHASE
 
@@ -90,8 +90,8 @@ class Play:
 
     def _begin(self, place: Workplace) -> None:
         """A cell at the start of a path, its guards' limits tightened."""
-        self.place, self.part = place, build_part(self.scenario, place)
-        self.cell = build_cell(self.scenario, place, self.part, self._strokes())
+        self.place = place
+        self.cell = build_cell(self.scenario, place, strokes=self._strokes())
         self._tighten()
         self.cell.play(1)  # kernels are compiled here, not by two threads at once
 

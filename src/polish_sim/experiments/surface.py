@@ -19,7 +19,7 @@ from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part, kept_place
+from polish_sim.experiments.assembly import Workplace, build_cell, kept_place
 from polish_sim.experiments.beliefs import FIGURE
 from polish_sim.experiments.even_removal import planned
 from polish_sim.experiments.part_pose import PartPlacing
@@ -121,20 +121,17 @@ def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT
     of `prepare_surface`."""
     place = prepare_surface(scenario, plan, observer)
     observer.stage("prepare the cell")
-    part = build_part(scenario, place)
-    cell = build_cell(scenario, place, part)
+    cell = build_cell(scenario, place)
     observer.stage("simulate")
-    return measure_run(scenario, plan, place, cell, part, cell.run(observer))
+    return measure_run(scenario, plan, place, cell, cell.run(observer))
 
 
-def measure_run(
-    scenario: Checked, plan: PlanResult, place: Workplace, cell: Cell, part: RealPart, run: CellRun
-) -> RunResult:
+def measure_run(scenario: Checked, plan: PlanResult, place: Workplace, cell: Cell, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the part of a plan."""
     path = plan.path
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
-    removal, log = remove_material(scenario, place, part, run)
+    removal, log = remove_material(scenario, place, cell.part, run)
     figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= areas_after(plan, removal)
     figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
@@ -223,7 +220,7 @@ def prepare_force(scenario: Checked, observer: Observer = SILENT) -> tuple[Workp
     `place_force`."""
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
-    return place, build_cell(scenario, place, build_part(scenario, place))
+    return place, build_cell(scenario, place)
 
 
 def check_force_point(scenario: Checked, observer: Observer = SILENT) -> Workplace:

@@ -27,7 +27,7 @@ from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked, ProcessConfig
 from polish_sim.errors import InputError, PolishSimError, named_place
 from polish_sim.exchange import ExportSetup, export_plan, plan_facts, read_cuts, read_path, write_plan
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.assembly import build_cell
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.proof import prove_with_a_pad_that_fits
 from polish_sim.experiments.registry import claims_shown, experiment
@@ -128,8 +128,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
     planned_s = math.nan
     while True:
         place = prepare_surface(scenario, plan)
-        part = build_part(scenario, place)
-        cell = build_cell(scenario, place, part)
+        cell = build_cell(scenario, place)
         planned_s = planned_s if parts else cycle_time(cell.strokes)
         # Named by the path left to do: where fewer pieces before count than when it began, it begins anew.
         pieces = folder / "pieces" / f"{len(parts)}-{plan.path.length_m:.6f}"
@@ -139,7 +138,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
             default=None,
         )
         played = before if reached is not None else _play(cell, pieces, observer)
-        parts.append(measure_run(scenario, plan, place, cell, part, cell.result(played)))
+        parts.append(measure_run(scenario, plan, place, cell, cell.result(played)))
         starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
         if reached is None or reached >= ends[-1] - NOTHING_M:
             break

@@ -26,7 +26,6 @@ from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments.assembly import (
     Workplace,
     build_cell,
-    build_part,
     check,
     config_hash,
     place_key,
@@ -87,7 +86,7 @@ def setup_key(task: Task) -> Hashable:
 def _measure(task: Task) -> Row:
     scenario = check(task.scenario)
     place = place_work(scenario)
-    run = build_cell(scenario, place, build_part(scenario, place)).run()
+    run = build_cell(scenario, place).run()
     if run.interrupted:
         raise KeyboardInterrupt
     return measured(task, place, run)
