@@ -18,7 +18,6 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError, ReachError
 from polish_sim.experiments.part_pose import PartPlacing
@@ -93,7 +92,7 @@ def grid(placing: PartPlacing) -> Iterator[Array]:
 def _feasible(placing: PartPlacing, T: Array) -> bool:
     try:
         find_reach(
-            placing.positions, placing.axes, iter([T]), tool_on_flange(), above_table=True,
+            placing.positions, placing.axes, iter([T]), above_table=True,
             hindrance=placing.hindrance,
         )  # fmt: skip
     except ReachError:

@@ -266,9 +266,9 @@ def prepare_arc(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
 
 
 def _circle() -> CheckedPath:
-    path, T_flange_tool = arc_path(), tool_on_flange()
-    reach = find_reach(path.positions_work, path.axes_work, [np.eye(4)], T_flange_tool, above_table=False)
-    check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
+    path = arc_path()
+    reach = find_reach(path.positions_work, path.axes_work, [np.eye(4)], above_table=False)
+    check_whole_path(reach, path.positions_work, path.axes_work)
     return CheckedPath(path, reach)
 
 

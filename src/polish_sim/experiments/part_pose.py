@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array, box_middle
-from polish_sim.cell import tool_on_flange
 from polish_sim.cell.guards import crash_points
 from polish_sim.cell.scene import (
     STAND_NAMES,
@@ -176,7 +175,7 @@ class PartPlacing:
 
     def map(self) -> ReachMap:
         """How well the arm does the path wherever the part may stand."""
-        return map_reach(self.positions, self.axes, self.mesh.up, self.lowest, tool_on_flange())
+        return map_reach(self.positions, self.axes, self.mesh.up, self.lowest)
 
     def reach(self) -> Reach:
         """The pose asked for or, without one, a chosen one, and how the arm does the path there.
@@ -229,17 +228,15 @@ class PartPlacing:
             raise ReachError(f"{error} {self._advice()}") from None
 
     def _reach(self, placements: Iterable[Array], spins: Sequence[float] = SPINS) -> Reach:
-        tool = tool_on_flange()
         reach = find_reach(
             self.positions,
             self.axes,
             placements,
-            tool,
             above_table=True,
             spins=spins,
             hindrance=self.hindrance,
         )
-        joints = check_whole_path(reach, self.positions, self.axes, tool)
+        joints = check_whole_path(reach, self.positions, self.axes)
         return reach._replace(q_start=np.array(joints.q[0]))
 
     def hindrance(self, T_base_work: Array, joints: JointPath) -> ReachFailure | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, box_middle, norms
 from polish_sim.cell.guards import shaft_points
+from polish_sim.cell.scene import tool_on_flange
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.motion import JointPath, inverse_all, link_frames, smallest_singular_values, track
@@ -44,10 +45,10 @@ class Reach(NamedTuple):
         """Tool frames R_base_tool (n, 3, 3) for axes from the part to the tool, work frame, (n, 3)."""
         return tool_rotations(axes @ self.T_base_work[:3, :3].T, self.spin)
 
-    def follow(self, positions: Array, axes: Array, T_flange_tool: Array) -> JointPath:
+    def follow(self, positions: Array, axes: Array) -> JointPath:
         """The joints along tool points [m] with these axes, work frame, both (n, 3)."""
         poses = transform(self.rotations(axes), apply(self.T_base_work, positions))
-        return track(poses, T_flange_tool, self.q_start)
+        return track(poses, tool_on_flange(), self.q_start)
 
 
 class ReachFailure(NamedTuple):
@@ -97,7 +98,6 @@ def find_reach(
     positions: Array,
     axes: Array,
     placements: Iterable[Array],
-    T_flange_tool: Array,
     above_table: bool,
     otherwise: str = "or polish a smaller --region",
     spins: Sequence[float] = SPINS,
@@ -109,7 +109,6 @@ def find_reach(
         positions: Tool points in the work frame [m], shape (n, 3), everything the tool will visit.
         axes: Tool axes from the part to the tool, work frame, shape (n, 3).
         placements: Candidate poses of the work frame in base, each (4, 4), best first.
-        T_flange_tool: The tool on the flange, shape (4, 4).
         above_table: Whether elbow and wrist must stay above the table.
         otherwise: What a user can do besides moving the part.
         spins: Of the tool, to be tried [rad].
@@ -123,7 +122,7 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
-    bar = -math.inf
+    bar, T_flange_tool = -math.inf, tool_on_flange()
     furthest = ReachFailure(-1, "")
     unturnable = None
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
@@ -163,14 +162,14 @@ def find_reach(
     return best
 
 
-def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool: Array) -> JointPath:
+def check_whole_path(reach: Reach, positions: Array, axes: Array) -> JointPath:
     """Follow every point of the path with the joints.
 
     Raises:
         ReachError: If a point between the samples of ``find_reach`` is out of reach or beyond a joint's
             range.
     """
-    joints = reach.follow(positions, axes, T_flange_tool)
+    joints = reach.follow(positions, axes)
     failure = failure_of(joints, False)
     if failure is not None:
         raise ReachError(

@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.metrics import CONTACT_N
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.arrays import Bools, Indices, diagonal_of, norms
-from polish_sim.cell import SILENT, Observer, tool_on_flange
+from polish_sim.cell import SILENT, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
@@ -304,7 +304,7 @@ class _Prover:
         first = norms(whole.positions_work - self.path.positions_work[0]).argmin()
         try:
             for path, row in ((whole, first), (self.path, 0)):
-                q = check_whole_path(reach, path.positions_work, path.axes_work, tool_on_flange()).q
+                q = check_whole_path(reach, path.positions_work, path.axes_work).q
                 reach = reach._replace(q_start=np.array(q[row]))
         except ReachError:
             self.kept_until = -math.inf

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Indices, box_middle, norms
+from polish_sim.cell.scene import tool_on_flange
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
@@ -63,12 +64,11 @@ class ReachMap(NamedTuple):
                     yield self.pose(height, distance, turn), SPINS[spin]
 
 
-def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_tool: Array) -> ReachMap:
+def map_reach(positions: Array, axes: Array, up: Array, lowest: float) -> ReachMap:
     """Find out how well the arm does a path, wherever the part may stand.
 
     Tool points and axes from the part to the tool are (n, 3) in the work frame [m]; ``up`` (3,) is the side
-    turned up, ``lowest`` [m] the extent of the part along it at its lowest; ``T_flange_tool`` (4, 4) is the
-    tool on the flange.
+    turned up, ``lowest`` [m] the extent of the part along it at its lowest.
     """
     R_up, rows = upright(up), outermost(positions, axes)
     high, out = positions @ R_up.T, axes[rows] @ R_up.T
@@ -76,7 +76,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
     points = high[rows] - [*middle[:2], lowest]
     grid = np.meshgrid(HEIGHTS, DISTANCES, indexing="ij")
     shifts = np.stack([np.zeros(grid[0].size), -grid[1].ravel(), grid[0].ravel()], axis=1)
-    values, T_tool_flange = np.zeros((len(shifts), len(TURNS), len(SPINS))), inverse(T_flange_tool)
+    values, T_tool_flange = np.zeros((len(shifts), len(TURNS), len(SPINS))), inverse(tool_on_flange())
     for turn, angle in enumerate(TURNS):
         R_turn = rotations_from_vectors([0.0, 0.0, angle])
         for spin, around in enumerate(SPINS):

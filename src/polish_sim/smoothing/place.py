@@ -144,9 +144,8 @@ def follow_path(
         ReachError that names the first place out of reach.
     """
     way = way_between(points.path.positions_work[rows], points.path.axes_work[rows])
-    tool = tool_on_flange()
-    reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
-    joints = reach.follow(way.positions, way.axes, tool)
+    reach = find_reach(way.positions, way.axes, placements, above_table=True, otherwise=otherwise)
+    joints = reach.follow(way.positions, way.axes)
     failure = failure_of(joints, False)
     if failure is not None:
         end = points.place(int(rows[way.ends[failure.point]]))
