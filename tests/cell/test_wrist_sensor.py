@@ -218,7 +218,7 @@ def commanded(request, steps, robot=None, silent=10**9, again=10**9):
     for n in range(steps):
         heard = n if n >= again else min(n, silent)
         interface.pass_request(robot, line, request(heard), heard + 1, DT)
-        interface.limit_acceleration(robot, DT)
+        interface.limit_acceleration(robot, DT, 1.0)
         found.append(robot.twist.copy())
     return np.array(found)
 

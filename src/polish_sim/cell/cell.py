@@ -202,7 +202,7 @@ class Cell:
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number = 0
         self.draws = np.empty((0, DRAWS))
-        self.faults = FaultClock(planned_events(scenario.faults, scenario.process, self.fault_table))
+        self.faults = FaultClock(planned_events(scenario, self.fault_table))
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel()
         self.recorder = build_recorder(0, self._every, self.row)

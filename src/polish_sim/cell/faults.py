@@ -20,7 +20,7 @@ import numpy as np
 from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, CellState, SetPoints
 from polish_sim.cell.robot import SENT, SHORT, STANDING
-from polish_sim.config import FaultsConfig, ProcessConfig, Scenario
+from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
 from polish_sim.tables import number_in
 
@@ -208,12 +208,11 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
     return FaultEvent(name, time, when.startswith("contact+"), value)
 
 
-def planned_events(
-    faults: FaultsConfig, process: ProcessConfig, known: Mapping[str, Fault]
-) -> tuple[FaultEvent, ...]:
+def planned_events(scenario: Scenario, known: Mapping[str, Fault]) -> tuple[FaultEvent, ...]:
     """The faults, of the ``known`` ones, and the changes of set points that are planned; raises as
     `parse_events`."""
-    return (*parse_events(faults.events, known), *parse_events(process.changes, SET_POINTS))
+    changes = parse_events(scenario.process.changes, SET_POINTS)
+    return parse_events(scenario.faults.events, known) + changes
 
 
 def check_events(
@@ -225,7 +224,7 @@ def check_events(
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
             nothing without a part to press on, or is a fault of another experiment's cell.
     """
-    for event in planned_events(scenario.faults, scenario.process, known):
+    for event in planned_events(scenario, known):
         kind, lacking = "fault" if event.value is None else "change", ""
         fault = known.get(event.name)
         if not on_part and (event.after_contact or event.name == FORCE or (fault and fault.on_part)):

@@ -97,7 +97,7 @@ def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int
 
 
 @kernel
-def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
+def limit_acceleration(robot: Speedl, dt: float, firmness: float) -> None:
     """Move the commanded twist toward the acting request within ``firmness`` times the acceleration
     limits."""
     alive = 1.0 if robot.age < robot.timeout else 0.0

@@ -107,8 +107,7 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
     bend_arm(spec, NOMINAL)
     spec.stat.extent *= sum(arm.a) / sum(ARMS[FIRST].a)
     for number, link in enumerate(arm.links, 1):
-        body = spec.body(f"link_{number}")
-        joint = f"{JOINT_NAMES[number - 1]}_joint"
+        body, j = spec.body(f"link_{number}"), number - 1
         xx, yy, zz, xy, xz, yz = link.inertia
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
         for geom in list(body.geoms):
@@ -122,16 +121,12 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
             after = arm.links[number]  # the next joint's housing reaches from this link to that one
             reach = [0.0, 0.0, link.capsule[2], 0.0, 0.0, arm.d[number] + after.capsule[2]]
             body.add_geom(**drawn, fromto=reach, size=[after.radius, 0.0, 0.0])
-        _build_joint(spec, joint, JOINT_NAMES[number - 1], arm, number - 1)
-
-
-def _build_joint(spec: Any, joint: str, servo: str, arm: ArmTable, j: int) -> None:
-    """Friction, rotor and servo of a joint; the engine has them where the joint is rigid."""
-    hinge, drive = spec.joint(joint), spec.actuator(servo)
-    hinge.armature, hinge.frictionloss = arm.gears["rotor_kg_m2"][j], arm.gears["coulomb_nm"][j]
-    hinge.damping[0] = arm.gears["viscous_nm_s_rad"][j]
-    drive.biasprm[1], drive.biasprm[2] = -arm.stiff[j], -arm.damped[j]
-    drive.forcerange = [-arm.torque[j], arm.torque[j]]
+        hinge, drive = spec.joint(f"{JOINT_NAMES[j]}_joint"), spec.actuator(JOINT_NAMES[j])
+        # Friction, rotor and servo; the engine has them where the joint is rigid.
+        hinge.armature, hinge.frictionloss = arm.gears["rotor_kg_m2"][j], arm.gears["coulomb_nm"][j]
+        hinge.damping[0] = arm.gears["viscous_nm_s_rad"][j]
+        drive.biasprm[1], drive.biasprm[2] = -arm.stiff[j], -arm.damped[j]
+        drive.forcerange = [-arm.torque[j], arm.torque[j]]
 
 
 def bend_arm(spec: Any, table: Array) -> None:

@@ -31,7 +31,7 @@ from polish_sim.spatial import matrices, wxyz
 
 if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
-    from polish_sim.config import RobotConfig, Scenario
+    from polish_sim.config import PayloadConfig, RobotConfig, Scenario
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.arrays import turned
 from polish_sim.cell import SILENT
@@ -138,21 +138,12 @@ class Visit(NamedTuple):
     windows: Array  #: First and last place of the path at which readings are averaged [m], shape (n, 2)
 
 
-def patience(robot: RobotConfig) -> float:
-    """How much longer than planned a robot with low acceleration limits gets for its ways [-]."""
-    shares = (
-        USUAL_LINEAR / robot.linear_acceleration_m_s2,
-        USUAL_ANGULAR / robot.angular_acceleration_rad_s2,
-    )
-    return math.sqrt(max(1.0, *shares))
-
-
-def plan_visit(q: Array, settle: float, average: float, patience: float) -> Visit:
-    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average``
-    [s].
-
-    ``patience`` is a factor on the time of the ways [-].
-    """
+def plan_visit(q: Array, payload: PayloadConfig, robot: RobotConfig) -> Visit:
+    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each as the ``payload`` is calibrated;
+    a robot with low acceleration limits gets longer for its ways."""
+    settle, average = payload.settle_s, payload.average_s
+    linear, angular = robot.linear_acceleration_m_s2, robot.angular_acceleration_rad_s2
+    patience = math.sqrt(max(1.0, USUAL_LINEAR / linear, USUAL_ANGULAR / angular))
     rows, windows, now = [q[:1]], [], START_S
     times: list[Array] = [np.zeros(1)]
     for k, pose in enumerate(q):

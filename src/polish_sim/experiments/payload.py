@@ -24,7 +24,7 @@ from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.cell.wrist_sensor import read_at_rest, unused
 from polish_sim.errors import CalibrationError
-from polish_sim.experiments.free_space import patience, plan_visit, run_visit, visiting_cell
+from polish_sim.experiments.free_space import plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.spatial import GRAVITY
 
@@ -77,7 +77,7 @@ def run_payload_calibration(
     payload = scenario.payload
     poses = plan_payload_poses(payload.poses)
     q = np.concatenate([poses.q, poses.q[:1]])
-    visit = plan_visit(q, payload.settle_s, payload.average_s, patience(scenario.robot))
+    visit = plan_visit(q, payload, scenario.robot)
     cell = visiting_cell(scenario, visit, q[0], streams.sensor)
     observer.stage(f"visit {payload.poses} poses and the first again")
     run, readings = run_visit(cell, visit, observer)
