@@ -139,8 +139,8 @@ class Visit(NamedTuple):
 
 
 def plan_visit(q: Array, payload: PayloadConfig, robot: RobotConfig) -> Visit:
-    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each as the ``payload`` is calibrated;
-    a robot with low acceleration limits gets longer for its ways."""
+    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each as the ``payload`` is to be
+    calibrated; a robot with low acceleration limits gets longer for its ways."""
     settle, average = payload.settle_s, payload.average_s
     linear, angular = robot.linear_acceleration_m_s2, robot.angular_acceleration_rad_s2
     patience = math.sqrt(max(1.0, USUAL_LINEAR / linear, USUAL_ANGULAR / angular))
