@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from polish_sim.cell.cell import Cell, CellRun
     from polish_sim.cell.contact import RealPart, build_pad, press_pad
     from polish_sim.cell.course import build_course
-    from polish_sim.cell.faults import FAULTS, parse_events
+    from polish_sim.cell.faults import FAULTS
     from polish_sim.cell.observer import SILENT, Observer, Silent
     from polish_sim.cell.real_part import Touch, build_real_part, no_part
     from polish_sim.cell.scene import build_scene, tool_on_flange

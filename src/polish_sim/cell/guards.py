@@ -218,11 +218,10 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     """Code of what is wrong with the sensor's reading, 0 if nothing; before the controller sees it."""
     guards, sensor, sequence = state.guards, state.sensor, state.sequence
     reading, smooth = sensor.reading, guards.smooth
-    finite, size, jump = 0.0, 0.0, 0.0
+    size = jump = 0.0
     for i in range(6):
-        finite += reading[i]
         size += abs(reading[i])
-    if not math.isfinite(finite) or size == 0.0:
+    if not math.isfinite(size) or size == 0.0:
         return NO_READING
     overload = sensor.errors.overload
     if overload > 0.0 and _exceeds(state, OVERLOAD, sensor.load, overload):
