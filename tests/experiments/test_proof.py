@@ -199,10 +199,10 @@ def test_a_cut_path_the_arm_cannot_do_from_where_it_was_is_placed_and_played_ane
     elsewhere = prover.place.reach._replace(q_start=prover.place.reach.q_start + 1.0)
     follow = proof.check_whole_path
 
-    def on_the_whole_path_alone(reach, positions, axes, tool):
+    def on_the_whole_path_alone(reach, positions, axes):
         if positions is not whole:
             raise ReachError("out of reach")
-        return follow(reach, positions, axes, tool)
+        return follow(reach, positions, axes)
 
     monkeypatch.setattr(proof, "check_whole_path", on_the_whole_path_alone)
     monkeypatch.setattr(proof.PartPlacing, "reach", lambda self: elsewhere)
