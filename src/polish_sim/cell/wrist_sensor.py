@@ -189,7 +189,7 @@ def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
 # out.
 
 
-def unused(sensor: WristSensor) -> WristSensor:
+def fresh_sensor(sensor: WristSensor) -> WristSensor:
     """A sensor with the same errors before its first sample, without drift."""
     return WristSensor(sensor.errors, sensor.blend, sensor.period, sensor.delay)
 
@@ -200,11 +200,11 @@ def read_at_rest(
     """Mean readings in pose after pose: bias, drift, noise, filter, quantisation and saturation as in a run.
 
     Args:
-        sensor: The sensor, `unused` or as a run has left it; while the arm travels only its drift changes.
+        sensor: The sensor, `fresh_sensor` or as a run has left it; while the arm travels only its drift changes.
         loads: Exact wrench at the sensor in each pose [N, N m], shape (n, 6).
         travel: Time before each pose in which the arm moves there [s], shape (n,).
         settle: Time it then stands still before readings are taken, no shorter than the delay of a sensor
-            that is not unused [s].
+            a run has left [s].
         average: Time over which readings are averaged [s].
         rng: Draws noise and drift.
 

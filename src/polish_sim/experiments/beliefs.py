@@ -29,7 +29,7 @@ from polish_sim.cell.gears import build_host_arm
 from polish_sim.cell.kernel import Lesson
 from polish_sim.cell.real_arm import AROUND, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
-from polish_sim.cell.wrist_sensor import read_at_rest, unused
+from polish_sim.cell.wrist_sensor import fresh_sensor, read_at_rest
 from polish_sim.config import Checked, HeadConfig, RobotConfig, Scenario
 from polish_sim.control import Controller
 from polish_sim.errors import ConfigError, InputError, unknown_name
@@ -161,7 +161,7 @@ def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
     config = cell.scenario.payload
     poses = plan_payload_poses(config.poses)
     loads = weight_of(cell.carried, poses.R_base_sensor)
-    sensor = unused(cell.state.sensor)
+    sensor = fresh_sensor(cell.state.sensor)
     wrenches = read_at_rest(sensor, loads, poses.move_times, config.settle_s, config.average_s, rng)
     time = np.cumsum(poses.move_times + config.settle_s + config.average_s) - 0.5 * config.average_s
     return PayloadReadings(time, poses.R_base_sensor.copy(), wrenches)

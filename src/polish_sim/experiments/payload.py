@@ -22,7 +22,7 @@ from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.limits import check_rates
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
-from polish_sim.cell.wrist_sensor import read_at_rest, unused
+from polish_sim.cell.wrist_sensor import fresh_sensor, read_at_rest
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.free_space import plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import random_streams
@@ -163,7 +163,7 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     """
     count, a_value, a_tare = (round(span / TARE_TIME) for span in (LONG_RUN_S, VALUE_S, RETARE_S))
     load = np.tile(weight_of(cell.carried, np.diag([1.0, -1.0, -1.0])[None]), (count, 1))
-    read = read_at_rest(unused(cell.state.sensor), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
+    read = read_at_rest(fresh_sensor(cell.state.sensor), load, np.zeros(count), 0.0, TARE_TIME, rng)[:, :3]
     latest = np.arange(count) // a_tare * a_tare
     once, again = ((read - tare).reshape(-1, a_value, 3).mean(axis=1) for tare in (read[0], read[latest]))
     return once, again
