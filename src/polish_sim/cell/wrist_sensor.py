@@ -200,7 +200,8 @@ def read_at_rest(
     """Mean readings in pose after pose: bias, drift, noise, filter, quantisation and saturation as in a run.
 
     Args:
-        sensor: The sensor, `fresh_sensor` or as a run has left it; while the arm travels only its drift changes.
+        sensor: The sensor, `fresh_sensor` or as a run has left it; only its drift changes
+            while the arm travels.
         loads: Exact wrench at the sensor in each pose [N, N m], shape (n, 6).
         travel: Time before each pose in which the arm moves there [s], shape (n,).
         settle: Time it then stands still before readings are taken, no shorter than the delay of a sensor
