@@ -176,6 +176,7 @@ def test_a_programme_ends_force_mode_and_motion_and_a_popup_holds_it_until_it_is
         ("x = = 1", 2, 5, "unexpected"), ("if True:\n x = 1", 4, 1, "unexpected"),
         ("setpayload(1)", 2, 1, "Did you mean 'set_payload'"), ("[3]", 2, 1, "a value alone"),
         ("movej([0,0,0,0,0,0], speed=1)", 2, 1, "movej takes"), ("pause", 2, 1, "not served"),
+        ("movej()", 2, 1, "movej takes"), ("servoj(t=1)", 2, 1, "servoj takes"),
         ("x = y + 1", 2, 5, "'y' is never given a value"), ("1 = 2", 2, 1, "only a variable"),
         ("def g(a):\nend\ng()", 4, 1, "g takes (a)"),
         ("end\nif True:\n g()", 3, 1, "one programme at a time"),

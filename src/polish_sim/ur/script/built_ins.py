@@ -187,7 +187,8 @@ class BuiltIns(Sockets):
     def _asked(self, convert: Callable[[Any], Any], method: str) -> Callable[..., Any]:
         """A method of the robot, with values of a programme made what its parameters are."""
         _, *parameters = inspect.signature(getattr(SimulatedRobot, method)).parameters.values()
-        signature = inspect.Signature([p.replace(default=None) if p.name in USUAL else p for p in parameters])
+        usual = {p.name for p in parameters if p.name in USUAL and p.annotation == "Array"}
+        signature = inspect.Signature([p.replace(default=None) if p.name in usual else p for p in parameters])
 
         def asked(*placed: Any, **named: Any) -> Any:
             given = signature.bind(*placed, **named).arguments
@@ -195,7 +196,7 @@ class BuiltIns(Sockets):
                 name: self._kinds[signature.parameters[name].annotation.split()[0]](value)
                 for name, value in given.items()
             }
-            for name in signature.parameters.keys() & USUAL.keys():
+            for name in usual:
                 if values.get(name) is None:
                     values[name] = getattr(self.robot, USUAL[name])
             return convert(getattr(self.robot, method)(**values))
