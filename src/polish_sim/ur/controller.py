@@ -177,7 +177,7 @@ class RobotController:
         if not _beside(source):
             self.stop("another programme starts")
         if self._reader is None:
-            self._begin(read(source), source, client)
+            self._begin(read(source), client)
         elif len(self._unread) < UNREAD:
             self._unread.append((source, client))
         else:
@@ -192,11 +192,11 @@ class RobotController:
                 return
             self._reading = None
             if self._unread and self._unread[0] is job:
-                self._begin(found.result(), *self._unread.pop(0))
+                self._begin(found.result(), self._unread.pop(0)[1])
         if self._unread:
             self._reading = self._reader.submit(read, self._unread[0][0]), self._unread[0]
 
-    def _begin(self, found: Program | ScriptError, source: str, client: str) -> None:
+    def _begin(self, found: Program | ScriptError, client: str) -> None:
         if self.robot.mode != RUNNING or self.robot.safety != NORMAL:
             self.note("a programme was not started: the robot is not running")
             return
@@ -205,7 +205,7 @@ class RobotController:
             self.runtime_exception(found.line, found.column, found.wire)
             return
         machine = Machine(found, self, client)
-        if _beside(source):
+        if found.secondary:
             self.secondary.append(machine)
         else:
             self.machine = machine

@@ -87,11 +87,10 @@ ASKED: Mapping[Callable[[Any], Any], Mapping[str, str]] = {
     },
 }
 """What a programme asks the robot's methods, by what is made of the answer."""
-MOVES = {
-    **{name: name for name in ("movej", "movel", "movep", "movec", "optimovej", "optimovel")},
-    **{name: name for name in ("servoj", "speedj", "speedl", "stopj", "stopl", "direct_torque")},
-    "servoc": "movep",
-}
+MOVES = (
+    *("movej", "movel", "movep", "movec", "optimovej", "optimovel"),
+    *("servoj", "speedj", "speedl", "stopj", "stopl", "direct_torque"),
+)
 """And what it waits for."""
 KINDS: Mapping[str, Callable[[Any], Any]] = {
     "Array": lambda value: None if value == "active_tcp" else array(value),
@@ -155,7 +154,8 @@ class BuiltIns(Sockets):
         found["set_digital_out"] = found["set_standard_digital_out"]
         for convert, state in ((as_list, LISTS), (as_pose, POSES)):
             found |= {name: self._reader(convert, of) for name, of in state.items()}
-        found |= {name: self._moves(of) for name, of in MOVES.items()}
+        found |= {name: self._moves(name) for name in MOVES}
+        found["servoc"] = found["movep"]
         for made, methods in ASKED.items():
             found |= {name: self._asked(made, of) for name, of in methods.items()}
         for word, kind in REGISTERS.items():
