@@ -197,24 +197,9 @@ def _push_children(tree, node, point, nodes, bounds, top):  # type: ignore[no-un
     left, right = node + 1, tree.right[node]
     left_bound = box_distance2(tree.low, tree.high, left, point)
     right_bound = box_distance2(tree.low, tree.high, right, point)
-    left_first = left_bound < right_bound
-    if left_bound == right_bound:
-        # Within both boxes: try the one whose middle is nearer.
-        left_first = _to_middle(tree, left, point) < _to_middle(tree, right, point)
-    near, far = (1, 0) if left_first else (0, 1)
+    near, far = (1, 0) if left_bound < right_bound else (0, 1)
     nodes[top + near], bounds[top + near] = left, left_bound
     nodes[top + far], bounds[top + far] = right, right_bound
-
-
-@njit(inline="always")
-def _to_middle(tree, node, point):  # type: ignore[no-untyped-def]
-    """Squared distance to the middle of a box, in units of half of it along each axis."""
-    total = 0.0
-    for k in range(3):
-        low, high = tree.low[node, k], tree.high[node, k]
-        d = 2.0 * point[k] - low - high
-        total += d * d / max((high - low) ** 2, 1e-300)
-    return total
 
 
 @njit

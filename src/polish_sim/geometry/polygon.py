@@ -19,7 +19,6 @@ class Split(NamedTuple):
 
     triangles: Indices  #: Vertex numbers, wound as the polygons, shape (m, 3)
     polygons: Ints  #: Polygon each belongs to, shape (m,)
-    too_many: int  #: The first polygon that was not split for its number of corners, or -1
 
 
 def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
@@ -29,27 +28,21 @@ def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     three gives no triangle.
     """
     if len(sizes) and (sizes == 3).all():
-        return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32), -1)
-    count = np.maximum(sizes - 2, 0).sum()
-    triangles, polygons = np.empty((count, 3), np.int64), np.empty(count, np.int32)
-    too_many = _split(np.ascontiguousarray(points), indices, sizes, triangles, polygons)
-    return Split(triangles, polygons, too_many)
+        return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32))
+    polygons = np.repeat(np.arange(len(sizes), dtype=np.int32), np.maximum(sizes - 2, 0))
+    triangles = np.empty((len(polygons), 3), np.int64)
+    _split(np.ascontiguousarray(points), indices, sizes, triangles)
+    return Split(triangles, polygons)
 
 
 @njit
-def _split(points, indices, sizes, triangles, polygons):  # type: ignore[no-untyped-def]
+def _split(points, indices, sizes, triangles):  # type: ignore[no-untyped-def]
     at = done = 0
-    for polygon in range(len(sizes)):
-        size = sizes[polygon]
+    for size in sizes:
         if size >= 3:
-            if size > MOST_CORNERS:
-                return polygon
             _cut_ears(points, indices[at : at + size].copy(), triangles, done)
-            for i in range(done, done + size - 2):
-                polygons[i] = polygon
             done += size - 2
         at += size
-    return -1
 
 
 @njit
@@ -149,12 +142,12 @@ def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: obje
             f"{path}: facet {facet} refers to vertex {indices[bad[0]]}, but vertices run from 0 to "
             f"{len(points) - 1}. Export the part again."
         )
-    split = split_polygons(points, indices, sizes)
-    if split.too_many >= 0:
+    if len(sizes) and sizes.max() > MOST_CORNERS:
         raise MeshError(
-            f"{path}: facet {split.too_many} is a polygon of {sizes[split.too_many]} corners; at most "
+            f"{path}: facet {sizes.argmax()} is a polygon of {sizes.max()} corners; at most "
             f"{MOST_CORNERS} are split. Export the part as triangles."
         )
+    split = split_polygons(points, indices, sizes)
     degenerate, polygons = (sizes < 3).sum(), (sizes > 3).sum()
     notes = (
         *((f"left out {degenerate} facets with fewer than three corners",) if degenerate else ()),

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, foot_on_chord, longest_side, next_corners, norms
+from polish_sim.arrays import Array, Indices, Ints, dots, foot_on_chord, next_corners, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import (
@@ -32,7 +32,6 @@ _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
 _MOST_SAMPLES = 400_000
 _ARCS = 4  #: Pieces of the way to the border that are taken for circular arcs
 _NEAR = (0.6, 1.001)  #: Outside these shares of the distance of interest the straight distance is good enough
-_FLAT = 5e-7  #: A surface is flat when it leaves a plane by less than this share of its size (float32 noise)
 
 
 class Room(Protocol):
@@ -57,7 +56,6 @@ class BorderDistance(NamedTuple):
     ends: Array  #: Where they end [m], shape (b, 3)
     tree: cKDTree  #: Search tree over their middles
     reach: float  #: Distances about this are measured along the surface [m]
-    flat: bool  #: Whether the surface is flat, and straight distances are all there is
     length: float  #: Length of the whole border [m]
     surface: Surface  #: The surface with that border
 
@@ -71,7 +69,7 @@ class BorderDistance(NamedTuple):
         distances = norms(points - feet)
         low, high = _NEAR
         near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
-        if len(near) and not self.flat:
+        if len(near):
             distances[near] = _lengths_along(self.surface, feet[near], points[near])
         return distances
 
@@ -98,13 +96,7 @@ def _border_distance(surface: Surface, reach: float, border: Indices) -> BorderD
     spacing = max(reach / _SAMPLES_PER_REACH, chords.sum() / _MOST_SAMPLES)
     starts, ends = along_edges(surface, border, _CHORD_ERROR, spacing)
     tree, length = cKDTree(0.5 * (starts + ends)), norms(ends - starts).sum()
-    return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
-
-
-def _is_flat(surface: Surface) -> bool:
-    points = surface.control.reshape(-1, 3)
-    normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
-    return np.ptp(points @ normal) < _FLAT * longest_side(points)
+    return BorderDistance(starts, ends, tree, reach, length, surface)
 
 
 def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
