@@ -13,7 +13,6 @@ from polish_sim.arrays import Array
 from polish_sim.cell.gears import RealArm, slip
 from polish_sim.cell.real_arm import build_real_arm, gear_twists, joint_inertia, weights
 from polish_sim.cell.scene import build_scene
-from polish_sim.cell.wrist_sensor import carried_payload
 from polish_sim.config import RealArmConfig, Scenario
 
 
@@ -25,10 +24,8 @@ class JointsAbout(NamedTuple):
     jacobian: Array  #: Of the tool point (linear; angular), shape (6, 6)
     axis: Array  #: Tool z in the base frame, shape (3,)
     head: float  #: Mass of the head, which the inertia includes [kg]
-    carried: float  #: Mass the wrist sensor carries [kg]
-    weight: Array  #: Torques that hold the weight [N m], shape (6,)
+    torque: Array  #: Of the gears, under the weight and the contact force [N m], shape (6,)
     real: RealArmConfig
-    force: float  #: It presses with [N]
 
 
 def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
@@ -52,8 +49,8 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
         inertia, J = joint_inertia(model, data), np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, J[:3], J[3:], tool)
         axis = data.site_xmat[tool].reshape(3, 3)[:, 2].copy()
-        carried = float(carried_payload(model, data).mass)
-        abouts.append(JointsAbout(arm, inertia[:6, :6], J[:, :6], axis, head, carried, weight, real, force))
+        torque = weight + force * axis @ J[:3, :6]
+        abouts.append(JointsAbout(arm, inertia[:6, :6], J[:, :6], axis, head, torque, real))
     return abouts
 
 
@@ -71,8 +68,7 @@ _ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched 
 def gears_about(about: JointsAbout, swing: float) -> tuple[Array, Array]:
     """Stiffness [N m/rad] and damping [N m s/rad] of the gears under the weight and the contact force, with
     their hysteresis by `_slipping`, shape (6,) each."""
-    torque = about.weight + about.force * about.axis @ about.jacobian[:3]
-    more = gear_twists(about.real, np.stack([torque - 1e-3, torque + 1e-3]))
+    more = gear_twists(about.real, np.stack([about.torque - 1e-3, about.torque + 1e-3]))
     slipping = np.array([_slipping(about.arm, j, swing) for j in range(6)])
     stiffness = 2e-3 / (more[1] - more[0]) + slipping.real
     return stiffness, np.array(about.arm.coupling) + slipping.imag / _ABOUT

@@ -36,7 +36,6 @@ _INSTANTS = 16  # of such a way at which the gears are looked at
 class ArmPlace(NamedTuple):
     """Where an arm is in a scene."""
 
-    prefix: str = ""  #: Of the names of its bodies
     first: int = 0  #: Of its joints
     first_control: int = 0  #: Of its servos' controls
     number: int = 0  #: Among the arms of a seed, which draws each for itself

@@ -48,7 +48,7 @@ from polish_sim.spatial import inverse, transform
 MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
 #: Of the master's joints and controls: the follower, with its head, comes first
 FIRST_JOINT, FIRST_CONTROL = 7, 12
-MASTER_ARM, FOLLOWER_ARM = ArmPlace(MASTER, FIRST_JOINT, FIRST_CONTROL, 1), ArmPlace(FOLLOWER)
+MASTER_ARM, FOLLOWER_ARM = ArmPlace(FIRST_JOINT, FIRST_CONTROL, 1), ArmPlace()
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
 # over which the host takes the master's accelerations, at least from one reading to the next [s]
