@@ -176,24 +176,16 @@ def _find_near_bricks(
     skin: SkinArrays, origin: Array, side: float, shape: Indices, band: float
 ) -> tuple[Indices, Ints]:
     """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
-    first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64)
+    first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64).clip(0, shape)
     last = np.floor((skin.control.max(axis=1) + band - origin) / side).astype(np.int64) + 1
-    marked = np.zeros(shape, dtype=np.bool_)
-    _mark_boxes(np.maximum(first, 0), np.minimum(last, shape), marked)
-    candidates = np.argwhere(marked)
+    # Boxes that begin at a place or below, less those that end there: boxes around it.
+    boxes = np.zeros(shape + 1, dtype=np.int64)
+    for end in np.ndindex(2, 2, 2):
+        np.add.at(boxes, tuple(np.where(end, last.clip(first, shape), first).T), (-1) ** sum(end))
+    candidates = np.argwhere(boxes.cumsum(0).cumsum(1).cumsum(2))
     limit = band + 0.5 * np.sqrt(3.0) * side
     facets = _signed_distances(skin, np.ascontiguousarray(origin + side * (candidates + 0.5)), limit)[1]
     return candidates[facets >= 0], facets[facets >= 0]
-
-
-@njit
-def _mark_boxes(first, last, marked):  # type: ignore[no-untyped-def]
-    """Mark boxes of bricks, from the first one to before the last one along each axis."""
-    for box in range(len(first)):
-        for i in range(first[box, 0], last[box, 0]):
-            for j in range(first[box, 1], last[box, 1]):
-                for k in range(first[box, 2], last[box, 2]):
-                    marked[i, j, k] = True
 
 
 def _sign_empty_bricks(skin: SkinArrays, table: Ints, origin: Array, side: float) -> None:
