@@ -210,7 +210,6 @@ def run_once(
 
     Ctrl-C ``again`` after the run ends the drawing. ``sinks`` get the frames; with ``video`` a film is made.
     """
-    from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import other_conditions, stop_mark
     from polish_sim.experiments.report import page_of
 
@@ -235,6 +234,8 @@ def run_once(
             draw_run(record, draft)
             save_page(draft, page_of(record, model, planned.notes if planned else ()))
             if stop and planned:
+                from polish_sim.analysis.path_plot import plot_plan  # slow to import
+
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
             if len(record.log) and model and save_cell_picture(draft / CELL_PICTURE, record, model) and video:
                 from polish_sim.cli.film import write_film

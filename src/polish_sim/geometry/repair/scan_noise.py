@@ -47,8 +47,12 @@ def smooth_noise(skin: Skin) -> Skin:
     lengths = norms(next_corners(skin.vertices[skin.faces]) - skin.vertices[skin.faces])
     edge = np.median(lengths)
     normals = _vertex_normals(skin.vertices, skin.faces)
-    noise = _noise(skin, used, normals, QUIET * edge)
-    if noise <= NOISY * edge or _is_drawn(skin, lengths):
+    few, many = _PROBES
+    scatter = _scatter(skin, used, normals, few, QUIET * edge)
+    if _GROWTH * scatter <= NOISY * edge or _is_drawn(skin, lengths):
+        return skin
+    noise = _scatter(skin, used, normals, many, QUIET * edge)
+    if not NOISY * edge < noise <= _GROWTH * scatter:
         return skin
     able = [
         count for count in NEIGHBOURS if _scatter(skin, used, normals, count, QUIET * edge) <= _SLACK * noise
@@ -79,13 +83,6 @@ def _is_drawn(skin: Skin, lengths: Array) -> bool:
     beside = find_adjacency(skin.faces).facets
     flat = (beside >= 0) & (norms(normals[beside] - normals[:, None]) < QUIET)
     return np.mean(flat.any(axis=1) & (lengths.max(axis=1) > LONG * lengths.min(axis=1))) > 0.5
-
-
-def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
-    """Noise of the vertices along their normals, rms [m]; 0 where the scatter grows with the pieces: that is
-    shape."""
-    small, large = (_scatter(skin, used, normals, probe, quiet) for probe in _PROBES)
-    return large if large <= _GROWTH * small else 0.0
 
 
 def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int, quiet: float) -> float:
