@@ -152,10 +152,9 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
     (>= 6, 3) are those of the joints, ``speeds`` (>= 6,) theirs [rad/s].
     """
     m, jacobian = state.measurement, state.jacobian
+    set_to(m.position, tool)
     for i in range(3):
-        m.position[i] = tool[i]
-        for j in range(3):
-            m.rotation[i, j] = R[i, j]
+        set_to(m.rotation[i], R[i])
     for i in range(6):
         m.twist[i] = 0.0
     for j in range(6):
