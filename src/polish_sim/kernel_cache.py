@@ -72,7 +72,7 @@ from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
 from numba.core.typed_passes import NativeLowering
-from numba.core.types import Array, BaseFunction, BaseTuple, Dispatcher, Integer, NestedArray
+from numba.core.types import Array, BaseFunction, Dispatcher, Integer, NestedArray
 from numba.core.types.misc import unliteral
 from numba.core.typing.arraydecl import RecordAttribute
 from numba.core.typing.templates import AttributeTemplate
@@ -166,7 +166,7 @@ class _Lower(Lower):  # type: ignore[misc]
         context, builder, found = self.context, self.builder, signature.return_type
         kind, places = self.typeof(array.name), self.typeof(index.name)
         at = [self.loadvar(index.name)]
-        if isinstance(places, BaseTuple):
+        if isinstance(places, types.BaseTuple):  # type: ignore[attr-defined]
             at = cgutils.unpack_tuple(builder, *at)
         else:
             places = [places]
