@@ -66,7 +66,7 @@ def parse_corners(argument: str) -> Array:
         if named
         else argument.split(";")
     )
-    rows = [line.partition("#")[0].replace(",", " ").split() for line in lines]
+    rows = [_words(line) for line in lines]
     try:
         corners = np.array([[*map(float, row), 0.0][:3] for row in rows if row])
     except ValueError:
@@ -80,6 +80,11 @@ def parse_corners(argument: str) -> Array:
     return corners * 1e-3
 
 
+def _words(line: str) -> list[str]:
+    """Of a line of a text, without its comment."""
+    return line.partition("#")[0].replace(",", " ").split()
+
+
 def read_facet_numbers(argument: str) -> Indices:
     """Read facet numbers from a text file, shape (n,).
 
@@ -89,8 +94,7 @@ def read_facet_numbers(argument: str) -> Indices:
     path = Path(argument)
     lines = _read(path, "facet numbers").splitlines()
     try:
-        words = [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
-        numbers = np.array([int(word) for word in words], dtype=np.int64)
+        numbers = np.array([int(word) for line in lines for word in _words(line)], dtype=np.int64)
     except (ValueError, OverflowError):
         raise InputError(
             f"{path}: not a list of facet numbers (whole numbers from 0, '#' for comments)."
