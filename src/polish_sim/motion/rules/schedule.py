@@ -122,7 +122,7 @@ class Smoothed(NamedTuple):
         )
 
     @property
-    def index(self) -> ScheduleIndex:
+    def lookup(self) -> ScheduleIndex:
         """Where its pieces are."""
         return index_schedule(self.chain, self.schedule)
 
@@ -135,19 +135,19 @@ class Smoothed(NamedTuple):
         times = np.ascontiguousarray(times, dtype=float)
         n = len(times)
         samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), *np.empty((2, n, 3, 3)))
-        _sample_all(self.chain, self.schedule, self.index, times, samples, np.empty((2, 4)))
+        _sample_all(self.chain, self.schedule, self.lookup, times, samples, np.empty((2, 4)))
         return samples
 
     def under_way(self, times: Array) -> tuple[Indices, Indices]:
         """See `SmoothMotion`."""
-        index = self.index
+        index = self.lookup
         first = np.searchsorted(index.all_ended, times, side="right")
         return first, np.maximum(first, np.searchsorted(index.none_begun, times, side="right"))
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
         """See `SmoothMotion`."""
         places, speeds = np.empty((2, len(times)))
-        _mark(self.schedule, self.index, times, marks, places, speeds)
+        _mark(self.schedule, self.lookup, times, marks, places, speeds)
         return np.maximum.accumulate(places), speeds
 
     def stretched(self, factor: float) -> Smoothed:
