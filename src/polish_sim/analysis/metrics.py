@@ -165,6 +165,8 @@ def faults_of_force(figures: Mapping[str, Any], contact_force: float) -> list[st
             f"the force was outside ±4 N for {100.0 * (1.0 - within):.3g}% of the process, by up to "
             f"{figures['force_max_deviation_n']:.1f} N"
         )
+    if (unplaced := figures.get("removal_unplaced", 0.0)) > LEFT_OUT:
+        found.append(f"the removal map lacks {100.0 * unplaced:.3g}% of the force: it is not of this run")
     if figures["peak_force_n"] > MOST_FORCE * contact_force:
         found.append(
             f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set"

@@ -123,7 +123,7 @@ REACH = 1.1  #: Surfaces this many pad radii from the path are not under the pad
 ROUNDS = 8
 ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
 ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
-EDGE_TURN = 0.9  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
+EDGE_TURN = 0.99  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
 _WHOLE = 1.0 - 1e-9
 
 
@@ -154,14 +154,16 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     mesh = triangulate(region.surface, longest)
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
-    # On a sharp edge the field's slope may be the wall's: there the node next to it says how the part lies.
-    met = np.asarray(own[1].any(axis=1))
-    lost = mesh.border[:, 0]
-    lost = lost[~met[lost]]
-    sure = np.flatnonzero(met)
+    # The field rounds sharp edges off, and its slope turns there or is the wall's (`_project` keeps the
+    # drawing's): the node next to it says how the part lies.
+    met = own[1].any(axis=1)
+    away, _ = cKDTree(mesh.vertices[mesh.border[:, 0]]).query(mesh.vertices)
+    beside_edge = away < part.field.spacing
+    lost = beside_edge & (~met | (own[1] == mesh.normals).all(axis=1))
+    sure = np.flatnonzero(met & ~beside_edge)
     if len(sure):
         next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[lost])[1]]
-        own[0][lost] += own[0][next_to] - mesh.vertices[next_to]
+        own[0][lost] = mesh.vertices[lost] + own[0][next_to] - mesh.vertices[next_to]
         own[1][lost] = own[1][next_to]
     others = on_real_part(part.field, beside.positions, beside.normals)
     met = np.asarray(others[1].any(axis=1))
@@ -254,7 +256,7 @@ def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
 CELL = 0.35  #: Side of the cells nodes are looked up by, in pad radii
 #: Least cosine between a node's normal and the pad's axis for the pad to press on it [-]
 REMOVAL_FACING = 0.1
-DEEPEST = 0.5  #: How far up its axis a pad finds nodes, in its radii
+DEEPEST = 0.5  #: How far up its axis a pad finds nodes, in its radii, unless it is pressed in deeper
 
 
 class Removed(NamedTuple):
@@ -267,28 +269,35 @@ class Removed(NamedTuple):
 
 
 def expose_nodes(
-    nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float, slide: float = 0.0
+    nodes: PressedNodes,
+    motion: PadMotion,
+    pad_radius: float,
+    stiffness: float,
+    slide: float = 0.0,
+    deepest: float = 0.0,
 ) -> Removed:
     """Carry a pad whose whole disc has ``stiffness`` [N/m] over the nodes: what it took off, but for the wear
     coefficient. All of its face also slides at ``slide`` [m/s], to all sides in turn, as on a quick orbit.
+    It may be pressed in by as much as ``deepest`` [m].
     """
     grid = build_point_grid(nodes.positions, CELL * pad_radius)
     # Neighbours in space are neighbours in memory.
     order = grid.items
     sorted_nodes = PressedNodes(*(np.ascontiguousarray(column[order]) for column in nodes))
-    found = _carry(sorted_nodes, motion, grid, pad_radius, stiffness / (math.pi * pad_radius**2), slide)
+    bedding, up = stiffness / (math.pi * pad_radius**2), max(deepest, DEEPEST * pad_radius)
+    found = _carry(sorted_nodes, motion, grid, pad_radius, up, bedding, slide)
     exposure = np.empty(len(order))
     exposure[order] = found[0]
     return Removed(exposure, found[1], found[2])
 
 
 @njit
-def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-untyped-def]
+def _carry(nodes, motion, grid, radius, up, bedding, slide):  # type: ignore[no-untyped-def]
     steps = len(motion.times)
     exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(steps), np.zeros(steps)
     under, force, power = _room_for(nodes)
     for k in range(steps):
-        number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
+        number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, up, under)
         _press_nodes(
             nodes, motion.centers[k], motion.axes[k], motion.velocities[k], motion.turning[k], bedding, slide,
             under, number, force, power,

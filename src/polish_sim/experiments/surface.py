@@ -58,8 +58,9 @@ def remove_material(
     )
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
     removed = expose_nodes(
-        nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s
-    )
+        nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s,
+        part.field.band,
+    )  # fmt: skip
     own = len(nodes.mesh.vertices)
     pressed = motion.impulses.sum()
     removal = RemovalMap(
