@@ -154,7 +154,12 @@ def test_every_claim_names_a_figure_a_good_arc_meets_all_and_a_wide_one_misses_t
         ("force", metrics.measure_force(force_trace(), 20.0)),
         ("surface", metrics.measure_surface(surface_trace(path), path, 20.0) | removal),
     ):
-        assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
+        assert {claim.figure for claim in asked_of(name)} <= {
+            *figures,
+            "path_done",
+            "cycle_time_s",
+            "coverage",
+        }
     ideal = experiment("arc").claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good, wide = (metrics.measure_arc(arc_trace(off)) | {"path_done": 1.0} for off in (5e-5, 2e-4))
     assert shortfalls(ideal, good) == []

@@ -281,7 +281,7 @@ def _head(figure: Figure, flat: Axes, result: PlanResult, name: str, views: View
             if beside
             else []
         ),
-        f"{100.0 * m['coverage']:.1f}% covered",
+        f"planned coverage {100.0 * m['coverage']:.1f}%",
         f"right: {views.name}",
     )
     head(figure, f"{name} on {result.mesh.name}", facts, legend=(flat,))

@@ -28,7 +28,7 @@ from polish_sim.experiments.part_setup import (
     random_streams,
 )
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.surface import remove_material
+from polish_sim.experiments.surface import areas_after, remove_material
 from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
@@ -69,6 +69,7 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
         turns = carried_turns(log, task, _part_on_flange(task, part))
         removal, log = remove_material(scenario, task.place, part, run, turns)
         figures |= measure_removal(removal, scenario.pad.radius_m)
+        figures |= {} if plan is None else areas_after(plan, removal)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)

@@ -55,9 +55,12 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     )
     reason = record.metrics.get("protective_stop")
     noted = row.notes_of(record.metrics, scenario)
-    bad = (f"bad: {text}." for text in record.metrics.get("bad_figures", ()))
+    bad = [f"bad: {text}." for text in record.metrics.get("bad_figures", ())]
     return Page.of(
-        row.title(scenario), row.text, tables, [*filter(None, [reason]), *bad, *notes, *noted]
+        row.title(scenario) + ": with bad figures" * bool(bad),
+        row.text,
+        tables,
+        [*filter(None, [reason]), *bad, *notes, *noted],
     )._replace(
         stop=stop.text if stop else "",
         stop_time=stop.time if stop else None,
