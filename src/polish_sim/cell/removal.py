@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array, Indices, joined, midpoints, next_corners, norms, running_sums, unit
+from polish_sim.arrays import Array, Indices, dots, joined, midpoints, next_corners, norms, running_sums, unit
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -123,7 +123,8 @@ REACH = 1.1  #: Surfaces this many pad radii from the path are not under the pad
 ROUNDS = 8
 ON_SURFACE = 1e-6  # distance at which a node lies on a surface [m]
 ALIKE = 0.3  # least cosine between the drawing's normal and the real one for a step along it [-]
-EDGE_TURN = 0.99  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
+EDGE_TURN = 0.9  # further apart than this cosine the real normal is an edge's: the drawing's is taken [-]
+ALONG = 0.99  # least cosine between normals of the real part a field's spacing apart, but for edges [-]
 _WHOLE = 1.0 - 1e-9
 
 
@@ -154,17 +155,18 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     mesh = triangulate(region.surface, longest)
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
-    # The field rounds sharp edges off, and its slope turns there or is the wall's (`_project` keeps the
-    # drawing's): the node next to it says how the part lies.
-    met = own[1].any(axis=1)
+    # The field rounds sharp edges off: its slope turns there, or is the wall's and `_project` keeps the
+    # drawing's. There the node next to it says how the part lies.
     away, _ = cKDTree(mesh.vertices[mesh.border[:, 0]]).query(mesh.vertices)
-    beside_edge = away < part.field.spacing
-    lost = beside_edge & (~met | (own[1] == mesh.normals).all(axis=1))
-    sure = np.flatnonzero(met & ~beside_edge)
+    near = np.flatnonzero(away < part.field.spacing)
+    sure = np.flatnonzero(own[1].any(axis=1) & (away >= part.field.spacing))
     if len(sure):
-        next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[lost])[1]]
-        own[0][lost] = mesh.vertices[lost] + own[0][next_to] - mesh.vertices[next_to]
-        own[1][lost] = own[1][next_to]
+        next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[near])[1]]
+        as_drawn = (own[1][near] == mesh.normals[near]).all(axis=1)
+        edge = as_drawn | (dots(own[1][near], own[1][next_to]) < ALONG)
+        near, next_to = near[edge], next_to[edge]
+        own[0][near] = mesh.vertices[near] + own[0][next_to] - mesh.vertices[next_to]
+        own[1][near] = own[1][next_to]
     others = on_real_part(part.field, beside.positions, beside.normals)
     met = np.asarray(others[1].any(axis=1))
     positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))
