@@ -105,10 +105,11 @@ def _facts(record: RunRecord) -> str:
     else:
         amount = f"pressure x way {number_text(m['exposure_mean_n_m'], 3)} N/m on average"
     return (
-        f"{amount}, standard deviation {100.0 * m['removal_cv']:.1f}%\n"
+        f"{amount}\n"
+        f"standard deviation {100.0 * m['removal_cv']:.1f}%, "
+        f"untouched: {100.0 * m['unpolished_share']:.2f}%\n"
         f"under {UNDER:g}: {100.0 * m['under_polished_share']:.1f}%, "
-        f"over {OVER:g}: {100.0 * m['over_polished_share']:.1f}%, "
-        f"untouched: {100.0 * m['unpolished_share']:.2f}%"
+        f"over {OVER:g}: {100.0 * m['over_polished_share']:.1f}%"
     )
 
 
