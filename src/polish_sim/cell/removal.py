@@ -161,10 +161,10 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     near = np.flatnonzero(away < part.field.spacing)
     sure = np.flatnonzero(own[1].any(axis=1) & (away >= part.field.spacing))
     if len(sure):
-        next_to: Indices = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[near])[1]]
+        next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[near])[1]]
         as_drawn = (own[1][near] == mesh.normals[near]).all(axis=1)
-        edge = as_drawn | (dots(own[1][near], own[1][next_to]) < ALONG)
-        near, next_to = near[edge], next_to[edge]
+        turned = as_drawn | (dots(own[1][near], own[1][next_to]) < ALONG)
+        near, next_to = near[turned], next_to[turned]
         own[0][near] = mesh.vertices[near] + own[0][next_to] - mesh.vertices[next_to]
         own[1][near] = own[1][next_to]
     others = on_real_part(part.field, beside.positions, beside.normals)
