@@ -114,11 +114,16 @@ def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_calle
         assert len(metrics.faults_of_force({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
-def test_removal_beside_what_was_polished_before_says_that_it_is_of_this_run_alone():
+def test_removal_beside_what_was_polished_before_is_of_this_run_alone_and_a_lone_vertex_has_no_spread():
     before = {"region_area_m2": 65e-4, "left_out": {BEFORE: 1e-3}}
     (note,) = metrics.map_notes(before, default_scenario("surface"))
     assert "of this run alone" in note
     assert not metrics.map_notes(before | {"region_area_m2": 0.2}, default_scenario("surface"))
+    places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.4, 0.4, 0.0]])
+    border = np.array([[0, 1], [1, 2], [2, 0]])  # a lone vertex inside it has no spread
+    whole, inside = metrics.spreads(np.array([0.5, 1.0, 1.0, 1.5]), np.ones(4), places, border, 0.5)
+    assert whole > 0.3
+    assert np.isnan(inside)
 
 
 def test_a_path_taught_two_millimetres_high_and_too_short():
@@ -154,12 +159,8 @@ def test_every_claim_names_a_figure_a_good_arc_meets_all_and_a_wide_one_misses_t
         ("force", metrics.measure_force(force_trace(), 20.0)),
         ("surface", metrics.measure_surface(surface_trace(path), path, 20.0) | removal),
     ):
-        assert {claim.figure for claim in asked_of(name)} <= {
-            *figures,
-            "path_done",
-            "cycle_time_s",
-            "coverage",
-        }
+        known = {*figures, "path_done", "cycle_time_s", "coverage"}
+        assert {claim.figure for claim in asked_of(name)} <= known
     ideal = experiment("arc").claims(override(default_scenario("arc"), ["robot.arm=ideal"]))
     good, wide = (metrics.measure_arc(arc_trace(off)) | {"path_done": 1.0} for off in (5e-5, 2e-4))
     assert shortfalls(ideal, good) == []
