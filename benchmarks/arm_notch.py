@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.loop_margins import force_loop, margins, response_of
+from benchmarks.loop_margins import force_loop, margins, response_of, swinging_arm
 from polish_sim import default_scenario
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import arm_modes, joints_about
@@ -20,7 +20,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import ReachError
 from polish_sim.motion.kinematics import forward, inverse_near, smallest_singular_values
-from polish_sim.scoring.loop_model import FORCE_POSE, elastic_arm, one_mass, setup_of
+from polish_sim.scoring.loop_model import FORCE_POSE, one_mass, setup_of
 from polish_sim.scoring.measured_law import measure_law
 
 SWINGS = (0.0, 5e-5, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
@@ -77,7 +77,7 @@ def _gain_margin(scenario: Scenario, q: Array) -> float:
     force = scenario.process.contact_force_n
     law = measure_law(build_controller(scenario.controller), rigid, force, rigid.stiffness)
     (about,) = joints_about(scenario, q[None])
-    loops = (force_loop(setup_of(scenario, elastic_arm(about, swing)), law) for swing in SWINGS)
+    loops = (force_loop(setup_of(scenario, swinging_arm(about, swing)), law) for swing in SWINGS)
     return min(margins(response_of(loop, dt)).gain for loop in loops)
 
 

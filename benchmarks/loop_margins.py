@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.linear_arm import joints_about
+from polish_sim.cell.linear_arm import JointsAbout, joints_about
 from polish_sim.config import Scenario
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import (
     FORCE_POSE,
     Complex,
     LinearLaw,
+    LoopArm,
     LoopSetup,
     build_plant,
     contour,
@@ -98,11 +99,34 @@ def response_of(loop: Loop, dt: float) -> Response:
     return lambda omega: loop(np.exp(1j * omega * dt))
 
 
+_ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
+
+
+def swinging_arm(about: JointsAbout, swing: float) -> LoopArm:
+    """The arm about a pose with the hysteresis of its gears at an amplitude ``swing`` of their twist [rad]: a
+    part of its torque is elastic, a part damps (by harmonic balance, about 20 Hz)."""
+    arm, lost, rise = elastic_arm(about), np.array(about.arm.lost_torque), about.arm.rise
+    if swing == 0.0:
+        return arm
+    phase = np.linspace(0.0, 2.0 * math.pi, 401)
+    twist, torque, torques = swing * np.cos(phase), np.zeros(6), np.empty((400, 6))
+    for _ in range(3):
+        for k, moved in enumerate(np.diff(twist)):
+            most = np.copysign(lost, moved)
+            torques[k] = torque = most + (torque - most) * math.exp(-abs(moved) / rise)  # as `gears.slip`
+    slipping = 2.0 * np.exp(-1j * phase[1:]) @ torques / (400.0 * swing)
+    between = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return arm._replace(
+        stiffness=arm.stiffness + np.kron(between, np.diag(slipping.real - lost / rise)),
+        damping=arm.damping + np.kron(between, np.diag(slipping.imag / _ABOUT)),
+    )
+
+
 def linear_loop(scenario: Scenario, swing: float = 0.0, law: MeasuredLaw | None = None) -> Loop:
     """Open loop L(z) of a scenario, the ``law`` settled on its springs; elastic gears swing by ``swing``
     [rad]."""
     elastic = scenario.robot.elastic
-    arm = elastic_arm(joints_about(scenario, FORCE_POSE[None])[0], swing) if elastic else None
+    arm = swinging_arm(joints_about(scenario, FORCE_POSE[None])[0], swing) if elastic else None
     setup = setup_of(scenario, arm)
     return force_loop(setup, law or linear_law_of(scenario, scenario.head.spring_scale))
 

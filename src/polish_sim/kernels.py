@@ -7,6 +7,7 @@ bundles.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform, get_args, get_origin, get_type_hints
 
@@ -226,3 +227,22 @@ def set_product(out: Array, A: Array, B: Array) -> None:
     for j in range(4):
         set_to(out[:, j], matvec(A, B[:, j]))
     add_to(out[:, 3], A[:, 3])
+
+
+@part
+def solve_positive(A: Array, b: Array, x: Array) -> None:
+    """Solve A x = b with a symmetric positive A (n, n) by Cholesky's method; its lower triangle, all that is
+    read of it, is overwritten by the factor."""
+    for i in range(len(x)):
+        x[i] = b[i]
+        for j in range(i + 1):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            A[i, j] = math.sqrt(max(A[i, i], 1e-300)) if i == j else A[i, j] / A[j, j]
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        x[i] /= A[i, i]
+    for i in range(len(x) - 1, -1, -1):
+        for k in range(i + 1, len(x)):
+            x[i] -= A[k, i] * x[k]
+        x[i] /= A[i, i]

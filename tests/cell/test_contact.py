@@ -272,7 +272,7 @@ def test_rows_of_a_course_follow_the_plan_its_strands_and_turning_in_a_turned_ce
 def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to():
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
     about = joints_about(default_scenario("surface"), cells.joints_at(cells.TOUCH)[None])[0]
-    moving, tool = motion_matrices(about, 0.0), np.append(about.axis @ about.jacobian[:3], np.zeros(6))
+    moving, tool = motion_matrices(about), np.append(about.axis @ about.jacobian[:3], np.zeros(6))
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares
     assert softness[0] > 0.9 * softness.sum()

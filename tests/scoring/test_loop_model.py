@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.force_margins import press
 from benchmarks.force_theory import noise_rms, surface_error
-from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, margins, response_of
+from benchmarks.loop_margins import SWINGS, analytic_margins, linear_loop, margins, response_of, swinging_arm
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import joints_about
 from polish_sim.cli.score import show_border
@@ -222,12 +222,12 @@ def test_slow_motion_presses_head_and_arm_in_series_and_hysteresis_is_elastic_in
     assert stiffness == pytest.approx(1.0 / (1.0 / 5000.0 + softer - behind), rel=1e-3)
     assert 10e-6 < softer < 60e-6
     (about,) = joints_about(ELASTIC, loop_model.FORCE_POSE[None])
-    stiff = [float(np.trace(elastic_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
+    stiff = [float(np.trace(swinging_arm(about, swing).stiffness)) for swing in (*SWINGS, 1.0)]
     assert np.all(np.diff(stiff) < 0.0)
     (lossless,) = joints_about(override(ELASTIC, [NO_HYSTERESIS]), loop_model.FORCE_POSE[None])
     alone = float(np.trace(elastic_arm(lossless).stiffness))
     assert stiff[-1] == pytest.approx(alone, rel=1e-3)
-    assert np.linalg.eigvalsh(elastic_arm(about, 1e-4).damping).min() > -1e-9
+    assert np.linalg.eigvalsh(swinging_arm(about, 1e-4).damping).min() > -1e-9
 
 
 @pytest.mark.parametrize(("name", "gain"), [("hybrid-pi", 1.4), ("hybrid-adaptive", 1.9)])

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.gears import RealArm, slip
+from polish_sim.cell.gears import RealArm
 from polish_sim.cell.real_arm import build_real_arm, gear_twists, joint_inertia, weights
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import RealArmConfig, Scenario
@@ -62,33 +62,22 @@ class MotionMatrices(NamedTuple):
     damping: Array
 
 
-_ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
-
-
-def gears_about(about: JointsAbout, swing: float) -> tuple[Array, Array]:
-    """Stiffness [N m/rad] and damping [N m s/rad] of the gears under the weight and the contact force, with
-    their hysteresis by `_slipping`, shape (6,) each."""
-    more = gear_twists(about.real, np.stack([about.torque - 1e-3, about.torque + 1e-3]))
-    slipping = np.array([_slipping(about.arm, j, swing) for j in range(6)])
-    stiffness = 2e-3 / (more[1] - more[0]) + slipping.real
-    return stiffness, np.array(about.arm.coupling) + slipping.imag / _ABOUT
-
-
-def motion_matrices(about: JointsAbout, swing: float) -> MotionMatrices:
-    """Links on gears on rotors on servos; the head slides on its spring. The gears swing by an amplitude
-    [rad].
+def motion_matrices(about: JointsAbout) -> MotionMatrices:
+    """Links on gears on rotors on servos; the head slides on its spring. The gears swing by so little that
+    their hysteresis is a spring.
 
     Coulomb friction of the motors is left out; it damps.
     """
     arm = about.arm
-    stiffness, damping = gears_about(about, swing)
+    more = gear_twists(about.real, np.stack([about.torque - 1e-3, about.torque + 1e-3]))
+    stiffness = 2e-3 / (more[1] - more[0]) + arm.lost_torque / arm.rise
     tool = about.axis @ about.jacobian[:3]
     mass = np.zeros((12, 12))
     mass[:6, :6], mass[6:, 6:] = about.inertia - about.head * np.outer(tool, tool), np.diag(arm.inertia)
     matrices = []
     for gear, servo in (
         (stiffness, arm.kp),
-        (damping, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
+        (arm.coupling, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
     ):
         twisted = np.diag(gear)
         matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))
@@ -108,25 +97,8 @@ def arm_modes(abouts: Sequence[JointsAbout], springs: float) -> Array:
     """
     modes = []
     for about in abouts:
-        moving = motion_matrices(about, 0.0)
+        moving = motion_matrices(about)
         tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
         bent = np.linalg.solve(moving.stiffness + springs * np.outer(tool, tool), tool)
         modes.append(math.sqrt(tool @ bent / (bent @ moving.mass @ bent)))
     return _ABOVE * np.array(modes)
-
-
-def _slipping(arm: RealArm, j: int, swing: float) -> complex:
-    """Torque of a gear's hysteresis by its twist at an amplitude ``swing`` [rad], complex [N m/rad].
-
-    By harmonic balance; the imaginary part leads, and damps.
-    """
-    if swing == 0.0:
-        return complex(arm.lost_torque[j] / arm.rise)
-    phase = np.linspace(0.0, 2.0 * math.pi, 401)
-    twist = swing * np.cos(phase)
-    torque = 0.0
-    torques = np.empty(400)
-    for _ in range(3):
-        for k in range(400):
-            torque = torques[k] = slip.py_func(torque, twist[k + 1] - twist[k], arm.lost_torque[j], arm.rise)
-    return complex(np.mean(2.0 * torques * np.exp(-1j * phase[1:])) / swing)

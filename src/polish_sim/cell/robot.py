@@ -17,7 +17,19 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import Bundle, Matrix6, Record, Vector3, Vector6, add_to, dot, kernel, minus, scaled
+from polish_sim.kernels import (
+    Bundle,
+    Matrix6,
+    Record,
+    Vector3,
+    Vector6,
+    add_to,
+    dot,
+    kernel,
+    minus,
+    scaled,
+    solve_positive,
+)
 from polish_sim.motion import JOINT_LIMITS
 
 SPARE = 200  # steps the latency can grow by while running
@@ -123,8 +135,7 @@ def resolve_joints(robot: Speedl, jacobian: Array, dt: float) -> bool:
     # Damping grows from nothing at the onset, so that the inverse is exact away from singularities.
     damping = 0.5 * max(robot.damping_onset - robot.weakest, 0.0)
     _gram(jacobian, damping * damping, A)
-    _cholesky(A)
-    _solve(A, robot.twist, y)
+    solve_positive(A, robot.twist, y)
     fastest = 0.0
     for j in range(6):
         total = 0.0
@@ -147,39 +158,14 @@ def resolve_joints(robot: Speedl, jacobian: Array, dt: float) -> bool:
 
 @kernel
 def _gram(jacobian: Array, damping: float, A: Array) -> None:
+    """Lower triangle of J J^T, damped."""
     for i in range(6):
         for j in range(i + 1):
             total = 0.0
             for k in range(6):
                 total += jacobian[i, k] * jacobian[j, k]
             A[i, j] = total
-            A[j, i] = total
         A[i, i] += damping + 1e-12
-
-
-@kernel
-def _cholesky(A: Array) -> None:
-    """Factor in place; the lower triangle holds the factor."""
-    for i in range(6):
-        for j in range(i + 1):
-            total = A[i, j]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            A[i, j] = math.sqrt(max(total, 1e-18)) if i == j else total / A[j, j]
-
-
-@kernel
-def _solve(L: Array, b: Array, x: Array) -> None:
-    for i in range(6):
-        total = b[i]
-        for k in range(i):
-            total -= L[i, k] * x[k]
-        x[i] = total / L[i, i]
-    for i in range(5, -1, -1):
-        total = x[i]
-        for k in range(i + 1, 6):
-            total -= L[k, i] * x[k]
-        x[i] = total / L[i, i]
 
 
 @kernel
@@ -189,8 +175,7 @@ def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
 
     ``probe`` (6,) is the unit vector of the last iteration, then of this one.
     """
-    _cholesky(A)
-    _solve(A, probe, x)
+    solve_positive(A, probe, x)
     size = 0.0
     for i in range(6):
         size += x[i] * x[i]

@@ -12,7 +12,6 @@ arcs that sag as little as they can.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ from polish_sim.arrays import (
 from polish_sim.geometry.features import SmoothCorners, facet_cross, facet_normals
 from polish_sim.geometry.topology import Adjacency, extremes
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot, part
+from polish_sim.kernels import dot, part, solve_positive
 
 SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with each
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
@@ -270,7 +269,7 @@ def _fit_each(  # type: ignore[no-untyped-def]
                 mean += sums[i, i] / tensor[i] / (end - begin)
             for i in range(begin, end):
                 sums[i, i] += share * mean * tensor[i]
-        _solve(sums, fitted[at])
+        solve_positive(sums, sums[:, 9], fitted[at])
 
 
 @part
@@ -281,22 +280,3 @@ def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
         for j in range(i + 1):
             sums[i, j] += scaled * row[j]
         sums[i, 9] += scaled * row[9]
-
-
-@part
-def _solve(rows, found):  # type: ignore[no-untyped-def]
-    """Solve a symmetric positive system by Cholesky's method: lower triangle and right side, overwritten."""
-    size = len(found)
-    for i in range(size):
-        for j in range(i + 1):
-            for k in range(j):
-                rows[i, j] -= rows[i, k] * rows[j, k]
-            rows[i, j] = math.sqrt(max(rows[i, i], 1e-300)) if i == j else rows[i, j] / rows[j, j]
-        for k in range(i):
-            rows[i, size] -= rows[i, k] * rows[k, size]
-        rows[i, size] /= rows[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            rows[i, size] -= rows[k, i] * rows[k, size]
-        rows[i, size] /= rows[i, i]
-        found[i] = rows[i, size]

@@ -62,18 +62,17 @@ FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717]
 """Joints in the experiment ``force`` [rad], shape (6,)."""
 
 
-def elastic_arm(about: JointsAbout, swing: float = 0.0) -> LoopArm:
+def elastic_arm(about: JointsAbout) -> LoopArm:
     """The arm with gears and rotors about a pose, loaded by its weight and the contact force.
 
-    Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part
-    damps (by harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it
-    damps. The host's loops across the tool axis are left out, too, and so is the slow correction of servos on
-    the links' side.
+    Hysteresis is a spring, as it is where gears hardly swing. Coulomb friction of the motors and of the pad
+    is left out; it damps. The host's loops across the tool axis are left out, too, and so is the slow
+    correction of servos on the links' side.
     """
     arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))
-    mass, stiffness, damping = motion_matrices(about, swing)
+    mass, stiffness, damping = motion_matrices(about)
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
     host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
