@@ -18,6 +18,7 @@ from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_no
 from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, Mend, PreparedRegion
 from polish_sim.planning.quality.access import HOLLOW
+from polish_sim.planning.quality.areas import UNPLAYED, UNTOUCHED
 from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_OUT
 from polish_sim.scenario_file import override
@@ -255,7 +256,12 @@ def test_smaller_pads_that_cannot_be_used_or_take_too_long_leave_the_plan_with_t
 
 @pytest.mark.parametrize(
     ("reason", "choice", "pads"),
-    [(HOLLOW, "auto", 1 + proof.MOST_PADS), ("at the border", "auto", 1), (HOLLOW, "stepover", 1)],
+    [
+        (HOLLOW, "auto", 1 + proof.MOST_PADS),
+        (UNPLAYED, "auto", 1 + proof.MOST_PADS),
+        ("at the border", "auto", 1),
+        (HOLLOW, "stepover", 1),
+    ],
 )
 def test_smaller_pads_are_tried_or_missed_where_it_is_too_hollow_for_the_first(
     monkeypatch, reason, choice, pads
@@ -419,6 +425,19 @@ def test_a_proven_plan_that_is_read_again_still_says_why_what_is_left_out(tmp_pa
     for some in (rows.keys() & bare_rows.keys(), rows.keys() - bare_rows.keys()):
         lost = sum(proven.plan.area.left_out[reason].area_m2 for reason in some)
         assert sum(rows[reason].area_m2 for reason in some) == pytest.approx(lost, rel=0.05)
+
+
+def test_what_the_pad_does_not_touch_when_a_plan_is_played_is_not_polished(tmp_path):
+    scenario, plan = across_the_plate()
+    proven = prove(scenario, plan)
+    write_plan(tmp_path, proven.plan)
+    area, before = proven.plan.area, plan.area
+    assert before.polished_m2 - area.polished_m2 == pytest.approx(area.left_out[UNPLAYED].area_m2)
+    again = planned(proven.scenario, read_path(tmp_path), read_cuts(tmp_path)).area
+    assert again.figures["left_out"] == area.figures["left_out"]
+    drawn = replace(scenario, seed=501)
+    bare, rest = (run_experiment(drawn, p).figures["left_out"][UNTOUCHED] for p in (plan, proven.plan))
+    assert bare > max(1e-4, 4.0 * rest)
 
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do():

@@ -222,6 +222,7 @@ def _file_facts(mesh: PartMesh) -> dict[str, str]:
 
 def _metadata(result: PlanResult) -> dict[str, Any]:
     from polish_sim.planning.points import thin
+    from polish_sim.planning.quality.areas import UNPLAYED
 
     mesh = result.mesh
     plan = result.plan
@@ -238,7 +239,9 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
         "cuts": [
             {
                 "reason": cut.reason,
-                "places_m": cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist(),
+                "places_m": cut.positions.tolist()
+                if cut.reason == UNPLAYED
+                else cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist(),
             }
             for cut in result.cuts
             if len(cut.positions)

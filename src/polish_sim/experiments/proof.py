@@ -5,7 +5,8 @@ runs too. Where a guard trips or the exact force leaves its band, the tool is sl
 slowing does not help, or the pad sinks off an edge, it is pressed with half the force there, and by an even
 removal, which makes up for it, then with a quarter; where that fails as well, or the pad has lost the part,
 the stretch is left out and the tool lifts over it. Each mended path resumes from a state saved shortly
-before the place. A path that was mended is at last played whole: only that is the proof.
+before the place. A path that was mended is at last played whole: only that is the proof, and what the pad
+did not touch in it is left out of the plan's area.
 """
 
 from __future__ import annotations
@@ -62,6 +63,7 @@ from polish_sim.planning.part_plan import (
     with_pad,
 )
 from polish_sim.planning.quality.access import HOLLOW
+from polish_sim.planning.quality.areas import UNPLAYED, CutOut
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -223,9 +225,9 @@ def _pads_from(given: PadConfig, asked: PlanConfig, pad: PadConfig) -> Iterator[
 
 
 def _lost(plan: PlanResult) -> float:
-    """What of the region was left out because it failed when it was played, or is too hollow for the pad
-    [m^2]."""
-    of_pad = (PLAYED, SINKS_OFF, HOLLOW)
+    """What of the region was left out because it failed when it was played, the pad did not touch it, or it
+    is too hollow for the pad [m^2]."""
+    of_pad = (PLAYED, UNPLAYED, SINKS_OFF, HOLLOW)
     return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith(of_pad))
 
 
@@ -408,6 +410,7 @@ class _Prover:
                 self._mend(found)
             play.go_back(self.place_now(), self.kept_until)
             found = play.play_on(self.observer)
+        self.play = play
         work.done_s = before + play.worked_s
         for name, kept in play.passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
@@ -574,6 +577,13 @@ class _Prover:
         made = {mend.what for mend in self.mends}
         if made:
             plan = plan.along(place.path, self.mends)
+        self.observer.stage("measure the removal")
+        removal, vertices = self.play.removal(), plan.ready.asked.ground.mesh.vertices
+        nearest = cKDTree(removal.vertices).query(vertices)[1]
+        bare = (removal.exposure[nearest] <= 0.0) & (plan.area.why < 0)
+        if bare.any():
+            cut = CutOut(UNPLAYED, vertices[bare])
+            plan = replace(plan, cuts=(*plan.cuts, cut)).along(place.path, ())
         if LEFT_OUT in made:
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))

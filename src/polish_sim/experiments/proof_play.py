@@ -27,7 +27,8 @@ from polish_sim.config import Checked, FaultsConfig
 from polish_sim.control.signals import CompiledController, Course
 from polish_sim.experiments.assembly import Workplace, build_cell, course_for, strokes_for
 from polish_sim.experiments.rows import most_astray
-from polish_sim.log import PROCESS_PHASE
+from polish_sim.experiments.surface import remove_material
+from polish_sim.log import PROCESS_PHASE, RemovalMap
 
 MARGIN = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
@@ -60,6 +61,7 @@ class _Saved(NamedTuple):
     """A state to resume from."""
 
     s: float  #: Everything of the path up to here has been played [m]
+    pieces: int  #: Of what was played, up to here
     state: CellSnapshot
 
 
@@ -93,7 +95,8 @@ class Play:
         self.place = place
         self.cell = build_cell(self.scenario, place, strokes=self._strokes())
         self._tighten()
-        self.cell.play(1)  # kernels are compiled here, not by two threads at once
+        # Kernels are compiled here, not by two threads at once.
+        self.pieces = [self.cell.play(1)]
 
     def _strokes(self) -> list[Stroke]:
         """The strokes of the path; to time a motion takes about as long as to play it."""
@@ -116,6 +119,11 @@ class Play:
         less = drawn if self.nominal else self.margin * guards.offset
         guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
 
+    def removal(self) -> RemovalMap:
+        """What was taken off the part up to here."""
+        run = self.cell.result(self.pieces)
+        return remove_material(self.scenario, self.place, self.cell.part, run)[0]
+
     def go_back(self, place: Workplace, until: float) -> None:
         """Resume a path as it is mended now, from the last state before ``until`` [m] of the path."""
         self._saved[:] = [state for state in self._saved if state.s <= until]
@@ -124,6 +132,7 @@ class Play:
             self._begin(place)
             return
         self.place, cell, scenario = place, self.cell, self.scenario
+        del self.pieces[self._saved[-1].pieces :]
         strokes = self._strokes()
         course = course_for(cell.controller, scenario, place, strokes)
         use_strokes(cell, strokes, course, self._saved[-1].state)
@@ -146,7 +155,8 @@ class Play:
         found = self.found = list[Failure]()
         while self.wanted and not cell.done and not (found and cell.stroke_number != stroke):
             forget_shares(cell.state.guards)
-            steps = cell.play(round(CHUNK_S / dt)).trace
+            self.pieces.append(cell.play(round(CHUNK_S / dt)))
+            steps = self.pieces[-1].trace
             self.worked_s += len(steps) * dt
             t = status.steps * dt
             observer.progress(min(t, total), total)
@@ -158,7 +168,7 @@ class Play:
                     break
                 stroke = cell.stroke_number
             elif not found and (t >= next_save or status.arrived):
-                saved.append(_Saved(_done_until(cell), save_cell(cell)))
+                saved.append(_Saved(_done_until(cell), len(self.pieces), save_cell(cell)))
                 next_save = t + SAVE_EVERY_S
                 del saved[:-SAVED]
         return found

@@ -20,8 +20,9 @@ MARGIN = "edge margin"
 UNCOVERED = "not covered by the pattern"
 BORDER = "at the border"
 FAR = "further than a step-over from the path"
-UNTOUCHED = "not touched when it was run"
+UNTOUCHED, UNPLAYED = "not touched when it was run", "not touched when it was played"
 OVER = "; --overrun leads the pad beyond it"
+SAME_M = 1e-6  #: Places this close are the same vertex [m]
 WORTH_A_NOTE = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
 
 
@@ -152,11 +153,14 @@ def account_for(
     What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
     the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
     ``distances`` (v,) [m] of the vertices from the path are far if they are more than a ``stepover`` [m],
-    outside an edge margin; a note says so if stretches of the path run ``beside`` each other.
+    outside an edge margin; a note says so if stretches of the path run ``beside`` each other. Vertices at
+    the places of a cut for `UNPLAYED` are not polished either.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
-    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
-    border, uncovered = len(reasons) - 2, len(reasons) - 1
+    bare = [cut.positions for cut in cuts if cut.reason == UNPLAYED]
+    cuts = [cut for cut in cuts if cut.reason != UNPLAYED]
+    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED, UNPLAYED)
+    border, uncovered, unplayed = range(len(reasons) - 3, len(reasons))
     why = np.where(polished, -1, asked.why)
     missed = np.flatnonzero(~polished & (why < 0) & (areas > 0.0))
     if len(missed):
@@ -168,6 +172,8 @@ def account_for(
         why[missed] = np.where(near_border, border, uncovered)
         nearest = _within(sources, mesh.vertices[missed], radius)
         why[missed[nearest >= 0]] = numbers[nearest[nearest >= 0]]
+    if bare:
+        why[(why < 0) & (_within(np.concatenate(bare), mesh.vertices, SAME_M) >= 0)] = unplayed
     rows: dict[str, Bools] = {}
     for number, reason in enumerate(reasons):
         rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
@@ -175,7 +181,7 @@ def account_for(
         reason: _row(asked, out, _middle(mesh.vertices[out])) for reason, out in rows.items() if out.any()
     }
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
-    off = np.where(polished & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
+    off = np.where((why < 0) & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
     furthest = np.where(np.isfinite(off.max()), mesh.vertices[off.argmax()], np.nan)
     margin = [number for number, reason in enumerate(asked.reasons) if reason == MARGIN]
     gaps = np.where(np.isin(asked.why, margin), 0.0, off)
