@@ -61,7 +61,7 @@ class _Saved(NamedTuple):
     """A state to resume from."""
 
     s: float  #: Everything of the path up to here has been played [m]
-    pieces: int  #: Of what was played, up to here
+    pieces: int  #: That were played up to here
     state: CellSnapshot
 
 
