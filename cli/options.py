@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperOption
 
 from polish_sim.config import PadConfig, PlanConfig, Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
@@ -71,6 +72,12 @@ class Own(NamedTuple):
             low, high = self.low * self.unit.si, self.high * self.unit.si
             return read_number(self.name, text, self.unit, low, high)
         return Path(text) if self.kind is Path else text
+
+    def given(self, words: Any) -> Any:
+        """What was given, read; None where nothing was: neither is a switch that is off."""
+        if isinstance(words, str):
+            return self.read(words)
+        return list(map(self.read, words)) if isinstance(words, list) else words or None
 
 
 OWN = {
@@ -263,20 +270,17 @@ def takes(
         option if isinstance(option, Own) else OWN.get(option) or keys[option].own for option in options
     ]
     chosen.sort(key=lambda option: PANELS.index(option.panel) if option.panel in PANELS else -1)
-    names = {f"option_{number}": option.name for number, option in enumerate(chosen)}
+    named = {f"option_{number}": option for number, option in enumerate(chosen)}
 
     def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
         hints = inspect.get_annotations(command, eval_str=True)
         own = [p for p in inspect.signature(command).parameters.values() if p.name != "given"]
-        flat = [p.replace(annotation=hints[p.name]) for p in own] + list(map(_declared, names, chosen))
+        flat = [p.replace(annotation=hints[p.name]) for p in own] + list(map(_declared, named, chosen))
 
         @wraps(command)
         def flattened(**values: Any) -> Any:
-            given = {name: values.pop(parameter) for parameter, name in names.items()}
-            # An empty list and a switch that is off are not given; 0 is.
-            return command(
-                given={k: None if v is False or v == [] else v for k, v in given.items()}, **values
-            )
+            given = {option.name: option.given(values.pop(word)) for word, option in named.items()}
+            return command(given=given, **values)
 
         signature = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])
         flattened.__signature__ = signature  # type: ignore[attr-defined]
@@ -295,7 +299,6 @@ def _declared(parameter: str, option: Own) -> inspect.Parameter:
         metavar=option.metavar,
         help=option.text,
         rich_help_panel=option.panel,
-        parser=None if switch else option.read,
         show_default=False,
     )
     return inspect.Parameter(
@@ -304,6 +307,12 @@ def _declared(parameter: str, option: Own) -> inspect.Parameter:
         default=False if switch else None,
         annotation=Annotated[kind, declared],
     )
+
+
+# An option's words as they are, `takes` reads them: Typer imports pydantic for it, 0.1 s of a start.
+TyperOption.process_value = lambda option, context, words: (  # type: ignore[assignment, method-assign]
+    option.callback(context, option, words) if option.callback else words
+)
 
 
 def argument(name: str, text: str) -> Any:

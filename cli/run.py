@@ -211,7 +211,6 @@ def run_once(
     Ctrl-C ``again`` after the run ends the drawing. ``sinks`` get the frames; with ``video`` a film is made.
     """
     from polish_sim.analysis.run_record import other_conditions, stop_mark
-    from polish_sim.experiments.report import page_of
 
     row = experiment(scenario.experiment)
     record = None
@@ -230,6 +229,8 @@ def run_once(
                 raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
+            from polish_sim.experiments.report import page_of  # matplotlib is slow to import
+
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
             draw_run(record, draft)
             save_page(draft, page_of(record, model, planned.notes if planned else ()))

@@ -156,6 +156,13 @@ def diagonal_of(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
+def boxes_of(corners: Array) -> tuple[Array, Array]:
+    """Least and greatest of corners (m, k, 3), both (m, 3); numpy itself takes ten times as long along such
+    short rows."""
+    rows = corners.swapaxes(0, 1).copy()
+    return rows.min(axis=0), rows.max(axis=0)
+
+
 def next_corners(corners: Any) -> Any:
     """What facets (m, 3, ...) have at each corner's successor: where their edges end."""
     return np.roll(corners, -1, axis=1)

@@ -31,6 +31,7 @@ from functools import cache, cached_property
 from inspect import getclosurevars
 from multiprocessing import parent_process
 from pathlib import Path
+from types import SimpleNamespace
 from typing import IO, Any, NamedTuple
 
 import llvmlite
@@ -61,7 +62,7 @@ def check_numba(version: str) -> None:
 check_numba(numba.__version__)
 
 import numba.experimental.function_type  # registers functions as arguments of kernels
-from numba.core import cgutils, types
+from numba.core import cgutils, environment, types
 from numba.core import event as event  # used by the command line
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
@@ -84,7 +85,6 @@ from numba.extending import (
     register_model,
     unbox,
 )
-from numba.np.arrayobj import fix_integer_index
 
 try:
     import fcntl
@@ -153,6 +153,11 @@ def _resolve_field(_, record, name):  # type: ignore[no-untyped-def]
 RecordAttribute.generic_resolve = _resolve_field
 
 
+# Numba imports the module of each function in the cache, many of its own that only compiling needs. Machine
+# code does without.
+environment.importlib = SimpleNamespace(import_module=lambda name: SimpleNamespace(__name__=name))
+
+
 class _Lower(Lower):  # type: ignore[misc]
     """Numba's translation to LLVM with a fifth fewer lines, which all passes after it would read."""
 
@@ -173,6 +178,8 @@ class _Lower(Lower):  # type: ignore[misc]
         plain = isinstance(kind, Array) and kind.aligned and not context.enable_boundscheck
         if not plain or isinstance(found, Array) or not all(isinstance(place, Integer) for place in places):
             return super().lower_getitem(wanted, given, array, index, signature)
+        from numba.np.arrayobj import fix_integer_index  # slow to import
+
         fields = self.loadvar(array.name)
         data, sizes, strides = (builder.extract_value(fields, field) for field in (4, 5, 6))
         sizes, strides = (cgutils.unpack_tuple(builder, each) for each in (sizes, strides))

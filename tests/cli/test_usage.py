@@ -258,7 +258,7 @@ def test_set_beats_options_that_beat_the_file_and_a_zero_is_given_a_switch_that_
     def command(given):
         return given
 
-    given = command(option_0=0.0, option_1=False, option_2=[])
+    given = command(option_0="0", option_1=False, option_2=None)
     assert given == {"--spindle-rpm": 0.0, "--set": None, "--view": None}
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Ints, next_corners, norms
+from polish_sim.arrays import Array, Ints, boxes_of, next_corners, norms
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, part
@@ -34,12 +34,14 @@ def build_box_tree(control: Array) -> BoxTree:
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
     middles = 0.5 * (control[:, :3] + next_corners(control[:, :3]))
     bulge = 2.0 / 3.0 * norms(control[:, 3:] - middles).max(axis=1)
-    low, high, right, first, size, items = build_boxes(control.min(axis=1), control.max(axis=1))
+    low, high, right, first, size, items = build_boxes(control)
     return BoxTree(low, high, right, first, size, items, bulge)
 
 
-def build_boxes(lows: Array, highs: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
-    """Build the tree over boxes, corners (m, 3) [m]: the first six fields of :class:`BoxTree`."""
+def build_boxes(corners: Array) -> tuple[Array, Array, Ints, Ints, Ints, Ints]:
+    """Build the tree over the boxes around corners (m, k, 3) [m]: the first six fields of
+    :class:`BoxTree`."""
+    lows, highs = boxes_of(corners)
     count = len(lows)
     capacity = max(2 * count, 1)
     items = np.arange(count, dtype=np.int32)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, boxes_of
 from polish_sim.errors import ConfigError
 from polish_sim.geometry.closest import BoxTree, SearchRoom, closest_in_tree
 from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
@@ -176,8 +176,9 @@ def _find_near_bricks(
     skin: SkinArrays, origin: Array, side: float, shape: Indices, band: float
 ) -> tuple[Indices, Ints]:
     """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
-    first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64).clip(0, shape)
-    last = np.floor((skin.control.max(axis=1) + band - origin) / side).astype(np.int64) + 1
+    low, high = boxes_of(skin.control)
+    first = np.floor((low - band - origin) / side).astype(np.int64).clip(0, shape)
+    last = np.floor((high + band - origin) / side).astype(np.int64) + 1
     # Boxes that begin at a place or below, less those that end there: boxes around it.
     boxes = np.zeros(shape + 1, dtype=np.int64)
     for end in np.ndindex(2, 2, 2):

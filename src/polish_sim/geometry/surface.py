@@ -15,6 +15,7 @@ from polish_sim.arrays import (
     Bools,
     Indices,
     Ints,
+    boxes_of,
     by_slices,
     crosses,
     dots,
@@ -138,7 +139,8 @@ class Surface:
     @property
     def bounds(self) -> Array:
         """Corners of the bounding box of the control points [m], shape (2, 3)."""
-        return np.stack([self.control.min(axis=(0, 1)), self.control.max(axis=(0, 1))])
+        low, high = boxes_of(self.control)
+        return np.stack([low.min(axis=0), high.max(axis=0)])
 
     @property
     def is_open(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, crosses, dots, longest_side, norms
+from polish_sim.arrays import Array, Bools, Indices, Ints, boxes_of, crosses, dots, longest_side, norms
 from polish_sim.errors import MeshError, count_text, place_in_mm
 from polish_sim.geometry.closest import build_boxes
 from polish_sim.geometry.topology import (
@@ -188,7 +188,7 @@ def find_shells(skin: Skin) -> Shells:
     closed = np.ones(count, dtype=bool)
     closed[labels[(adjacency.facets < 0).any(axis=1)]] = False
     corners = skin.vertices[skin.faces]
-    low, high = extremes(labels, corners.min(axis=1), corners.max(axis=1), count)
+    low, high = extremes(labels, *boxes_of(corners), count)
     centred = corners - 0.5 * (low + high)[labels][:, None, :]
     sixfold = np.einsum("mj,mj->m", centred[:, 0], crosses(centred[:, 1], centred[:, 2]))
     volumes = np.where(closed, np.bincount(labels, weights=sixfold, minlength=count) / 6.0, 0.0)
@@ -265,7 +265,7 @@ def find_crossing_facets(vertices: Array, faces: Ints) -> Indices:
     """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k,
     2)."""
     corners = vertices[faces]
-    return _crossing(corners, faces, *build_boxes(corners.min(axis=1), corners.max(axis=1)))
+    return _crossing(corners, faces, *build_boxes(corners))
 
 
 @njit
