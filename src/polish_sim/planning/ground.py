@@ -31,7 +31,7 @@ from polish_sim.geometry import Region
 from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normals
 from polish_sim.geometry.cut import ALIKE, CutFacets, find_edges, halve_edges, whole_facets
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces
+from polish_sim.geometry.surface import Surface, build_surface, join_surfaces
 from polish_sim.geometry.topology import (
     counting_order,
     facets_at_edges,
@@ -41,27 +41,19 @@ from polish_sim.geometry.topology import (
 )
 
 
-class Bridged(NamedTuple):
-    """A region without its small holes."""
+def bridge_holes(region: Region, widest: float) -> tuple[Region, int]:
+    """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m], and count them.
 
-    region: Region  #: The region; facets after its own ones close holes and lie on no part of the part
-    facets: int  #: Number of facets that are the part's
-    holes: int  #: Number of holes closed
-
-
-def bridge_holes(region: Region, widest: float) -> Bridged:
-    """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
+    Facets after its own ones close holes and lie on no part of the part.
+    """
     surface = region.surface
-    rims = [loop.T for loop in trace_border(surface.adjacency)]
-    rims = [rim for rim in rims if _diameter(surface.control[tuple(rim)]) <= widest]
-    if not rims or len(rims) == len(region.boundary_loops):
-        return Bridged(region, len(surface.faces), 0)
+    loops = [loop.T for loop in trace_border(surface.adjacency)]
+    rims = [rim for rim in loops if _diameter(surface.control[tuple(rim)]) <= widest]
+    if len(rims) == len(loops):
+        return region, 0
     for rim in rims:
         surface = _close(surface, *rim)
-    loops = boundary_loops(surface)
-    return Bridged(
-        replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims)
-    )
+    return replace(region, surface=surface), len(rims)
 
 
 def _diameter(points: Array) -> float:
@@ -170,11 +162,11 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
                 "the region is closed all round, a path needs a border to start from. "
                 "Choose a region that looks one way, e.g. 'top', or a box."
             )
-        bridged = bridge_holes(component, plan.bridge_m)
-        ground = with_skirt(bridged.region, plan.overrun_m)
+        bridged, holes = bridge_holes(component, plan.bridge_m)
+        ground = with_skirt(bridged, plan.overrun_m)
         mesh = triangulate(ground.surface, plan.stepover_m / EDGES_PER_STEPOVER)
-        of_part = np.arange(len(ground.surface.faces)) < bridged.facets
-        parts.append(Ground(ground, mesh, of_part, bridged.holes))
+        of_part = np.arange(len(ground.surface.faces)) < len(component.surface.faces)
+        parts.append(Ground(ground, mesh, of_part, holes))
     return parts[0] if len(parts) == 1 else _together(region, parts)
 
 
@@ -185,7 +177,6 @@ def _together(region: Region, parts: Sequence[Ground]) -> Ground:
     whole = Region(
         surface=join_surfaces(surfaces),
         facets=np.concatenate([part.facets for part in regions]),
-        boundary_loops=tuple(loop for part in regions for loop in part.boundary_loops),
         area_m2=sum(part.area_m2 for part in regions),
         up=region.up,
     )
@@ -243,7 +234,7 @@ def with_skirt(region: Region, width: float) -> Region:
     for loop in trace_border(surface.adjacency):
         facet, edge = loop.T
         surface = _continued(surface, facet, edge, width)
-    return replace(region, surface=surface, boundary_loops=boundary_loops(surface))
+    return replace(region, surface=surface)
 
 
 def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) -> Surface:

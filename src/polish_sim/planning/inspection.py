@@ -13,13 +13,14 @@ from polish_sim.arrays import Array, Bools, dots, into_plane, longest_side, norm
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
-from polish_sim.geometry.fit import load_fixture
 from polish_sim.geometry.surface import join_surfaces
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground import SHARPEST, Ground, bridge_holes, with_skirt
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.part_plan import (
     UNSEEN,
+    USUAL,
+    USUAL_PAD,
     PlanObserver,
     PlanResult,
     choose_region,
@@ -31,7 +32,7 @@ from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, part_figures
 from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
-from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
+from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
@@ -144,6 +145,7 @@ def _reason(mesh: PartMesh, path: ToolPath, heights: Array, middle: float) -> st
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 
 
+AS_FOUND = PlanConfig(stepover_m=np.nan)  #: Its step-over is that of the path
 MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 
@@ -174,9 +176,9 @@ class Inspection:
 def inspect_path(
     path: ToolPath,
     part: PartConfig,
-    plan: PlanConfig | None = None,
-    process: ProcessConfig | None = None,
-    pad: PadConfig | None = None,
+    plan: PlanConfig = AS_FOUND,
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
 ) -> Inspection:
     """Measure any path on a part: coverage, time under the pad, spacing, crossings, corners, places out of
@@ -190,11 +192,17 @@ def inspect_path(
         PolishSimError: The part cannot be used, or the path does not lie on it; says by how much and what to
             do.
     """
-    process, pad = process or ProcessConfig(), pad or PadConfig()
     notes = list[str]()
-    plan = plan or PlanConfig(stepover_m=np.nan)
     if np.isnan(plan.stepover_m):
-        plan = replace(plan, stepover_m=_guessed_stepover(path, pad, notes))
+        found = guess_stepover(path)
+        plan = replace(plan, stepover_m=found or 2.0 * pad.radius_m)
+        notes.append(
+            f"step-over taken from the path: {1e3 * plan.stepover_m:.4g} mm, the median distance of its "
+            "turns (--stepover sets it)"
+            if found
+            else "no stretch of the path runs beside another: measured by a step-over of the pad's diameter, "
+            f"{1e3 * plan.stepover_m:.4g} mm (--stepover sets it)"
+        )
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
@@ -207,11 +215,17 @@ def inspect_path(
     check_on_part(offset, mesh, path, beyond)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
-    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = given_region(mesh, surface, region, plan, process, tool)
+    given = given_region(mesh, surface, region, plan, process, pad, part.fixture_file)
     quality = given.measure(path)
     ground = given.asked.ground
-    notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
+    notes += [*lean_notes(given.access, plan, pad), *quality.area.notes, *tool_notes(quality)]
+    if offset.sideways.max() > OFF_PART_M:
+        notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
+    if len(quality.crossings):
+        notes.append(
+            f"crossings of the path with itself: {len(quality.crossings)}, the first at "
+            f"{place_in_mm(quality.crossings[0])}"
+        )
     quality.figures.update(
         part_figures(mesh, surface, region.surface),
         height_above_part_min_m=offset.heights.min(),
@@ -219,16 +233,15 @@ def inspect_path(
         beyond_part_max_m=offset.sideways.max(),
     )
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
-    said = (*given.part_notes, *notes, *_findings(quality, offset))
-    return Inspection(mesh, surface, ground, path, plan, quality, strict, said)
+    return Inspection(mesh, surface, ground, path, plan, quality, strict, (*given.part_notes, *notes))
 
 
 def measure_given_path(
     path: ToolPath,
     part: PartConfig,
     plan: PlanConfig,
-    process: ProcessConfig | None = None,
-    pad: PadConfig | None = None,
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
     cuts: tuple[CutOut, ...] = (),
 ) -> PlanResult:
@@ -240,37 +253,16 @@ def measure_given_path(
     Raises:
         PolishSimError: As of `inspect_path`; the path may not run beyond the part's edge.
     """
-    process, pad = process or ProcessConfig(), pad or PadConfig()
     mesh = load_mesh(part, observer)
     observer.stage("fit the surface")
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
     observer.stage("measure the path")
-    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = given_region(mesh, surface, region, plan, process, tool)
+    given = given_region(mesh, surface, region, plan, process, pad, part.fixture_file)
     # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
     check_on_part(offset_from(surface, path, [given.asked.ground.region.surface]), mesh, path, OFF_PART_M)
     quality = given.measure(path, cuts)
     return given.result(with_way_down(path, plan.clearance_m), quality, tool_notes(quality), cuts)
-
-
-def _guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
-    """The step-over a path seems to be made with [m]; appends a note that says so.
-
-    The pad's diameter is taken where the path has no neighbouring turns.
-    """
-    found = guess_stepover(path)
-    if found is None:
-        notes.append(
-            f"no stretch of the path runs beside another: measured by a step-over of the pad's diameter, "
-            f"{2e3 * pad.radius_m:.4g} mm (--stepover sets it)"
-        )
-        return 2.0 * pad.radius_m
-    notes.append(
-        f"step-over taken from the path: {1e3 * found:.4g} mm, the median distance of its turns (--stepover "
-        "sets it)"
-    )
-    return found
 
 
 def _bridges(region: Region, plan: PlanConfig, beyond: float = 0.0) -> list[Surface]:
@@ -279,7 +271,7 @@ def _bridges(region: Region, plan: PlanConfig, beyond: float = 0.0) -> list[Surf
     With ``beyond`` [m] it is all pieces, continued so far past their borders.
     """
     bridged = (bridge_holes(piece, plan.bridge_m) for piece in region.components())
-    return [with_skirt(piece.region, beyond).surface for piece in bridged if piece.holes or beyond]
+    return [with_skirt(piece, beyond).surface for piece, holes in bridged if holes or beyond]
 
 
 def _region_of(
@@ -331,18 +323,5 @@ def tool_notes(quality: Quality) -> list[str]:
         notes.append(
             f"the tool leans up to {lean:.0f} deg off the surface's normal: there only a part of the pad's "
             "face touches"
-        )
-    return notes
-
-
-def _findings(quality: Quality, offset: Offset) -> list[str]:
-    """What the user should look at, with places in mm."""
-    notes = tool_notes(quality)
-    if offset.sideways.max() > OFF_PART_M:
-        notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
-    if len(quality.crossings):
-        notes.append(
-            f"crossings of the path with itself: {len(quality.crossings)}, the first at "
-            f"{place_in_mm(quality.crossings[0])}"
         )
     return notes
