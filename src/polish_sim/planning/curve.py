@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, dots, into_plane, running_sums, unit
+from polish_sim.arrays import Array, Indices, dots, into_plane, running_sums, spans_at, unit
 from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
-from polish_sim.planning.toolpath import arc_length, interpolate
+from polish_sim.planning.toolpath import arc_length
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built
 # from.
@@ -90,7 +90,13 @@ def near_chords(positions, normals, knots, count, closed, points, index):  # typ
 
 def interpolated(positions: Array, normals: Array, knots: Array, where: Array) -> tuple[Array, Array]:
     """Positions [m] and unit normals, (n, 3) each, at places (n,) among growing ``knots`` of a polyline."""
-    return interpolate(where, knots, positions), unit(interpolate(where, knots, normals))
+    index = spans_at(knots, where)
+    span = knots[index + 1] - knots[index]
+    share = ((where - knots[index]) / np.where(span > 0.0, span, 1.0))[:, None]
+    return (
+        positions[index] + share * (positions[index + 1] - positions[index]),
+        unit(normals[index] + share * (normals[index + 1] - normals[index])),
+    )
 
 
 class Nearest(NamedTuple):

@@ -79,28 +79,23 @@ def _close(surface: Surface, facet: Indices, edge: Indices) -> Surface:
     centre = np.full(count, len(surface.vertices))
     return _with_facets(
         surface,
-        middle[None],
         np.stack([surface.faces[facet, ahead], surface.faces[facet, edge], centre], axis=1),
-        np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1),
-        quadratic_normals(corners, np.stack([second_normal, first_normal, middle_normals], axis=1)),
-        np.stack([*bends, np.tile(bends[1].mean(axis=0), (count, 1))], axis=1),
+        vertices=middle[None],
+        control=np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1),
+        normal_control=quadratic_normals(
+            corners, np.stack([second_normal, first_normal, middle_normals], axis=1)
+        ),
+        shape=np.stack([*bends, np.tile(bends[1].mean(axis=0), (count, 1))], axis=1),
     )
 
 
-def _with_facets(
-    surface: Surface, vertices: Array, faces: Indices, control: Array, normal_control: Array, shape: Array
-) -> Surface:
-    """A surface with vertices and facets behind its own, whose edges are not smooth."""
-    faces_together = np.concatenate([surface.faces, faces]).astype(np.int32)
-    return build_surface(
-        vertices=np.concatenate([surface.vertices, vertices]),
-        faces=faces_together,
-        control=np.concatenate([surface.control, control]),
-        normal_control=np.concatenate([surface.normal_control, normal_control]),
-        shape=np.concatenate([surface.shape, shape]),
-        adjacency=find_adjacency(faces_together),
-        smooth=np.concatenate([surface.smooth, np.zeros((len(faces), 3), dtype=bool)]),
-    )
+def _with_facets(surface: Surface, faces: Indices, **more: Array) -> Surface:
+    """A surface with more vertices behind its own, and facets whose edges are not smooth; ``more``: vertices
+    and control values by the names a surface has for its own."""
+    more["smooth"] = np.zeros((len(faces), 3), dtype=bool)
+    whole = {name: np.concatenate([getattr(surface, name), added]) for name, added in more.items()}
+    together = np.concatenate([surface.faces, faces]).astype(np.int32)
+    return build_surface(faces=together, adjacency=find_adjacency(together), **whole)
 
 
 def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
@@ -256,11 +251,11 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     bend, ahead_bend = surface.shape[facet, edge], surface.shape[facet, ahead]
     return _with_facets(
         surface,
-        outer,
         faces,
-        np.concatenate([corners, middles], axis=1),
-        quadratic_normals(corners, upright[faces]),
-        np.concatenate(
+        vertices=outer,
+        control=np.concatenate([corners, middles], axis=1),
+        normal_control=quadratic_normals(corners, upright[faces]),
+        shape=np.concatenate(
             [np.stack([ahead_bend, bend, bend], axis=1), np.stack([ahead_bend, bend, ahead_bend], axis=1)]
         ),
     )

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, longest_side, norms, unit
+from polish_sim.arrays import Array, Bools, joined, longest_side, norms, unit
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curve import Curve, CurveSet
@@ -133,11 +133,7 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         if back.any():
             more = more[: off[: back.argmax()].argmax() + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
-    return Curve(
-        np.concatenate([ends[0][0], line.positions, ends[1][0]]),
-        np.concatenate([ends[0][1], line.normals, ends[1][1]]),
-        False,
-    )
+    return Curve(*joined([ends[0], (line.positions, line.normals), ends[1]]), False)
 
 
 BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs

@@ -9,7 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, chord_lengths, dots, in_groups, norms, running_sums, unit
+from polish_sim.arrays import (
+    Array,
+    Indices,
+    chord_lengths,
+    dots,
+    in_groups,
+    joined,
+    norms,
+    running_sums,
+    unit,
+)
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import ClosestPoints, Surface
@@ -139,8 +149,7 @@ class Strands:
         self._knots = np.concatenate(
             [run.knots + offset for run, offset in zip(runs, self._offsets, strict=True)]
         )
-        self._positions = np.concatenate([run.positions for run in runs])
-        self._normals = np.concatenate([run.normals for run in runs])
+        self._positions, self._normals = joined((run.positions, run.normals) for run in runs)
 
     def at(self, run: Indices, s: Array) -> tuple[Array, Array]:
         """Positions [m] and unit normals of runs (n,) at arc lengths (n,), held at a run's ends."""
