@@ -133,7 +133,8 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         if back.any():
             more = more[: off[: back.argmax()].argmax() + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
-    return Curve(*joined([ends[0], (line.positions, line.normals), ends[1]]), False)
+    positions, normals = joined([ends[0], (line.positions, line.normals), ends[1]])
+    return Curve(positions, normals, False)
 
 
 BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
