@@ -7,6 +7,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array, Bools, rms
@@ -124,6 +125,7 @@ def fit_friction(qd: Array, torque: Array, rigid: Array) -> tuple[Friction, Arra
 
 
 TOUCH_N = 2.0  #: Force from which the tool is in contact
+TOUCH_S = 0.1  #: Its median over this long counts: one noisy sample is no contact
 BAND_N = 10.0  #: A force that stays so near what is asked has settled
 WINDOW_S = 3.0  #: After first contact, in which a step is looked at
 _AIR_N = 0.5
@@ -139,7 +141,8 @@ class ForceStep(NamedTuple):
 
 def from_contact(time: Array, force: Array, asked: float) -> ForceStep:
     """A step, its time from the first sample in contact on."""
-    touched = np.flatnonzero(force > TOUCH_N)
+    steady = median_filter(force, 1 + 2 * int(0.5 * TOUCH_S / np.median(np.diff(time))))
+    touched = np.flatnonzero(steady > TOUCH_N)
     return ForceStep(time - (time[touched[0]] if len(touched) else time[-1]), force, asked)
 
 
