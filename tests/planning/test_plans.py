@@ -147,7 +147,8 @@ NARROW = {"region": "box:-13,-13,0,13,13,30", "pattern": "contour", "stepover_m"
     ("name", "plan", "said"),
     [
         ("plate", {"stepover_m": 0.0}, "positive"),
-        ("sphere_50", {"edge_margin_m": 0.05}, "nothing of the region is left 50 mm inside its border"),
+        ("sphere_50", {"edge_margin_m": 0.05}, "left 50 mm inside .* further than about 29"),
+        ("plate", {"edge_margin_m": 0.4}, "left 400 mm inside .* further than about (9[89]|100)"),
         ("plate", NARROW, r"too narrow for a step-over of 25 mm: .* \(or a larger --overlap\)"),
         ("plate", {"start": (5.0, 0.0, 0.02)}, r"is 4900 mm away from .* nearest point .* \(100, "),
     ],

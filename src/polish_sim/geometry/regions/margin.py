@@ -125,6 +125,7 @@ _ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to 
 _ROUNDS = 40
 _ZERO_ROUNDS = 12
 _ZERO = 1e-7  #: Cut points are found to this share of the margin
+_HALVINGS = 8  #: The most room of a patch is found to this power of a half of a margin that is too large
 
 
 def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[Clipped]:
@@ -135,7 +136,7 @@ def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[
         PlanError: Nothing is left.
     """
     left: list[Clipped] = []
-    widest = 0.0
+    roomiest = 0.0
     for patch in patches:
         kept = [patch]
         outer, holes = _outer_and_holes(patch.surface)
@@ -143,26 +144,33 @@ def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[
             if not len(border) or away <= 0.0:
                 continue
             distance = _border_distance(patch.surface, away, border)
-            cut = [keep_roomy(piece, distance, away) for piece in kept]
-            widest = max([widest, *(most for _, most in cut)])
-            kept = [piece for pieces, _ in cut for piece in pieces]
+            kept, before = [inner for piece in kept for inner in keep_roomy(piece, distance, away)], kept
+            if not kept and not left:
+                roomiest = max([roomiest, *(_most_room(piece, distance, away) for piece in before)])
         left += kept
     if not left:
         raise PlanError(
-            f"nothing of the region is left {max(margin, hole_margin) * 1e3:.4g} mm inside its border: it is "
-            f"only about {2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or --hole-margin, or choose "
-            "another --region."
+            f"nothing of the region is left {max(margin, hole_margin) * 1e3:.4g} mm inside its border: no "
+            f"place is further than about {1e3 * roomiest:.3g} mm from it. Set --edge-margin or "
+            "--hole-margin below that, or choose another --region."
         )
     return left
 
 
-def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped], float]:
-    """Keep what of a patch has more room than a margin [m]: its connected pieces, and the most room there is
-    [m]."""
+def _most_room(patch: Clipped, room: Room, margin: float) -> float:
+    """The most room there is on a patch that has less than a margin everywhere [m]."""
+    least, most = 0.0, margin
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (least + most)
+        least, most = (middle, most) if keep_roomy(patch, room, middle) else (least, middle)
+    return least
+
+
+def keep_roomy(patch: Clipped, room: Room, margin: float) -> list[Clipped]:
+    """Keep what of a patch has more room than a margin [m]: its connected pieces."""
     fine = then(patch, _refined(patch.surface, room, margin))
-    values = _beyond_margin(fine.surface, room, margin)
-    inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
-    return connected(inner) if len(inner.parents) else [], margin + values[:, :3].max()
+    inner = then(fine, clip(fine.surface, _beyond_margin(fine.surface, room, margin), on=_ON_LINE * margin))
+    return connected(inner) if len(inner.parents) else []
 
 
 def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:

@@ -34,17 +34,14 @@ class Region:
 
     surface: Surface  #: The surface restricted to the region; facets at its border may be cut
     facets: Ints  #: Facet of the whole surface each facet of the region belongs to, shape (k,)
+    boundary_loops: tuple[Array, ...]
+    """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
+    component, of each the outer one first."""
     area_m2: float
     up: Array
     """Unit vector from where the region is looked at: away from the table; for a connected region that does
     not look up, its mean normal. Shape (3,)."""
     notes: tuple[str, ...] = ()  #: What was left out or cut, for the user
-
-    @cached_property
-    def boundary_loops(self) -> tuple[Array, ...]:
-        """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component
-        by component, of each the outer one first."""
-        return boundary_loops(self.surface)
 
     def components(self) -> tuple[Region, ...]:
         """Connected components, each with its own border, the largest first; itself if it is connected."""
@@ -111,7 +108,7 @@ def cut_region(region: Region, room: Room, margin: float) -> Region | None:
     The region itself if it is all there, None if nothing is.
     """
     patches = connected(Clipped(region.surface, region.facets))
-    left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)[0]]
+    left = [piece for patch in patches for piece in keep_roomy(patch, room, margin)]
     if not left:
         return None
     return _build_region(_without_slivers(left)[0], region.up, region.notes)
@@ -149,6 +146,7 @@ def _build_region(patches: Sequence[Clipped], up: Array, notes: tuple[str, ...] 
     return Region(
         surface=surface,
         facets=np.concatenate([patch.parents for patch in patches]),
+        boundary_loops=boundary_loops(surface),
         area_m2=surface.facet_areas.sum(),
         up=_seen_from(surface, up),
         notes=notes,
