@@ -130,7 +130,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("solid_garbage.stl", b"solid ground under our feet " * 20, "not an STL file"),
         ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
         ("nan.stl", stl_bytes(SPOILT), "NaN or infinite, the first is facet 5"),
-        ("zero_area.stl", stl_bytes(LINE), "zero area"),
+        ("zero_area.stl", stl_bytes(LINE), "zero area"), ("far.stl", stl_bytes(TRIANGLES + 1e7), " 1 apart"),
         ("crowded.stl", stl_bytes(np.concatenate([TRIANGLES, PINCHED])), "1 edges are shared by more than"),
         ("moebius.stl", stl_bytes(MOEBIUS), "one-sided"),
         ("part.mtl", "newmtl steel\n", "the .obj file itself"), ("part.igs", "S 1\n", r": \.ply, .*, \.stp"),
@@ -201,10 +201,9 @@ def test_vertices_keep_their_order_repeated_ones_are_merged_and_what_is_no_mesh_
     assert np.array_equal(part.vertices, 1e-3 * points[faces.ravel()[np.sort(first)]])
     for vertices, triangles, said in (
         (points[:, :2], faces, r"got \(162, 2\) and \(320, 3\)"),
-        (points[:50], faces, "vertices that do not exist"),
-        (points, faces.astype(float), "whole numbers"),
+        (points[:50], faces, "vertices that do not exist"), (points, faces.astype(float), "whole numbers"),
         (np.where(points > 39.0, np.nan, points), faces, "NaN or infinite"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(MeshError, match=said):
             part_from_arrays(vertices, triangles, unit="mm")
 

@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
-from polish_sim.errors import MeshError, count_text, near_file, regular
+from polish_sim.arrays import Array, longest_side
+from polish_sim.errors import MeshError, count_text, near_file, number_text, regular
 from polish_sim.geometry.polygon import FileTriangles
 from polish_sim.geometry.polygon_files import is_obj, is_ply, parse_obj, parse_ply, printable, text_numbers
 
 LARGEST_FILE = 600_000_000  #: Files larger than this are refused, so that memory does not run out [bytes]
 _COMPANIONS = {".mtl": "the materials of an OBJ file; name the .obj file itself"}
+COARSEST = 1e-3  #: Steps of numbers of 32 bits that still show a shape, as a share of the part's size
 _HEADER_BYTES = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _SOLID_NAME = re.compile(rb"^([ \t]*(?:end)?solid)\b.*$", re.IGNORECASE | re.MULTILINE)
@@ -47,6 +48,14 @@ def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
         raise MeshError(
             f"{path}: {len(bad)} of {len(triangles.corners)} facets have coordinates that are NaN or "
             f"infinite, the first is facet {triangles.numbers[bad[0]]}. Repair or export the part again."
+        )
+    corners = triangles.corners.reshape(-1, 3)
+    furthest = np.abs(corners).max()
+    step = np.spacing(np.float32(furthest))
+    if step > COARSEST * longest_side(corners) and (corners == corners.astype(np.float32)).all():
+        raise MeshError(
+            f"{path}: the part lies {number_text(furthest, 3)} from its origin, where the file's numbers are "
+            f"{step:.2g} apart (in its unit): its shape is lost. Move it to the origin and export it again."
         )
     return triangles, content
 
