@@ -57,7 +57,7 @@ def inspect(path: InspectedFile, given: Given) -> None:
     """
     refuse_taken(given, path)
     from polish_sim.analysis.inspect_plot import plot_maps, write_coverage_mesh
-    from polish_sim.exchange import plan_facts, read_path
+    from polish_sim.exchange import plan_facts, read_cuts, read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import inspect_path
@@ -65,7 +65,8 @@ def inspect(path: InspectedFile, given: Given) -> None:
 
     tool_path = read_path(path)
     beside = path.with_name("path.json")
-    facts = plan_facts(beside if path.name == "path.csv" and beside.exists() else path)
+    source = beside if path.name == "path.csv" and beside.exists() else path
+    facts = plan_facts(source)
     if facts:
         base = with_plan(Scenario(), path, facts, named_options(given))
     elif given["--part"] is None:
@@ -76,9 +77,8 @@ def inspect(path: InspectedFile, given: Given) -> None:
     check_stroke_rule(scenario.smoothing)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
-    asked = scenario.part, scenario.plan, scenario.process, scenario.pad
     with claimed(given, "inspect") as folder, console.progress() as observer:
-        found = inspect_path(tool_path, *asked, observer)
+        found = inspect_path(tool_path, *scenario.planned_by, observer, read_cuts(source))
         observer.stage("time the motion")
         strokes = cycle_strokes(scenario, tool_path, found.mesh.noise, observer.progress)
         found.figures.update(time_figures(strokes))

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED
@@ -86,16 +86,16 @@ def plan(part: PartFile, given: Given) -> int:
     from polish_sim.experiments.setups import SetupSearch
 
     refuse_idle_on_path(asked.plan, given)
-    wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
+    formats = check_formats(given["--export"] or [])
     scenario = check(asked)
-    if "urscript" in wanted.formats:
+    if "urscript" in formats:
         check_flange(scenario, "--export urscript")
     with claimed(given, "plan") as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
-            show = plan_setups(SetupSearch(scenario, observer), folder.draft, wanted, observer)
+            show = plan_setups(SetupSearch(scenario, observer), folder.draft, given, observer)
             unreached = ""
         else:
-            result, unreached = plan_once(scenario, folder.draft, wanted, observer)
+            result, unreached = plan_once(scenario, folder.draft, given, observer)
             show = partial(_show_plan, result, unreached, dual)
     show()
     console.say_folder(folder.final)
@@ -104,18 +104,11 @@ def plan(part: PartFile, given: Given) -> int:
     return STOPPED if unreached else DONE
 
 
-class Wanted(NamedTuple):
-    """What is written beside a plan."""
-
-    formats: tuple[str, ...]
-    reach_map: bool
-
-
 def plan_once(
-    scenario: Checked, folder: Path, wanted: Wanted, observer: Observer, forced: bool = True
+    scenario: Checked, folder: Path, given: Given, observer: Observer, forced: bool = True
 ) -> tuple[PlanResult, str]:
-    """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless
-    ``forced``."""
+    """Plan one path into a folder, with the exports and the map ``given``; it and why the robot cannot do it:
+    nothing is written then unless ``forced``."""
     from polish_sim.analysis.metrics import faults_of_plan
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
@@ -135,10 +128,10 @@ def plan_once(
     if not dual:
         observer.stage("place the part")
         placing = PartPlacing(scenario, *result.standing, result.path)
-        reach, unreached = find_place(placing, result, plots, wanted.reach_map)
+        reach, unreached = find_place(placing, result, plots, given["--reach-map"])
     if unreached and not forced:
         return result, unreached
-    if reach is not None and scenario.safety.proof != "none":
+    if reach and scenario.safety.proof != "none":
         result, scenario = prove_with_a_pad_that_fits(scenario, result, observer)
     plots["path.png"] = plot_plan(result, "Once around the rim" if dual and not scenario.plan.removal else "")
     observer.stage("time the motion")
@@ -147,14 +140,14 @@ def plan_once(
     result.figures["plan_time_s"] += time.perf_counter() - begin
     write_plan(folder, result)
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
-    export_plan(folder, result, wanted.formats, setup)
+    export_plan(folder, result, given["--export"] or [], setup)
     observer.stage("draw")
     for surface in (result.surface, result.region.surface):
         surface.free_tree()
     page = path_page(result, setup)
     bad = (f"bad: {text}." for text in faults_of_plan(result.figures))
     page = page._replace(notes=[*page.notes, *bad])
-    if reach is not None and strokes:
+    if reach and strokes:
         page = plan_page(page, scenario, result, reach, strokes)
     save_page(folder, page)
     save_plots(folder, plots)
@@ -177,7 +170,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     console.table(path_table(f"plan of {result.mesh.name}", result.figures))
 
 
-def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
+def plan_setups(search: SetupSearch, folder: Path, given: Given, observer: Observer) -> Callable[[], None]:
     """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a
     table.
 
@@ -198,7 +191,7 @@ def plan_setups(search: SetupSearch, folder: Path, wanted: Wanted, observer: Obs
             f"{len(setup.patches)} of {search.count} patches"
         )
         try:
-            result, unreached = plan_once(setup.scenario, folder / name, wanted, observer, forced=False)
+            result, unreached = plan_once(setup.scenario, folder / name, given, observer, forced=False)
         except (PlanError, ReachError) as error:
             search.refuse(setup, str(error), elsewhere=isinstance(error, ReachError))
             continue
@@ -246,21 +239,19 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     from polish_sim.geometry.orientation import name_direction
 
     console.notes(notes)
-    rows = []
-    for number, result in enumerate(done, 1):
-        m = result.figures
-        rows.append(
-            [
-                f"setup_{number}",
-                name_direction(result.mesh.up),
-                f"{1e4 * m['region_area_m2']:.1f}",
-                f"{1e4 * m['left_out_area_m2']:.1f}",
-                f"{100.0 * m['coverage']:.1f}",
-                str(m["retracts"]),
-                f"{m['path_length_m']:.2f}",
-                number_or_dash(m["cycle_time_s"], ".1f"),
-            ]
-        )
+    rows = [
+        [
+            f"setup_{number}",
+            name_direction(result.mesh.up),
+            f"{1e4 * result.figures['region_area_m2']:.1f}",
+            f"{1e4 * result.figures['left_out_area_m2']:.1f}",
+            f"{100.0 * result.figures['coverage']:.1f}",
+            str(result.figures["retracts"]),
+            f"{result.figures['path_length_m']:.2f}",
+            number_or_dash(result.figures["cycle_time_s"], ".1f"),
+        ]
+        for number, result in enumerate(done, 1)
+    ]
     headings = [
         "setup",
         "up",
@@ -279,7 +270,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
 
 
 def find_place(
-    placing: PartPlacing, result: PlanResult, plots: dict[str, Figure], reach_map: bool
+    placing: PartPlacing, result: PlanResult, plots: dict[str, Figure], reach_map: bool | None
 ) -> tuple[Reach | None, str]:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked
     for.
@@ -293,11 +284,11 @@ def find_place(
         result.figures["T_base_work"] = reach.T_base_work.tolist()
     except ReachError as error:
         why = str(error)
-    result.figures["smallest_singular_value"] = math.nan if reach is None else reach.smallest_singular_value
+    result.figures["smallest_singular_value"] = reach.smallest_singular_value if reach else math.nan
     if reach_map:
         from polish_sim.experiments.reach_plot import plot_reach_map
 
-        T_base_work = None if reach is None else reach.T_base_work
+        T_base_work = reach.T_base_work if reach else None
         plots["reach_map.png"] = plot_reach_map(placing.map(), result.mesh, T_base_work)
     return reach, why
 
@@ -318,9 +309,7 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
     scenario, plan = planned(scenario, None, observer)
     task = prepare_dual(scenario, plan, observer)
     planned_s = time.perf_counter() - begin
-    result = plan or measure_given_path(
-        task.place.path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer
-    )
+    result = plan or measure_given_path(task.place.path, *scenario.planned_by, observer)
     result.figures.setdefault("axis_deviation_max_rad", 0.0)
     result.figures.update(
         plan_time_s=planned_s,

@@ -8,7 +8,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import chord_lengths
-from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
+from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
+from polish_sim.exchange import read_cuts, write_plan
+from polish_sim.planning import inspect_path
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.ground import prepare_ground, triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
@@ -120,6 +122,11 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
     middle = next(body for body in BEHIND_PAD if body.name == "spindle").radius + 0.001
     strip_m2 = 0.120 * (middle - 0.025)
     assert 0.9 * strip_m2 < m["left_out"]["spindle too near the part"] < 1.1 * strip_m2 + 2 * 0.22 * 0.025**2
+    for planned in (result, result.behind(0.3)):
+        write_plan(tmp_path, planned)
+        asked = PartConfig(str(tmp_path / "part.stl"), up="z"), planned.plan, ProcessConfig(), PAD
+        found = inspect_path(planned.path, *asked, cuts=read_cuts(tmp_path)).figures["left_out"]
+        assert found == pytest.approx(planned.figures["left_out"], rel=0.02)
 
 
 def test_the_margin_that_a_smaller_pad_keeps_off_the_edges_is_no_gap_between_turns(tmp_path):

@@ -56,6 +56,11 @@ class Scenario:
     drag: DragConfig = DragConfig()
     simulation: SimulationConfig = SimulationConfig()
 
+    @property
+    def planned_by(self) -> tuple[PartConfig, PlanConfig, ProcessConfig, PadConfig]:
+        """What a path is planned, or measured, by."""
+        return self.part, self.plan, self.process, self.pad
+
 
 Checked = NewType("Checked", Scenario)
 """A scenario that `experiments.assembly.check` has passed: what plans, proves, runs or measures asks for one.

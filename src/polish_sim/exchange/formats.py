@@ -121,14 +121,13 @@ def check_formats(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def export_plan(
-    folder: str | Path, result: PlanResult, names: Sequence[str], setup: ExportSetup | None = None
+    folder: str | Path, result: PlanResult, names: Sequence[str], setup: ExportSetup = ExportSetup()
 ) -> tuple[Path, ...]:
     """Write a plan in formats, names of `FORMATS` or `all`, each file whole or not at all; returns the files.
 
     Raises InputError for an unknown format, PlanError if the path cannot be written in a format, e.g. with
     nothing to press on.
     """
-    setup = setup or ExportSetup()
     chosen = [FORMATS[name] for name in check_formats(names)]
     contents = {each.file: each.write(result, setup) for each in chosen}
     write_files(Path(folder), contents)
@@ -146,16 +145,16 @@ READERS: Mapping[str, Reader] = {
 """Suffix of a file -> its reader; a new format is one file and a line here."""
 
 
-def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath:
+def read_path(source: str | Path) -> ToolPath:
     """Read a tool path, work frame, not pressed in: a plan folder, path.json, path.csv, a plain CSV,
     APT/CLDATA, or G-code.
 
     A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the
     tool, as CLDATA), and may have force (N) and feed (mm/s); all its points are process points.
-    docs/formats.md has the rest. ``unknown`` is called with words that could be skipped. Raises InputError,
-    saying where and what to do, for no path or a point twice.
+    docs/formats.md has the rest. Raises InputError, saying where and what to do, for no path or a point
+    twice.
     """
-    found = read_way_points(source, unknown)
+    found = read_way_points(source)
     refuse_first(
         np.diff(found.path.s, prepend=-1.0) <= 0.0,
         found.file,

@@ -208,8 +208,8 @@ def plan_facts(source: Path, again: str = "Plan again.") -> dict[str, Any]:
 
 
 def read_cuts(source: Path) -> tuple[CutOut, ...]:
-    """What was cut out of the path of a plan folder or path.json, with the reasons; of other files
-    nothing."""
+    """What was left out of the region, or cut out of the path, of a plan folder or path.json, with the
+    reasons; of other files nothing."""
     from polish_sim.planning.quality.areas import CutOut
 
     cuts = plan_facts(source).get("cuts") or ()
@@ -228,9 +228,12 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
     plan = result.plan
     pad = result.tool.pad
     fixture = result.tool.fixture
+    asked = result.ready.asked
+    vertices = asked.ground.mesh.vertices
+    left_out = ((reason, vertices[asked.why == number]) for number, reason in enumerate(asked.reasons))
     return {
         "part": {"name": mesh.name, **_file_facts(mesh), "unit": mesh.unit},
-        "fixture": None if fixture is None else _file_facts(fixture.mesh),
+        "fixture": fixture and _file_facts(fixture.mesh),
         "up": [float(value) for value in mesh.up],
         "pad": {"radius_m": pad.radius_m, "stiffness_n_m": pad.stiffness_n_m},
         "contact_force_n": result.tool.force,
@@ -238,13 +241,13 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
         "proof": result.proof,
         "cuts": [
             {
-                "reason": cut.reason,
-                "places_m": cut.positions.tolist()
-                if cut.reason == UNPLAYED
-                else cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist(),
+                "reason": reason,
+                "places_m": places.tolist()
+                if reason == UNPLAYED
+                else places[thin(places, NEAR * pad.radius_m).kept].tolist(),
             }
-            for cut in result.cuts
-            if len(cut.positions)
+            for reason, places in (*result.cuts, *left_out)
+            if len(places)
         ],
         "plan": vars(plan),
         "stepover_m": plan.stepover_m,

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
-from polish_sim.errors import PlanError, unknown_name
+from polish_sim.errors import PlanError, number_text, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.geometry.fit import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
@@ -63,7 +63,6 @@ class _Silent(PlanObserver):
 
 
 UNSEEN = _Silent()  #: Planning nobody looks on at
-USUAL, USUAL_PAD = ProcessConfig(), PadConfig()
 
 SLOWED, EASED, LEFT_OUT = "slowed", "eased", "left out"
 
@@ -133,7 +132,7 @@ class PlanResult:
         remaining = lift_over(path, path.process & (path.s < s - LACKING * pad), self.plan, self.ready.air)
         if remaining is None:
             raise PlanError(
-                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at "
+                f"nothing of the path is left behind {number_text(1e3 * s)} mm, it ends at "
                 f"{1e3 * path.s[path.process][-1]:.4g} mm (--from)."
             )
         left = remaining.path
@@ -160,8 +159,8 @@ class PlanResult:
 def plan_part(
     part: PartConfig,
     plan: PlanConfig,
-    process: ProcessConfig = USUAL,
-    pad: PadConfig = USUAL_PAD,
+    process: ProcessConfig = ProcessConfig(),
+    pad: PadConfig = PadConfig(),
     observer: PlanObserver = UNSEEN,
 ) -> PlanResult:
     """Load a part, fit its surface, choose the region, plan the path and measure it.
@@ -179,8 +178,8 @@ def plan_part(
 def plan_mesh(
     mesh: PartMesh,
     plan: PlanConfig,
-    process: ProcessConfig = USUAL,
-    pad: PadConfig = USUAL_PAD,
+    process: ProcessConfig = ProcessConfig(),
+    pad: PadConfig = PadConfig(),
     observer: PlanObserver = UNSEEN,
     spent_s: float = 0.0,
     fixture: Fixture | None = None,
@@ -198,7 +197,11 @@ def plan_mesh(
     leaning = ready.access.leaning if ready.access else None
     try:
         planned = plan_on(
-            ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), ready.air, leaning
+            ready.ground,
+            ready.plan,
+            lambda share: observer.progress(share, 1.0),
+            ready.air,
+            leaning,
         )
     except PlanError as error:
         raise PlanError(" Note: ".join((str(error), *ready.notes))) from None
@@ -267,7 +270,7 @@ class PreparedRegion:
         """What the lifted tool keeps clear of."""
         tool, part = self.tool, self.surface
         obstacle = joined_surfaces(part, tool.fixture)
-        return AirSpace(obstacle, self.plan.clearance_m, self.ground.region.up, tool, part)
+        return AirSpace(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.ground.region.up, tool, part)
 
     def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
         """Measure a path with ``cuts`` in it."""
@@ -286,7 +289,8 @@ class PreparedRegion:
             *quality.area.notes,
             *remarks,
         )
-        found = figures, self.plan, notes, self, quality.area, cuts, quality.pad_in_part.positions, self.tool
+        inside = quality.pad_in_part.positions
+        found = figures, self.plan, notes, self, quality.area, cuts, inside, self.tool
         return PlanResult(self.mesh, self.surface, self.region, path, *found)
 
 
@@ -363,7 +367,7 @@ def prepare_region(
 def is_free(pad: PadConfig) -> bool:
     """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default
     one."""
-    return pad.choice != "given" and pad.radius_m == USUAL_PAD.radius_m
+    return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
 def _pads(
@@ -412,7 +416,7 @@ def accessible(
     """
     whole = prepare_ground(region, plan)
     access = find_access(whole, wide, part, tool, plan)
-    if access is not None and plan.overrun_m > 0.0:
+    if access and plan.overrun_m > 0.0:
         # Something stands beside the region: there the tool must not go further out.
         return accessible(region, wide, part, replace(plan, overrun_m=0.0), tool, reason)
     asked, within = (access.asked, access.region) if access else (AskedRegion(whole), wide)
@@ -427,13 +431,13 @@ def given_region(
     mesh: PartMesh,
     surface: Surface,
     region: Region,
+    part: PartConfig,
     plan: PlanConfig,
     process: ProcessConfig,
     pad: PadConfig,
-    fixture_file: str,
 ) -> PreparedRegion:
     """A region to measure a path on that was made before: the tool may reach none of it, the path says."""
-    tool = Tool(pad, process.contact_force_n, load_fixture(fixture_file, mesh))
+    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     try:
         found = accessible(region, region, surface, plan, tool, NARROW)
     except PlanError:

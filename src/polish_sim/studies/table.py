@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from polish_sim.analysis.run_record import write_record
+from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
@@ -94,13 +95,12 @@ def run_time(row: Row) -> float:
     return min(row["wall_s"], 1.4 * (row.get("loop_wall_s") or row["wall_s"]) + 0.05)
 
 
-def _given_plan(scenario: Any) -> PlanResult:
+def _given_plan(scenario: Scenario) -> PlanResult:
     """The plan of a path's file, measured once a process."""
 
     def measured() -> PlanResult:
         file = Path(local_copy(scenario.plan.file))
-        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad)
-        return measure_given_path(read_path(file), *asked, cuts=read_cuts(file))
+        return measure_given_path(read_path(file), *scenario.planned_by, cuts=read_cuts(file))
 
     return _PLANS.get(place_key(scenario), measured)
 

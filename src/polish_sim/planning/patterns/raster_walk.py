@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, unit
-from polish_sim.planning.curve import Curve, CurveSet
+from polish_sim.planning.curve import Curve, nearest_of
 from polish_sim.planning.toolpath import arc_length, interpolate
 
 ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
@@ -69,7 +69,7 @@ def walk(
     if not pieces:
         return []
     tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
-    feet = CurveSet(curves).nearest(tips)
+    feet = nearest_of(curves, tips)
     ends = _Ends(curves, feet.curve, feet.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
     waiting = set(range(len(pieces)))
     begin, heading = _first_end(pieces, tips, start)
@@ -157,10 +157,10 @@ def _without_end(line: Array, length: float) -> Array:
     return np.concatenate([kept, interpolate(np.array([end]), s, line)])
 
 
-def fillet(start: Array, corner: Array, end: Array, count: int = 16) -> Array:
+def fillet(start: Array, corner: Array, end: Array) -> Array:
     """Points of the arc that rounds a corner between two points as far from it, without its ends (n, 3)."""
     arms = unit(np.stack([start, end]) - corner)
     weight = np.sqrt(max(0.5 * (1.0 - (arms[0] @ arms[1])), 1e-6))
-    t = np.linspace(0.0, 1.0, count + 2)[1:-1, None]
+    t = np.linspace(0.0, 1.0, 18)[1:-1, None]
     a, b, c = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
     return (a * start + b * corner + c * end) / (a + b + c)

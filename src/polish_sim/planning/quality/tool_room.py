@@ -97,13 +97,13 @@ class Tool(NamedTuple):
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Each body with what it must keep clear of, the part or the fixture."""
-        beside = (PART,) if self.fixture is None else (PART, FIXTURE)
+        beside = (PART, FIXTURE) if self.fixture else (PART,)
         return tuple((body.name, what) for what in beside for body in self.bodies)
 
     def rooms(self, part: Surface, places: Places, clearance: float, beyond: float) -> Array:
         """Distance from each body's side, less a clearance [m], at most ``beyond``, shape (n, pairs)."""
         rooms = [self._room(part, places, body, clearance, beyond) for body in self.bodies]
-        if self.fixture is not None:
+        if self.fixture:
             around = self.fixture.surface
             inside = self._in_fixture(places)
             for number, body in enumerate(self.bodies):
@@ -120,7 +120,7 @@ class Tool(NamedTuple):
     def _in_fixture(self, places: Places) -> Bools:
         """Whether the pad is inside the fixture, far from its skin or not; of an open one nothing is
         inside."""
-        assert self.fixture is not None
+        assert self.fixture
         if self.fixture.surface.is_open:
             return np.zeros(len(places.middles), dtype=bool)
         return signed_distances(self.fixture.surface, places.middles + 0.5 * PAD_TOP * places.axes) < 0.0
@@ -129,14 +129,14 @@ class Tool(NamedTuple):
         """Find where the tool is deeper in the part than the pad yields, or in the fixture at all."""
         count = len(places.middles)
         worst = Standing(np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64))
-        around = [] if self.fixture is None else [(self.fixture.surface, _on_fixture(places, 0.0))]
+        around = [(self.fixture.surface, _on_fixture(places, 0.0))] if self.fixture else []
         for beside, (what, there) in enumerate([(part, places), *around]):
             for number, body in enumerate(self.bodies):
                 found = standing_above(what, _discs(there, body, 0.0))
                 deeper = found.depths > np.maximum(there.yields if number == 0 else 0.0, worst.depths)
                 worst.depths[deeper], worst.reaches[deeper] = found.depths[deeper], found.reaches[deeper]
                 worst.bodies[deeper] = beside * len(self.bodies) + number
-        if self.fixture is not None:
+        if self.fixture:
             within = self._in_fixture(places) & (worst.depths < 0.5 * PAD_TOP)
             worst.depths[within] = 0.5 * PAD_TOP
             worst.reaches[within] = self.pad.radius_m
