@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Annotated
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.cli.inspect import check_part
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, argument, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, OWN, Given, Own, argument, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, refuse_taken, room_for, unused
+from polish_sim.cli.plan import PartFile
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import Table, number_or_dash, save_page
@@ -28,11 +29,9 @@ if TYPE_CHECKING:
     from polish_sim.job.run_job import PassRow
     from polish_sim.page.page import Page
 
-INIT = "init"
 COPY = "job.toml"  #: Of the job's file, in its folder
 LOCK = ".lock"
-JobFile = Annotated[str, argument("JOB.toml|init", "A job's file, or init PART.")]
-JobPart = Annotated[str | None, argument("PART", "For init: the part.")]
+JobFile = Annotated[str, argument("JOB.toml", "A job's file.")]
 
 
 #: What stands in a job's file for the options that planning names
@@ -64,12 +63,8 @@ def naming_keys() -> Iterator[None]:
     *("--check", *OUTPUT_OPTIONS),
 )
 @naming_keys()
-def job(what: JobFile, given: Given, part: JobPart = None) -> int:
-    """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
-    if what == INIT:
-        return _init(part, given)
-    if part is not None:
-        raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
+def job(what: JobFile, given: Given) -> int:
+    """Plan, simulate and write a job; `job init PART` writes a file to begin with, see `job init --help`."""
     from polish_sim.exchange import plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
@@ -125,7 +120,7 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     save_page(folder, page)
     write_json(folder / "job.json", figures)
     for text in page.notes:
-        console.note(text if text.startswith("bad: ") else f"note: {text}")
+        console.note(text if text.startswith(("bad: ", "protective stop: ")) else f"note: {text}")
     passes = [row[:SHOWN] for row in pass_rows(figures["passes"])]
     console.table(Table(page.title, PASS[:SHOWN], passes))
     console.say(
@@ -138,13 +133,18 @@ def job(what: JobFile, given: Given, part: JobPart = None) -> int:
     return SHORT if given["--check"] and any(row.figures["bad_figures"] for row in rows) else DONE
 
 
-def _init(part: str | None, given: Given) -> int:
+@takes(
+    OWN["--out"]._replace(metavar="FILE.toml", text="File to write; default: the part's name, .toml."),
+    OWN["--overwrite"]._replace(text="Replace the file."),
+)
+def init_job(part: PartFile, given: Given) -> int:
+    """Write a job's file for a part, with comments, to begin with."""
     from polish_sim.job.job_file import TEMPLATE
     from polish_sim.models import part_path
     from polish_sim.toml_text import toml_value
 
-    if part is None or not part_path(part).is_file():
-        raise InputError(f"job init PART: '{part or ''}' is no mesh and no shipped part.")
+    if not part_path(part).is_file():
+        raise InputError(f"job init PART: '{part}' is no mesh and no shipped part.")
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
@@ -174,7 +174,7 @@ def _folder(copy: bytes, given: Given) -> Path:
                 "with --overwrite."
             )
         return out
-    if out is not None and (out / COPY).is_file() and not given["--overwrite"]:
+    if out and (out / COPY).is_file() and not given["--overwrite"]:
         raise InputError(
             f"'{out}' holds a job already: resume it with --resume, or do it anew with --overwrite."
         )
@@ -226,7 +226,7 @@ def pass_rows(passes: Sequence[Metrics]) -> list[list[str]]:
             number_or_dash(p["removal_cv"], ".1f", 100.0),
             p["tool"],
             str(p["grit"] or "-"),
-            f"{3.6e7 * p['polished_area_m2'] / p['cycle_time_s']:.0f}",
+            "-" if p["protective_stop"] else f"{3.6e7 * p['polished_area_m2'] / p['cycle_time_s']:.0f}",
             f"{p['planned_cycle_time_s']:.1f}",
             f"{p['contact_time_s']:.1f}",
             f"{p['abrasive_path_m']:.0f}",
@@ -242,6 +242,12 @@ def job_page(title: str, figures: Metrics) -> Page:
     from polish_sim.page.page import Page
 
     f = figures
+    stops = [
+        f"protective stop: {p['folder']}: {p['protective_stop']}."
+        for p in f["passes"]
+        if p["protective_stop"]
+    ]
+    rate = f"{1e4 * f['polished_per_hour_m2']:.0f} cm^2 polished an hour of robot and operator"
     totals = [
         ["robot, planned", f"{f['planned_cycle_time_s']:.1f}"],
         ["robot, simulated", f"{f['cycle_time_s']:.1f}"],
@@ -265,12 +271,11 @@ def job_page(title: str, figures: Metrics) -> Page:
     said = [f"{', '.join(p['folder'] for p in f['passes'] if text in p['notes'])}: {text}" for text in notes]
     return Page.of(
         title + ": with bad figures" * bool(bad),
-        f"{1e4 * f['polished_per_hour_m2']:.0f} cm^2 polished an hour of robot and operator, "
-        f"{count_text(f['parts'], 'part')}",
+        f"{'no rate, a pass was stopped' if stops else rate}, {count_text(f['parts'], 'part')}",
         [
             Table("Time", ["time", "s"], totals),
             Table("Passes", PASS, pass_rows(f["passes"]), caption=ONE),
             Table("Removal", sums, regions),
         ],
-        [*bad, *said],
+        [*stops, *bad, *said],
     )

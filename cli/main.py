@@ -27,6 +27,7 @@ COMMANDS = {
     "plan": "A tool path on a part.",
     "inspect": "The quality of any tool path on a part.",
     "job": "Setups, regions and passes from one file.",
+    "job init": "That file for a part, to begin with.",
     "smooth": "Jerk-limited motion along any tool path.",
     "score": "Score a controller by a fixed battery of cases.",
     "serve": "A simulated UR controller for your own programme.",
@@ -47,6 +48,7 @@ ELSEWHERE = {
     "run": "run:runs",
     "config": "catalogue:config",
     "list": "catalogue:list_names",
+    "job init": "job:init_job",
 }
 
 
@@ -56,6 +58,11 @@ class CommandGroup(TyperGroup):
     def __init__(self, **named: Any) -> None:
         super().__init__(**named)
         self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that words name, which may be two, and the words behind it."""
+        two = " ".join(args[:2])
+        return super().resolve_command(ctx, [two, *args[2:]] if two in COMMANDS else args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command by its name; None for an unknown one."""

@@ -1,6 +1,7 @@
 """A small job simulated: its times, a stop in the middle, and the same bytes again."""
 
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -121,6 +122,9 @@ def test_a_job_says_what_its_passes_miss_and_polish_and_counts_an_area_once(job,
     assert list(map(float, shown)) == pytest.approx([1e4 * area for area in areas], abs=0.05)
     assert figures["polished_area_m2"] == areas[1]
     assert figures["polished_per_hour_m2"] == pytest.approx(3600.0 * areas[1] / figures["whole_s"])
+    short = job_figures(job, folder, [row._replace(figures={**row.figures, "protective_stop": "slip"}), row])
+    assert math.isnan(short["polished_per_hour_m2"])
+    assert "no rate" in job_page("job", short).about
     labels = [label for label, _ in page.tables["Time"]]
     assert labels[labels.index("robot, simulated") + 1].strip() == "in contact"
 

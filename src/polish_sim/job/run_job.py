@@ -67,7 +67,7 @@ def check_regions(job: Job) -> None:
     parts: dict[Any, tuple[PartMesh, Surface]] = {}
     for one in job.passes:
         asked = one.scenario.plan
-        key = (one.scenario.part, asked.feature_angle_rad)
+        key = (one.scenario.part, one.scenario.plan.feature_angle_rad)
         with naming_line(job.file), named_place(f"{one.folder}, '{asked.region}'"):
             if key not in parts:
                 mesh = load_mesh(one.scenario.part)
@@ -157,8 +157,8 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
         except (PolishSimError, KeyError):
             raise _no_longer_whole(folder, "plan/pass.json is gone or damaged.") from None
         scenario = replace(scenario, part=part)
-        asked = scenario.part, scenario.plan, scenario.process, scenario.pad
-        return measure_given_path(read_path(done), *asked, cuts=read_cuts(done)), scenario
+        cuts = read_cuts(done)
+        return measure_given_path(read_path(done), *scenario.planned_by, cuts=cuts), scenario
     plan = zoned(one, scenario.process, plan_removal(scenario, observer))
     if scenario.safety.proof != "none":
         plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
@@ -180,18 +180,21 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
 
 def zoned(one: Pass, process: ProcessConfig, plan: PlanResult) -> PlanResult:
     """The plan with less force near the region's border, and the zones' own force and feed."""
-    if one.head.edge_force == 1.0 and not one.zones:
-        return plan
     path = plan.path
+    asked = plan.plan
     force = path.force_at(path.s, process.contact_force_n)
     feed = path.feeds(process.feed_m_s)
-    away, _ = cKDTree(np.concatenate(plan.region.boundary_loops)).query(path.positions_work)
-    force *= np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
+    if one.head.edge_force < 1.0:
+        border = np.concatenate(list(plan.region.boundary_loops))
+        away, _ = cKDTree(border).query(path.positions_work)
+        force = force * np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
     for zone in one.zones:
-        region = select_region(plan.surface, plan.mesh, zone.region, plan.plan.feature_angle_rad)
+        region = select_region(plan.surface, plan.mesh, zone.region, asked.feature_angle_rad)
         off = norms(region.surface.closest(path.positions_work).positions - path.positions_work)
         force = np.where(off < ON_ZONE_M, force * zone.force, force)
         feed = np.where(off < ON_ZONE_M, feed * zone.feed, feed)
+    if one.head.edge_force == 1.0 and not one.zones:
+        return plan
     return replace(plan, path=replace(path, force=force, feed=feed))
 
 
@@ -237,7 +240,7 @@ def _write(
     planned_s: float,
 ) -> None:
     last = parts[-1]
-    maps = [result.removal for result in parts if result.removal is not None]
+    maps = [result.removal for result in parts if result.removal]
     scenario = last.scenario
     removal = summed_maps(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
@@ -296,6 +299,8 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
     total = {name: sum(row.figures[name] for row in rows) for name in SUMMED}
     area = sum(max(row.figures["polished_area_m2"] for row in those) for those in regions.values())
     whole = total["cycle_time_s"] + operator
+    # What is left of a path that was stopped would take longer than its share.
+    stopped = any(row.figures["protective_stop"] for row in rows)
     return {
         "job_sha256": job.sha256,
         "parts": job.head.parts,
@@ -303,7 +308,7 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
         "operator_s": operator,
         "whole_s": whole,
         "polished_area_m2": area,
-        "polished_per_hour_m2": 3600.0 * area / whole,
+        "polished_per_hour_m2": math.nan if stopped else 3600.0 * area / whole,
         "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows],
         "regions": sums,
     }

@@ -141,7 +141,7 @@ def read_tools(file: Path | None = None) -> Mapping[str, JobTool]:
     Raises:
         ConfigError: A key or value is wrong; names tool and key.
     """
-    return _tools(SHIPPED) | (_tools(file) if file is not None else {})
+    return _tools(SHIPPED) | (_tools(file) if file else {})
 
 
 def choose_tool(words: str) -> JobTool:
