@@ -84,8 +84,9 @@ def config(experiment: Name) -> None:
     `limits` prints the default limits of tool and joints, for the command `smooth`.
     """
     payload = PAYLOAD_SCENARIO.experiment
-    if experiment not in (*ROWS, payload, LIMITS):
-        raise unknown_name("experiment", experiment, (*ROWS, payload, LIMITS))
+    known = (*ROWS, payload, LIMITS)
+    if experiment not in known:
+        raise unknown_name("experiment", experiment, known)
     if experiment == LIMITS:
         from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 

@@ -105,7 +105,7 @@ def compare(real: LogFile, given: Given) -> int:
     if beside is None and (pressed := pressing(log)):
         console.note(f"note: {pressed}")
     with claimed(given, "compare") as folder:
-        if beside is not None:
+        if beside:
             _forces(real, log, beside, given, folder.draft)
         else:
             _joints(real, log, given, folder.draft)

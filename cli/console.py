@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PLAIN_WIDTH = 160  #: Width of tables when the output is not a terminal: wide enough not to wrap
 
 
-def say(text: str = "") -> None:
+def say(text: str) -> None:
     """Print a line of results on stdout, as it is."""
     print(text, flush=True)
 
@@ -91,8 +91,7 @@ def table(shown: Table) -> None:
         say(shown.caption)
 
 
-@contextmanager
-def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
+def progress(sinks: Sequence[FrameSink] = ()) -> AbstractContextManager[ProgressObserver]:
     """Show the stages of a run and a bar on stderr while the block runs; plain lines when it is not a
     terminal.
 
@@ -100,8 +99,7 @@ def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
     """
     from polish_sim.cli.progress import ProgressObserver
 
-    with ProgressObserver.shown(note, sinks) as observer:
-        yield observer
+    return ProgressObserver.shown(note, sinks)
 
 
 @cache

@@ -55,7 +55,9 @@ def check_film() -> None:
 
 def moving_plot(figure: Figure) -> Callable[[float], Image]:
     """Pictures of a plot, (height, width, 3), each with a line at a moment [s]."""
-    whole, axes = _pixels(figure), figure.axes[0]
+    canvas, axes = FigureCanvasAgg(figure), figure.axes[0]
+    canvas.draw()  # type: ignore[no-untyped-call]
+    whole = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
     box = axes.get_window_extent()
     rows = slice(round(figure.bbox.height - box.y1), round(figure.bbox.height - box.y0))
 
@@ -88,12 +90,6 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
     axes.set(xlabel="time [s]", ylabel=f"[{plot.unit}]", xlim=(time[0], time[-1]))
     head(figure, plot.title, legend=(axes,))
     return figure
-
-
-def _pixels(figure: Figure) -> Image:
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
 
 
 def write_film(folder: Path, record: RunRecord, model: Any, observer: Observer) -> None:

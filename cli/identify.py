@@ -37,8 +37,8 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
 
 @takes(
     Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5. 360 take half an hour and 6 GB.",
-        int),
-    Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int),
+        int, 1, 360),
+    Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, 1, 1e4),
     Own("--data", PANEL, "FILE", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float, 1e-3),
@@ -50,7 +50,7 @@ OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_O
                                  "over time (csv, npz).", Path),
     Own("--payload", PANEL, "KG", "Then carry a block of this mass, up to 3 kg beside the tool, and find its "
                                   "mass, centre and inertia (kg).",
-        float, 0.0),
+        float, 0.0, 3.0),
     Own("--payload-data", PANEL, "FILE", "Log of the robot of --data carrying a payload.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify."),
     *LOG_OPTIONS,

@@ -70,13 +70,14 @@ class LivePage:
         none = (np.zeros(1), np.zeros(1), np.zeros(1))
         self.plot = gui.add_uplot(none, tuple(lines), scales={"x": {"time": False}}, axes=axes, height=170,
                                   legend={"show": False})  # fmt: skip
-        times.on_click(lambda event: self._press(event.target.value))
+        times.on_click(self._press)
         speeds.on_click(lambda event: setattr(self, "speed", SPEEDS[event.target.value]))
         looks.on_click(lambda event: self._look(event.client, event.target.value))
         self.say("starting")
 
-    def _press(self, button: str) -> None:
-        self.paused, self.steps = button != RESUME, self.steps + (button == STEP)
+    def _press(self, event: Any) -> None:
+        self.paused = event.target.value != RESUME
+        self.steps += event.target.value == STEP
 
     def _look(self, client: Any, what: str) -> None:
         if what in self._looks and client is not None:
@@ -110,10 +111,6 @@ class LivePage:
             self._lines = add.add_line_segments(f"{node}/path", lines, AHEAD, thickness=PATH_M)
         self._path = lines.reshape(-1, 3)
         self.built = True
-
-    def scale(self, top: float) -> None:
-        """Let the plot reach from 0 to a force [N]."""
-        self.plot.scales = {"x": {"time": False}, "y": {"auto": False, "min": 0.0, "max": top}}
 
     def show(self, moment: Moment, rows: Array) -> None:
         """Send a moment if it is time to, and now and then its numbers and the plot.

@@ -80,7 +80,7 @@ class LiveView(FrameSink):
         if self._steered and cell.on_part and cell.scenario.controller.name != "position":
             top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
             self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
-        self.page.scale(2.0 * force)
+        self.page.plot.scales = {"x": {"time": False}, "y": {"auto": False, "min": 0.0, "max": 2.0 * force}}
         if self._steered:
             self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
         else:

@@ -53,7 +53,7 @@ def filled(
     asked: Metrics,
     stage: str,
     prepare: Callable[[Path], tuple[Rows, Callable[[Runner], T]]],
-    files: Sequence[Path] = (),
+    files: Sequence[Path],
     *,
     usual: str = "local",
     begin: Mapping[str, str] | None = None,
@@ -104,7 +104,7 @@ def filled(
             observer.stage(f"{stage}: {workers.where}")
 
             def heard(done: int, total: int, trouble: str | None) -> None:
-                if trouble is not None:
+                if trouble:
                     console.note(f"warning: {trouble}.")
                 observer.progress(done, total)
 
@@ -239,9 +239,7 @@ def run_seeds(
         return finish(folder, runs, outcome).finish(folder, given["--check"])
 
 
-def aggregate(
-    claims: Sequence[Claim], runs: Sequence[Metrics], mean: str = "mean"
-) -> tuple[Metrics, Metrics]:
+def aggregate(claims: Sequence[Claim], runs: Sequence[Metrics], mean: str) -> tuple[Metrics, Metrics]:
     """Mean (or rms) and worst value of each figure over the runs; what no run has is left out."""
     power, middle, worst = 2.0 if mean == "rms" else 1.0, {}, {}
     for claim in claims:
@@ -287,7 +285,7 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
     data, first = given["--data"], given["--seed"] or 0
     refuse_beside(given, "--data", *(name for name in given if name not in BESIDE_DATA))
     refuse_without(given, "--seeds", "--workers", "--on")
-    if given["--seeds"] is not None:
+    if given["--seeds"]:
         depends, each = f"{trial} {given.get('--arm')}", partial(_each, means)
         many = Many(means.kind, means.what, depends, each, means.claims, means.mean, means.usual)
         return run_seeds(many, given)
@@ -333,14 +331,18 @@ def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
             way, placed = plan_to_run(scenario, plan, observer, folder)
         return partial(_run_one, placed, way, folder.resolve())
 
-    depends, claims = config_hash(replace(scenario, seed=0), {}), claims_shown([scenario])
     what, row = scenario.experiment, experiment(scenario.experiment)
     if row.controlled:
         what += f", {scenario.controller.label}"
-    other = other_conditions(scenario, row.defaults)
-    files = user_files(scenario)
     many = Many(
-        f"run-{row.name}", what, depends, prepare, claims, conditions=other, files=files, read=read_record
+        f"run-{row.name}",
+        what,
+        config_hash(replace(scenario, seed=0), {}),
+        prepare,
+        claims_shown([scenario]),
+        conditions=other_conditions(scenario, row.defaults),
+        files=user_files(scenario),
+        read=read_record,
     )
     return run_seeds(many, given, _finish_runs)
 

@@ -257,7 +257,7 @@ def _keys(table: Any, section: str) -> Iterator[Key]:
 
 
 def takes(
-    *options: str | Own, defaults: Scenario | None = None
+    *options: str | Own, defaults: Scenario = Scenario()
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Let a command take options: its argument ``given`` becomes one parameter an option, as Typer reads
     them.
@@ -265,7 +265,7 @@ def takes(
     They are named as in the config or ``OWN``, or the command's own; the help names the values of
     ``defaults``.
     """
-    keys = config_keys(defaults or Scenario())
+    keys = config_keys(defaults)
     chosen = [
         option if isinstance(option, Own) else OWN.get(option) or keys[option].own for option in options
     ]
@@ -273,9 +273,8 @@ def takes(
     named = {f"option_{number}": option for number, option in enumerate(chosen)}
 
     def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
-        hints = inspect.get_annotations(command, eval_str=True)
-        own = [p for p in inspect.signature(command).parameters.values() if p.name != "given"]
-        flat = [p.replace(annotation=hints[p.name]) for p in own] + list(map(_declared, named, chosen))
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        flat = [p for p in own if p.name != "given"] + list(map(_declared, named, chosen))
 
         @wraps(command)
         def flattened(**values: Any) -> Any:
@@ -326,8 +325,9 @@ def _help(key: Key) -> str:
     unit = key.option.unit
     word = "empty" if key.default == "" else AUTO
     text, _, empty = meaning.partition(f"; {word} = ")
-    if isinstance(unit, Unit) and unit.name and f"({unit.name})" not in text:
-        text += f" ({unit.name})"
+    if isinstance(unit, Unit):
+        text += f" ({unit.name})" if unit.name and f"({unit.name})" not in text else ""
+        text += "".join(f"; {name} = {number_text(value / unit.si)}" for name, value in unit.words.items())
     if key.option.repeat:
         text += "; may be repeated"
     if empty and key.default in ("", ()):
@@ -417,7 +417,7 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     config = given.get("--config")
     presets = presets_in(given.get("--set") or [])
     scenario = override(base, presets)
-    if config is not None:
+    if config:
         scenario = override(load_scenario(config, scenario), presets)
     if scenario.experiment != base.experiment:
         raise ConfigError(
@@ -451,7 +451,7 @@ def with_options(scenario: Scenario, given: Given) -> Scenario:
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
         scenario = merge(scenario, _overlapping(scenario.pad, given, keys["--stepover"]), "")
-    if tool is not None:
+    if tool:
         tool.check_force(given["--tool"], scenario.process.contact_force_n)
     return with_files(scenario, Path())
 

@@ -35,7 +35,7 @@ def refuse_taken(given: Mapping[str, Any], *read: Path | str) -> None:
     """Refuse an output folder that exists, is no folder or holds what is to be ``read``, or what options name
     to be read, before anything is; `claimed` does so as well."""
     out = given["--out"]
-    if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
+    if out and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
     named = map(Path, filter(None, (*read, *map(given.get, READ))))
     folders = [file.parent if file.is_file() else file for file in named if file.exists()]
@@ -155,7 +155,7 @@ def rows_folder(
     Raises:
         InputError: If the folder holds something else, is in use, or cannot be written.
     """
-    folder = out if out is not None else unused(RESULTS / kind)
+    folder = out or unused(RESULTS / kind)
     made = not folder.exists()
     if folder.exists() and not folder.is_dir():
         raise InputError(_taken(folder))

@@ -222,10 +222,13 @@ class Viewer(FrameSink):
         with self._window.lock():
             mujoco.mj_copyData(self._shown, model, data)
         self._window.sync()
-        self._wait(data.time)
+        now = time.monotonic()
+        if self._ahead_of is None:
+            self._ahead_of = now - data.time
+        time.sleep(max(0.0, self._ahead_of + data.time - now))
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if self._window is not None:
+        if self._window:
             self._window.close()
             for thread in self._threads:
                 thread.join(CLOSING_S)  # what the window draws with is gone when the program ends
@@ -244,12 +247,6 @@ class Viewer(FrameSink):
             model, self._shown, show_left_ui=False, show_right_ui=False
         )
         self._threads = set(threading.enumerate()) - before
-
-    def _wait(self, simulated: float) -> None:
-        now = time.monotonic()
-        if self._ahead_of is None:
-            self._ahead_of = now - simulated
-        time.sleep(max(0.0, self._ahead_of + simulated - now))
 
 
 def _has_display() -> bool:

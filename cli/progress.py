@@ -106,12 +106,10 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
                 self._update()
 
 
-@contextmanager
-def compiling_shown(show: Callable[[str], None]) -> Iterator[CompileProgress]:
-    """Show how far compiling is while the block runs; nothing when all kernels come from the cache."""
-    progress = CompileProgress(show)
-    with event.install_listener("numba:compile", progress):
-        yield progress
+def compiling_shown(show: Callable[[str], None]) -> Any:
+    """Show how far compiling is while the block runs, a `CompileProgress`; nothing when all kernels come from
+    the cache."""
+    return event.install_listener("numba:compile", CompileProgress(show))
 
 
 def now_and_then(say: Callable[[str], None]) -> Callable[[str], None]:

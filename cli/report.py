@@ -33,10 +33,9 @@ def report(runs: Runs, given: Given) -> None:
 
     records = saved_records(runs)
     first = records[0]
-    alone = len(records) == 1
     name = first.scenario.experiment
     with claimed(given, f"report-{name}") as folder:
-        if alone:
+        if len(records) == 1:
             draw_run(first, folder.draft)
             if remade(first) and not (runs[0] / CELL_PICTURE).exists():
                 save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))

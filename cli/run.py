@@ -76,14 +76,10 @@ class RunGroup(TyperGroup):
         row = experiment(cmd_name)
         return as_command(cmd_name, _command_of(row), row.text, ExperimentCommand)
 
-    def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Write what stands behind `run`."""
-        return ["EXPERIMENT", "[OPTIONS]"]
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take the experiment also where options stand before it."""
         named = next((word for word in args if word in ROWS), None)
-        if named is not None and not {"-h", "--help"} & set(args[: args.index(named)]):
+        if named and not {"-h", "--help"} & set(args[: args.index(named)]):
             args.remove(named)
             args = [named, *args]
         elif not args:
@@ -91,7 +87,13 @@ class RunGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-runs = typer.Typer(cls=RunGroup, add_completion=False, rich_markup_mode=None)
+runs = typer.Typer(
+    cls=RunGroup,
+    add_completion=False,
+    rich_markup_mode=None,
+    options_metavar="",
+    subcommand_metavar="EXPERIMENT [OPTIONS]",
+)
 
 
 @runs.callback()
@@ -136,13 +138,13 @@ def run(row: Experiment, given: Given) -> int:
     if given.get("--dry-run"):
         check_reach(scenario, plan)
         return DONE
-    if seeds is not None:
+    if seeds:
         from polish_sim.cli.many import run_many
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
     refuse_taken(given, scenario.plan.file, scenario.process.learn, scenario.plan.removal)
     sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
-    if live is not None:
+    if live:
         from polish_sim.cli.live_view import LiveView
 
         sinks.append(LiveView(live, row.title(scenario)))
@@ -297,7 +299,7 @@ def draw_run(record: RunRecord, folder: Path) -> None:
     from polish_sim.experiments.report import draw_plots
 
     save_plots(folder, draw_plots(record))
-    if record.removal is not None:
+    if record.removal:
         write_removal_mesh(folder / REMOVAL_MESH, record.removal)
 
 
@@ -341,12 +343,11 @@ def plan_to_run(
     from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_not_proven
     from polish_sim.planning import measure_given_path
 
-    asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     source = Path(scenario.plan.file)
     if given is None:
         plan = plan_removal(scenario, observer)
     else:
-        plan = measure_given_path(given, *asked, read_cuts(source))
+        plan = measure_given_path(given, *scenario.planned_by, observer, read_cuts(source))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
     try:
@@ -361,7 +362,7 @@ def plan_to_run(
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     finally:
         console.notes(plan.notes)
-    if folder is not None:
+    if folder:
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})
     return plan, scenario

@@ -39,15 +39,7 @@ CONTROLLER_TEXT = (
 @takes(
     Own("--controller", RUN, "NAME", CONTROLLER_TEXT),
     Own("--against", RUN, "NAME", "A second controller, to put beside it."),
-    Own(
-        "--seeds",
-        RUN,
-        "N",
-        "Seeds per case, counting up from --seed; default 5, with --reach 20.",
-        int,
-        1,
-        1e6,
-    ),
+    OWN["--seeds"]._replace(text="Seeds per case, counting up from --seed; default 5, with --reach 20."),
     Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),
     Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery."),
     Own("--ablate", RUN, "", "Leave out one law of the controller after the other."),
@@ -232,7 +224,7 @@ def _worst_runs(score: Score) -> Table:
     runs = []
     for summary in summarize(score):
         worst = worst_case([summary], summary.entry)
-        if worst is not None:
+        if worst:
             scenario = summary.case.scenario(summary.entry, worst["seed"])
             command = once_more(scenario, default_scenario(scenario.experiment))
             runs.append([summary.case.name, summary.entry.label, str(worst["seed"]), command])

@@ -192,7 +192,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.surface import measure_hold, measure_run, place_force, prepare_surface
 
-    if task is not None and not task.case.moving:
+    if task and not task.case.moving:
         scenario = check(task.scenario)
         place = place_force(scenario, observer)
         return _Job(
@@ -208,7 +208,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         raise InputError("robot.compensation is of a host inside: leave it out of 'serve'.")
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
-    assert plan is not None  # ``surface`` plans one
+    assert plan  # ``surface`` plans one
     place = prepare_surface(scenario, plan, observer)
     most_s = (task and scenario.process.max_feed_s) or math.inf
     return _Job(
@@ -370,7 +370,7 @@ def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
     write_record(folder, record)
     draw_run(record, folder)
     save_page(folder, page_of(record, controller.robot.cell.model, job.notes))
-    if job.task is not None:
+    if job.task:
         _score(job.task, job.place, run, folder)
 
 

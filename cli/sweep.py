@@ -16,6 +16,7 @@ from polish_sim.cli.boundary import DONE, STOPPED, USAGE
 from polish_sim.cli.many import filled, forget_damaged
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
+    OWN,
     Given,
     Own,
     argument,
@@ -53,7 +54,7 @@ What = Annotated[
     Own("--sample", RUN, "NAME", "grid (default: every combination), random, sobol or lhs (Latin "
                                  "hypercube)."),
     Own("--count", RUN, "N", "Points of a sample.", int, 1, 1e7),
-    Own("--seeds", RUN, "N", "Seeds per point, counting up from --seed; default 1.", int, 1, 1e6),
+    OWN["--seeds"]._replace(text="Seeds per point, counting up from --seed; default 1."),
     Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing."),
     Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>."),
     *("--seed", "--workers", "--on", *OF_RUNS, *CONFIG_OPTIONS, "--out"),
@@ -68,14 +69,14 @@ def sweep(what: What, given: Given) -> int:
     study, out = asked_study(what, given)
     check_values(study)
     if given["--dry-run"]:
-        begun = RunTable(out) if out is not None and (out / ROWS).is_file() else None
+        begun = RunTable(out) if out and (out / ROWS).is_file() else None
         keys = keys_of_runs(study)
         missing, known = (begun.missing(keys), begun.run_s) if begun else (list(keys), None)
         first = time_first(study, missing) if known is None else None
         announce(study, len(missing), len(keys), given, known if first is None else run_time(first))
         return DONE
     kind, begin = f"sweep-{study.base.experiment}", {STUDY: study_text(study)}
-    held = sweep_of(read_study(out / STUDY)) if out is not None and (out / STUDY).is_file() else None
+    held = sweep_of(read_study(out / STUDY)) if out and (out / STUDY).is_file() else None
     named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
     files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
     prepare = partial(prepare_study, study, given)

@@ -181,7 +181,8 @@ def show_search(search: Search, best: Mapping[str, float], verdicts: Sequence[Ve
     """Write metrics.json and the page, print the tables."""
     from polish_sim.page.page import Page
 
-    goal, conditions = ":".join(search.goal), ", ".join(_facts(search)["subject_to"])
+    asked = _facts(search)
+    goal, conditions = asked["goal"], ", ".join(asked["subject_to"])
     values = [[p.key, number_text(p.shipped, 4), number_text(best[p.key], 4),
                 f"{number_text(p.low, 4)} to {number_text(p.high, 4)}"] for p in search.over]  # fmt: skip
     headings = [
@@ -195,7 +196,7 @@ def show_search(search: Search, best: Mapping[str, float], verdicts: Sequence[Ve
     ]
     rows = [[v.what, str(v.rows), number_text(v.shipped, 4), number_text(v.tuned, 4), str(v.shipped_broken),
               str(v.tuned_broken), "yes" if v.better else "NO"] for v in verdicts]  # fmt: skip
-    facts = _facts(search) | {
+    facts = asked | {
         "best": dict(best),
         "judged": [v._asdict() | {"better": v.better} for v in verdicts],
     }

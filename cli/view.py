@@ -64,7 +64,7 @@ def free_address(asked: Address) -> Address:
     Raises:
         InputError: All of them are taken.
     """
-    ports = [asked.port] if asked.port else list(range(PORT, PORT + PORTS))
+    ports = [asked.port] if asked.port else range(PORT, PORT + PORTS)
     problem = ""
     for port in ports:
         try:

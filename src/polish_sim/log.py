@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, PolishSimError
 from polish_sim.row_file import whole_file
 
 T = TypeVar("T")
@@ -80,12 +80,7 @@ _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 class RunLog:
     """Columns of a run, one row per recorded step; see ``COLUMNS`` for names and widths."""
 
-    columns: Mapping[str, NDArray[np.generic]]  #: Read-only
-
-    def __post_init__(self) -> None:
-        for column in self.columns.values():
-            column.setflags(write=False)
-        object.__setattr__(self, "columns", MappingProxyType(self.columns))
+    columns: Mapping[str, NDArray[np.generic]]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column, (n,) or (n, k), in double precision but for whole numbers; InputError where the
@@ -113,15 +108,22 @@ class RunLog:
 
 def from_rows(rows: NDArray[np.void]) -> RunLog:
     """Split recorded rows, shape (n,) of ``LOG_ROW`` or more, into the named columns of the contract."""
-    usual: dict[str, Any] = dict.fromkeys(COLUMNS, np.float32) | dict.fromkeys(_DOUBLE, np.float64) | _INTEGER
-    return RunLog({name: np.ascontiguousarray(rows[name].astype(kind)) for name, kind in usual.items()})
+    columns: dict[str, NDArray[np.generic]] = {}
+    for name in COLUMNS:
+        dtype = _INTEGER.get(name, np.float64 if name in _DOUBLE else np.float32)
+        column = np.ascontiguousarray(rows[name].astype(dtype))
+        column.setflags(write=False)
+        columns[name] = column
+    return RunLog(MappingProxyType(columns))
 
 
 def with_column(log: RunLog, name: str, values: Array) -> RunLog:
     """The log with one of the columns ``LATER`` after the run, values (n,) or (n, k)."""
     if name not in LATER or len(values) != len(log):
         raise ValueError(f"'{name}' with {len(values)} rows does not belong in a log of {len(log)} rows")
-    return RunLog({**log.columns, name: np.array(values, dtype=np.float64)})
+    column = np.array(values, dtype=np.float64)
+    column.setflags(write=False)
+    return RunLog(MappingProxyType({**log.columns, name: column}))
 
 
 def write_log(path: Path, log: RunLog) -> None:
@@ -143,16 +145,21 @@ def read_log(path: Path) -> RunLog:
 
 def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
     """The log of its columns; ValueError if they are not a run's."""
-    missing = [name for name in COLUMNS if name not in columns and name not in NEWER]
-    if missing:
-        raise ValueError(f"it lacks the columns {', '.join(missing)}, so it is not a run's log")
+    check_names(columns, [name for name in COLUMNS if name not in NEWER])
     for name, column in columns.items():
         width = {**COLUMNS, **LATER}.get(name, 0)
         if column.shape != (columns["time_s"].size, width)[: 1 + (width > 0)]:
             raise ValueError(f"the column {name} has the shape {column.shape}, others have other rows")
         if name.endswith("wxyz") and not column.any(axis=1).all():
             raise ValueError(f"the column {name} holds zeros")
-    return RunLog(columns)
+        column.setflags(write=False)
+    return RunLog(MappingProxyType(columns))
+
+
+def check_names(arrays: Mapping[str, object], wanted: Iterable[str]) -> None:
+    """Refuse arrays that lack some that are wanted (ValueError)."""
+    if missing := [name for name in wanted if name not in arrays]:
+        raise ValueError(f"it lacks {', '.join(missing)}")
 
 
 def read_arrays(
@@ -166,8 +173,8 @@ def read_arrays(
     NaN.
 
     Raises:
-        InputError: The file is missing or damaged, an array is not of finite numbers, or ``build`` raised one
-            of `UNREADABLE`: ``what`` cannot be read, and the ``remedy``.
+        InputError: The file is missing or damaged, an array is not of finite numbers, or ``build`` refused
+            it: ``what`` cannot be read, and the ``remedy``.
     """
     try:
         with zipfile.ZipFile(file), np.load(file, allow_pickle=False) as archive:
@@ -176,7 +183,7 @@ def read_arrays(
             if array.dtype.kind not in "biuf" or not (name.startswith(unsure) or np.isfinite(array).all()):
                 raise ValueError(f"'{name}' is not of finite numbers")
         return build(arrays)
-    except UNREADABLE as error:
+    except (*UNREADABLE, PolishSimError) as error:
         raise InputError(f"cannot read the {what} '{file}': {error}. {remedy}") from error
 
 
@@ -280,7 +287,8 @@ def read_removal(file: Path) -> RemovalMap:
 
 
 def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:
-    """The map of its arrays; ValueError if they do not fit each other."""
+    """The map of its arrays; ValueError if one is missing, or they do not fit each other."""
+    check_names(arrays, RemovalMap.__dataclass_fields__)
     columns: dict[str, Any] = {
         name: array.astype(np.float64) if array.ndim else float(array) for name, array in arrays.items()
     }
@@ -294,4 +302,6 @@ def _removal_of(arrays: dict[str, NDArray[Any]]) -> RemovalMap:
     known = triangles.size and 0 <= triangles.min() <= triangles.max() < count
     if not (fits and known and removal.areas.sum() > 0.0 and removal.normals.any(axis=1).all()):
         raise ValueError("its nodes, areas and triangles do not fit each other")
+    if removal.exposure.min() < 0.0:
+        raise ValueError("its exposure is negative")
     return removal

@@ -42,9 +42,8 @@ def test_a_run_reads_back_as_written_in_strict_json_with_null_for_an_undefined_f
     [
         ("protective_stop_at", {"name": "x", "time_s": "1", "path_s_m": 0.1, "tool_m": [0, 0, 0]}),
         ("protective_stop_at", {"name": "x", "time_s": 1.0}), ("T_base_work", [[0.0] * 4] * 4),
-        ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]), ("protective_stop", ["no text"]),
-        ("versions", "1.0"), ("bad_figures", "x"),
-        ("seed", [1]),
+        ("T_base_work", [[1.0, 0.0], [0.0, 1.0]]), ("protective_stop", ["no text"]), ("versions", "1.0"),
+        ("bad_figures", "x"), ("seed", [1]),
     ],
 )  # fmt: skip
 def test_an_entry_of_metrics_that_was_edited_is_refused_by_name(record, tmp_path, figure, value):
@@ -70,17 +69,19 @@ def test_a_run_that_pressed_on_nothing_is_read(record, tmp_path):
         ("log.npz", "tcp_quaternion_wxyz", np.zeros_like),
         ("path.npz", "curvature", lambda column: column * np.nan),
         ("removal.npz", "triangles", lambda triangles: triangles + 1000),
-        ("removal.npz", "exposure", lambda exposure: exposure[:-1]),
-        ("removal.npz", "areas", np.zeros_like),
-        ("removal.npz", "preston_1_pa", np.atleast_1d),
+        ("removal.npz", "exposure", lambda exposure: exposure[:-1]), ("removal.npz", "areas", np.zeros_like),
+        ("removal.npz", "exposure", np.negative), ("removal.npz", "preston_1_pa", np.atleast_1d),
     ],
-)
+)  # fmt: skip
 def test_arrays_that_do_not_fit_are_refused_by_file(record, tmp_path, name, array, change):
     run_record.write_record(tmp_path, record)
     with np.load(tmp_path / name) as read:
         arrays = dict(read)
     np.savez(tmp_path / name, **arrays | {array: change(arrays[array])})
     with pytest.raises(InputError, match=rf"cannot read the .*{name}"):
+        run_record.read_record(tmp_path)
+    np.savez(tmp_path / name, **{key: column for key, column in arrays.items() if key != array})
+    with pytest.raises(InputError, match=rf"cannot read the .*{name}': it lacks {array}\."):
         run_record.read_record(tmp_path)
 
 
@@ -114,11 +115,9 @@ def run(name="run", metrics=None, **sections):
 def test_settings_ends_and_differences_of_runs_side_by_side_are_said_and_their_names_differ(tmp_path):
     stopped = {"path_done": 0.5, "protective_stop": "the force was too large"}
     for metrics, said in (
-        ({}, "whole"),
-        ({"path_done": 0.351, "interrupted": True}, "interrupted at 35.1%"),
-        (stopped, "stopped at 50.0%"),
-        ({"path_done": 0.25}, "cut short at 25.0%"),
-    ):
+        ({}, "whole"), ({"path_done": 0.351, "interrupted": True}, "interrupted at 35.1%"),
+        (stopped, "stopped at 50.0%"), ({"path_done": 0.25}, "cut short at 25.0%"),
+    ):  # fmt: skip
         assert run_record.ending(run(metrics=metrics)) == said
     other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
     assert run_record.notes_of([run(), replace(run(), scenario=other)]) == []

@@ -159,11 +159,10 @@ def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(run_dua
     ("names", "words", "said"),
     [
         ("other", [], ["another pair", "'cell-7'"]),
-        ("tool", [], ["the cell's tool", "calibrate tcp --cell-tool"]),
-        ("base base", [], ["one of each"]),
+        ("tool", [], ["the cell's tool", "calibrate tcp --cell-tool"]), ("base base", [], ["one of each"]),
         ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], ["leave one of them out"]),
     ],
-)
+)  # fmt: skip
 def test_calibrations_that_do_not_fit_are_refused(names, words, said, run_dual):
     refused(run_dual(names, *words, "--out", "run"), *said)
 

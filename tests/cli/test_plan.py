@@ -95,11 +95,10 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     Path("run").mkdir()
     Path("link").symlink_to("plan")
     for words, out in (
-        (("run", "surface", "--path", "plan"), "run/../plan"),
-        (("smooth", "plan/path.json"), "link"),
+        (("run", "surface", "--path", "plan"), "run/../plan"), (("smooth", "plan/path.json"), "link"),
         (("inspect", "link"), Path("plan").resolve()),
         (("run", "surface", "--set", "plan.file=link"), "plan"),
-    ):
+    ):  # fmt: skip
         refused(polish_sim(*words, "--out", out, "--overwrite"), f"'{out}'", "--out")
     assert metrics_of("plan") == metrics
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
@@ -295,13 +294,12 @@ def test_options_reach_the_figures_and_a_plan_beside_a_path_that_was_cut_is_name
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("raster.csv", "give it with --part"),
-        ("none.csv --part plate", "none.csv"),
+        ("raster.csv", "give it with --part"), ("none.csv --part plate", "none.csv"),
         ("deep.csv --part plate", "pressed in already by 4.00 mm"),
         ("raster.csv --part sphere_100", "does not lie on 'sphere_100'"),
         ("raster.csv --part plate --units cm", "10 times as large as the path"),
     ],
-)
+)  # fmt: skip
 def test_a_path_that_cannot_be_inspected_is_one_message_and_nothing_is_written(polish_sim, words, said):
     write_raster(Path("raster.csv"))
     write_raster(Path("deep.csv"), 16.0)

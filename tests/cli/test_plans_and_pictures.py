@@ -116,11 +116,10 @@ def test_an_interrupt_leaves_no_half_of_a_film(polish_sim, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("option", "missing", "said"),
     [
-        ("--video", "imageio_ffmpeg", "pip install 'polish-sim[video]'"),
-        ("--video", "OpenGL", "MUJOCO_GL"),
+        ("--video", "imageio_ffmpeg", "pip install 'polish-sim[video]'"), ("--video", "OpenGL", "MUJOCO_GL"),
         ("--live", "viser", "pip install 'polish-sim[view]'"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_shown_is_refused_before_the_run(polish_sim, monkeypatch, option, missing, said):
     monkeypatch.setitem(sys.modules, missing, None)
     monkeypatch.setattr("mujoco.Renderer", Mock(side_effect=RuntimeError("no display")))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import other_conditions, read_record
+from polish_sim.analysis.run_record import changed_settings, other_conditions, read_record
 from polish_sim.analysis.style import RED
 from polish_sim.cli.options import build_scenario
 from polish_sim.exchange import read_path
@@ -63,8 +63,11 @@ def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim):
     assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"]), scenario) == ()
     assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]), scenario)) == 1
     usual = default_scenario("force")
-    named = override(usual, ["sensor.model=axia80", "sensor.cross_talk=0"])
-    others = "sensor.model = axia80 (external)", "sensor.cross_talk = 0 (0.01)"
+    named = override(usual, ["sensor.model=axia80", "sensor.cross_talk=0", "robot.arm=ur10e"])
+    others = "robot.arm = ur10e (ur5e)", "sensor.model = axia80 (external)", "sensor.cross_talk = 0 (0.01)"
+    assert changed_settings(override(usual, ["plan.start=[0, 0, 0.1]"]), usual) == [
+        ["plan.start", "0, 0, 0.1", "auto"]
+    ]
     assert other_conditions(named, usual) == others
     noisy = build_scenario(default_scenario("force"), {"--noise": 0.5, "--set": ["sensor.model=axia80"]})
     assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
@@ -138,6 +141,8 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim):
         assert (Path(folder) / "arc.png").stat().st_size > 10_000
     figures = metrics_of("a")
     Path("a/metrics.json").write_text("{}")
+    refused(polish_sim("report", "a", "--out", "none"), "'a/metrics.json' holds no figure of 'arc'")
+    Path("a/metrics.json").write_text(json.dumps({"path_done": 1.0}))
     out = done(polish_sim("report", "a", "--out", "none")).out
     (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("tracking error, max")]
     assert row[3:5] == ["mm", "-"]

@@ -70,11 +70,9 @@ def test_a_score_of_a_user_s_file_is_not_replaced_unasked(polish_sim):
         ([*words, "--case", "step-10", "--seeds", "2"], "seeds are 1, not 2"),
         ([*words, "--case", "approach-20", "--seeds", "1"], "cases are step-10, not approach-20"),
         ([*first, "--controller", "position"], "controllers are mine.py:Down, not position"),
-        ([*first, "--border"], "--seeds, --case would"),
-        ([*words, "--border"], "a score, not a border"),
-        ([*words, "--worst", "30"], "a score, not a search of the worst"),
-        (first, "have changed"),
-    ):
+        ([*first, "--border"], "--seeds, --case would"), ([*words, "--border"], "a score, not a border"),
+        ([*words, "--worst", "30"], "a score, not a search of the worst"), (first, "have changed"),
+    ):  # fmt: skip
         if asked is first:
             Path("mine.py").write_text(source.replace("t.twist", "0.5 * t.twist"))
         assert_refused(polish_sim(*asked), said, "mine.py", "s")

@@ -32,6 +32,8 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
     words = " ".join(polish_sim("inspect", "--help").out.split())
     assert "default freeform" not in words
     assert "neighbouring turns (mm). --overlap" in words
+    assert "(mm/s); auto = 10; default 10." in " ".join(polish_sim("run", "arc", "--help").out.split())
+    assert "polish-sim job init [OPTIONS] PART" in polish_sim("job", "init", "--help").out
     code, out, err = polish_sim()
     assert (code, err) == (0, "")
     assert all(f"  {command}" in out for command in COMMANDS)
@@ -104,8 +106,8 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("sweep arc --vary controller.name=hybrid-pi,hybrid-p", "Did you mean 'hybrid-pi'?"),
         ("sweep arc --on locl", "unknown engine 'locl'"),
         ("sweep nowhere/study.toml", "cannot read the study"),
-        ("identify --periods 0", "'periods' = 0 is outside 1 to 360"),
-        ("identify --periods 1000000", "is outside 1 to 360"),
+        ("identify --periods 0", "--periods 0 is outside 1 to 360"), ("identify --starts 0", "1 to 10000"),
+        ("identify --periods 1000000", "is outside 1 to 360"), ("job init", "'PART' ... job init --help"),
         ("identify --period 5", "--period would change nothing without --data"),
         ("identify --data none.csv --period -1", "--period -1 is outside 0.001"),
         ("identify --data none.csv --task line.csv", "--task would change nothing with --data"),
@@ -114,7 +116,7 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("identify --model robot.xml", "--model ... without --data or --report"),
         ("identify --report --model none.xml", "cannot read the robot model 'none.xml'"),
         ("identify --report --data log.csv --seed 3", "--seed, --data would change nothing with"),
-        ("identify --payload 9", "'payload' = 9.0 is outside 0 to 3"),
+        ("identify --payload 9", "--payload 9 is outside 0 to 3"),
         ("identify --joints a", "--joints would change nothing without --model"),
         ("identify --arm ur5e --data log.npz --model a.xml", "--arm would change nothing with --model"),
         ("identify --arm ur10e", "--arm would change nothing without --data"),
@@ -141,10 +143,8 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("run surface --part plate --fixture gone.stl", "'gone.stl' is no file"),
         ("run surface --part plate --removal gone.ply", "'gone.ply' is no file"),
         ("sweep surface --vary part.file=plate,gone.stl", "'gone.stl' is no file"),
-        *(
-            (f"{words} --seed 9223372036854775807 --seeds 2", "'seed' = 9223372036854775808 is outside 0 to")
-            for words in ("run force", "sweep arc", "score", "calibrate payload", "identify")
-        ),
+        *((f"{words} --seed 9223372036854775807 --seeds 2", "'seed' = 9223372036854775808 is outside 0 to")
+          for words in ("run force", "sweep arc", "score", "calibrate payload", "identify")),
         ("calibrate", "arm, base, budget, payload, tcp."),
         ("calibrate tpc", "Known: arm, base, budget, payload, tcp."),
         ("calibrate payload --poses 3", "--poses 3 is outside 4 to 500"),
@@ -185,9 +185,9 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
         ("run force --config /dev/null", "Not a regular file"),
         ("calibrate tcp --data /dev/null", "Not a regular file"),
         ("run teach --set guide.model_file=/dev/null", "cannot read the robot model '/dev/null'"),
-        ("compare /dev/null", "Not a regular file"), ("compare binary.csv", "is not a text file"),
+        ("compare /dev/null", "Not a regular file"), ("compare binary.csv", "is no text ... a CSV"),
         ("compare other", "no whole ROS bag"), ("calibrate tcp --data empty.csv", "holds no"),
-        ("calibrate tcp --data binary.csv", "is not a text file"),
+        ("calibrate tcp --data binary.csv", "is not a text file"), ("compare empty.csv", "holds no samples"),
         ("job init plate --out mine.toml/job.toml", "cannot write 'mine.toml/job.toml'"),
         ("job bad.toml", "In a job's file: up for --up."),
         ("sweep arc --out other", "holds something that is not a sweep"),
@@ -322,11 +322,10 @@ def test_of_the_options_of_a_path_those_pass_that_change_something_and_others_ar
 @pytest.mark.parametrize(
     ("name", "short"),
     [
-        ("arc", "process.max_feed_s=0.5"),
-        ("force", "process.hold_s=1.0"),
+        ("arc", "process.max_feed_s=0.5"), ("force", "process.hold_s=1.0"),
         ("teach", "guide.duration_s=1.0 guide.mode=inertia guide.direction=x"),
     ],
-)
+)  # fmt: skip
 def test_of_a_section_that_is_called_idle_no_number_changes_a_run(name, short):
     changed = usual = override(default_scenario(name), short.split())
     for section in experiment(name).idle:

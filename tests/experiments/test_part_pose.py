@@ -178,10 +178,9 @@ def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows(
     ("wrong", "said"),
     [
         ({"rule": "splines"}, "smoothing.*" + ".*".join(sorted(STROKE_RULES))),
-        ({"rule": "certified"}, "smoothing.rule.*spline"),
-        ({"limits_file": "none.toml"}, "limits"),
+        ({"rule": "certified"}, "smoothing.rule.*spline"), ({"limits_file": "none.toml"}, "limits"),
     ],
-)
+)  # fmt: skip
 def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
     asked = Scenario(part=PartConfig("none.stl"), smoothing=replace(Scenario().smoothing, **wrong))
     with pytest.raises(PolishSimError, match=said):

@@ -103,11 +103,10 @@ def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_lo
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [
-        ("force", 900.0, r"force of 900 N: .* 0\.5 to 200 N"),
-        ("force", np.nan, "force of nan N"),
+        ("force", 900.0, r"force of 900 N: .* 0\.5 to 200 N"), ("force", np.nan, "force of nan N"),
         ("feed", 0.0, r"feed of 0 m/s: .* 0\.0001 to 0\.5 m/s"),
     ],
-)
+)  # fmt: skip
 def test_values_no_robot_should_follow_are_refused_with_their_place(cap, column, value, said):
     scenario, plan = cap
     values = np.full(len(plan.path.s), 0.01 if column == "feed" else 20.0)
@@ -169,8 +168,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
 @pytest.mark.parametrize(
     ("by", "change", "named"),
     [
-        (run_short, "seed=932", "seed"),
-        (run_short, "process.contact_force_n=15", "process.contact_force_n"),
+        (run_short, "seed=932", "seed"), (run_short, "process.contact_force_n=15", "process.contact_force_n"),
         (run_experiment, "plan.stepover_m=0.04", "the path"),
         (run_short, "part.displacement_m=0.002", "part.displacement_m"),
         (run_short, "part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
@@ -178,7 +176,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
         (check_settings, "process.learn=nowhere", "not a run folder"),
         (check_settings, "experiment=arc", "run surface"),
     ],
-)
+)  # fmt: skip
 def test_another_job_is_refused_by_what_differs_and_what_cannot_learn_at_once(first, by, change, named):
     with pytest.raises(InputError, match=named):
         by(scenario(f"process.learn={first}", change))

@@ -130,11 +130,9 @@ def lend(belief, law, seconds):
 def test_compensation_fades_towards_speed_limits_and_one_that_lends_too_much_energy_is_stopped(belief):
     memory = laws.build_memory(1)
     for memory.qd[0], tool, share, code in (
-        (1.0, 0.5, 1.0, 0),
-        (2.85, 0.5, 0.5, 0),
-        (1.0, 1.6, 0.0, laws.TOOL_SPEED),
+        (1.0, 0.5, 1.0, 0), (2.85, 0.5, 0.5, 0), (1.0, 1.6, 0.0, laws.TOOL_SPEED),
         (3.1, 0.1, 0.0, laws.JOINT_SPEED),
-    ):
+    ):  # fmt: skip
         assert laws.watch_guiding(limits(), belief, gains("gravity"), memory, tool, DT) == code
         assert laws.fade_out(limits(), memory.qd, tool) == pytest.approx(share)
     law = gains("classical", coulomb_share=1.5, viscous_share=1.5)

@@ -67,9 +67,8 @@ def test_the_move_is_minimum_jerk_and_wander_and_tremor_have_the_size_and_band_a
     upright = np.tile(np.eye(3), (50, 1, 1))
     rng, hand, dt = np.random.default_rng(3), HandConfig(), 0.001
     for changed, low, high, size in (
-        ({"tremor_m": 0.0}, 0.0, 1.0, 0.0005),
-        ({"wander_m": 0.0, "tremor_m": 0.0002}, 7.0, 13.0, 0.0002),
-    ):
+        ({"tremor_m": 0.0}, 0.0, 1.0, 0.0005), ({"wander_m": 0.0, "tremor_m": 0.0002}, 7.0, 13.0, 0.0002),
+    ):  # fmt: skip
         made = drag_table(line, upright, replace(DragConfig(follow="rim"), **changed), hand, dt, rng)
         off = (made.table.motion.positions - made.meant.positions)[2000:]
         power = np.abs(np.fft.rfft(off, axis=0)) ** 2
@@ -118,11 +117,9 @@ def cut(rows, stop_step=0, interrupted=False, direction="x"):
 def test_only_a_whole_move_has_a_force_and_one_cut_short_leaves_its_mode_without_a_peak():
     """The hand moves from 1.1 s to 1.7 s; what brakes record of it after a stop is not the hand's move."""
     for rows, how, whole in (
-        (1400, {"interrupted": True}, False),
-        (1900, {"interrupted": True}, True),
-        (1900, {"stop_step": 1400}, False),
-        (2400, {"stop_step": 1900}, True),
-    ):
+        (1400, {"interrupted": True}, False), (1900, {"interrupted": True}, True),
+        (1900, {"stop_step": 1400}, False), (2400, {"stop_step": 1900}, True),
+    ):  # fmt: skip
         figures = teach.figures_of_moves(scenario(), [cut(rows, **how)], 1, 1.0)
         assert [np.isfinite(figures[f"hand_force_{name}_n"]) for name in ("peak", "rms")] == [whole] * 2
     # The largest of a known and an unknown force is unknown, whichever came first.

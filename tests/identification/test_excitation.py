@@ -104,9 +104,8 @@ def test_a_joint_motion_comes_back_with_its_speeds(tmp_path):
     states = played(known.motion, 1)
     for use in (
         use_states(write_log(tmp_path / "log.csv", known.model, states)),
-        use_states(_npz(tmp_path / "trajectory.npz", states.q)),
-        use_states(tmp_path),
-    ):
+        use_states(_npz(tmp_path / "trajectory.npz", states.q)), use_states(tmp_path),
+    ):  # fmt: skip
         # Sampled every 20 ms and joined by splines.
         assert np.abs(use.qd).max() == pytest.approx(np.abs(states.qd).max(), rel=0.02)
         assert np.abs(use.q[0] - states.q[0]).max() < 1e-3
@@ -140,11 +139,9 @@ def test_along_a_path_the_tool_goes_at_the_feed_and_what_is_no_motion_is_refused
     np.savez(tmp_path / "wide.npz", time_s=np.arange(99.0), q_rad=np.zeros((99, 7)))
     _npz(tmp_path / "short.npz", np.zeros((1, 6)))
     for name, said in (
-        ("other.npz", "holds no joint motion"),
-        ("wide.npz", r"wanted \(n, 6\)"),
-        ("short.npz", "two poses or more"),
-        ("none", "cannot read the path"),
-    ):
+        ("other.npz", "holds no joint motion"), ("wide.npz", r"wanted \(n, 6\)"),
+        ("short.npz", "two poses or more"), ("none", "cannot read the path"),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=said):
             use_states(tmp_path / name)
 

@@ -108,7 +108,7 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     figure = new_figure(12.0, 5.8)
     slanted, flat = figure.subplots(1, 2)
     path, mesh, fixture = result.path, result.mesh, result.tool.fixture
-    bodies = [(mesh, TINT), *([] if fixture is None else [(fixture.mesh, FIXTURE_TINT)])]
+    bodies = [(mesh, TINT), *([(fixture.mesh, FIXTURE_TINT)] if fixture else [])]
     facets = [_in_small_facets(body.vertices, body.faces) for body, _ in bodies]
     corners = np.concatenate(facets)
     tints = np.repeat([tint for _, tint in bodies], [len(body) for body in facets], axis=0)
@@ -130,7 +130,7 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
         axes.autoscale_view()
         scale_flat(axes, views)
     slanted.set_axis_off()
-    if fixture is not None:
+    if fixture:
         flat.plot([], [], "s", color=FIXTURE_TINT, label="fixture")
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
     # The file of a path that was given: its pattern is not known.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from polish_sim.log import (
     FORGET,
     RemovalMap,
     RunLog,
+    check_names,
     read_arrays,
     read_log,
     read_removal,
@@ -29,18 +30,22 @@ from polish_sim.log import (
 )
 from polish_sim.planning.toolpath import ToolPath, interpolate
 from polish_sim.row_file import METRICS, Metrics, check_forms, fits, put_file, read_json, write_json
-from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
+from polish_sim.scenario_file import AUTO, leaves, load_scenario, override, to_toml
 from polish_sim.toml_text import toml_value
 
 CONFIG, LOG, PATH = "config.toml", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
 
 
+def _is_pose(value: Any) -> bool:
+    return fits(value, ((float,) * 4,) * 4) and bool(np.linalg.det(value) > 0.5)
+
+
 FORMS: Mapping[str, Any] = {
     "seed": float,
     "protective_stop": str,
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
-    "T_base_work": lambda value: fits(value, ((float,) * 4,) * 4) and np.linalg.det(value) > 0.5,
+    "T_base_work": _is_pose,
     "versions": {},
     "bad_figures": [str],
     "files": [str],
@@ -97,9 +102,10 @@ def write_record(folder: Path, record: RunRecord) -> None:
     """Write the files of a run into an existing folder, the figures last: with them it is whole."""
     put_file(folder, CONFIG, to_toml(record.scenario))
     write_log(folder / LOG, record.log)
-    if record.path is not None:
-        write_arrays(folder / PATH, record.path.columns)
-    if record.removal is not None:
+    if record.path:
+        columns = {name: column for name, column in vars(record.path).items() if column is not None}
+        write_arrays(folder / PATH, columns)
+    if record.removal:
         write_removal(folder / REMOVAL, record.removal)
     write_json(folder / METRICS, record.metrics)
 
@@ -140,6 +146,7 @@ def read_records(folders: Sequence[Path]) -> list[RunRecord]:
 
 
 def _path_of(columns: dict[str, Any]) -> ToolPath:
+    check_names(columns, [f.name for f in fields(ToolPath) if f.default is MISSING])
     path = ToolPath(**columns)
     if len(path.s) < 2:
         raise ValueError("it has fewer than two points")
@@ -200,10 +207,10 @@ def differences(scenarios: Sequence[Scenario]) -> list[str]:
 def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     """Rows of key, value and usual value of the settings, dotted, in which a scenario differs from another.
 
-    A sensor given by its name counts by that name, and by what differs from the named one.
+    A sensor or an arm given by its name counts by that name, and by what differs from the named one.
     """
-    named = override(usual, [f"sensor.model={scenario.sensor.model}"])
-    theirs = dict(leaves(named)) | {"sensor.model": usual.sensor.model}
+    named = override(usual, [f"sensor.model={scenario.sensor.model}", f"robot.arm={scenario.robot.arm}"])
+    theirs = dict(leaves(named)) | {"sensor.model": usual.sensor.model, "robot.arm": usual.robot.arm}
     return [
         [name, _text(value), _text(theirs.get(name, ""))]
         for name, value in leaves(scenario)
@@ -232,11 +239,10 @@ def other_conditions(scenario: Scenario, usual: Scenario) -> tuple[str, ...]:
     """Sensor, springs, latency and other conditions of a run that are not the ``usual`` ones of its
     experiment, each as a text."""
     arm = scenario.robot.arm
-    own = override(usual, [f"robot.arm={arm}"])
     make = () if arm in (IDEAL, FIRST) else (f"robot.arm = {arm} ({FIRST})",)
     return make + tuple(
         f"{name} = {value} ({asked})"
-        for name, value, asked in changed_settings(scenario, own)
+        for name, value, asked in changed_settings(scenario, usual)
         if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
     )
 
@@ -255,4 +261,6 @@ def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(number_text, value)) or AUTO
     return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"

@@ -53,7 +53,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
     below, above = _error_limits([record])
     limits = max(_set_force(record) + below, -2.0), _set_force(record) + above
     force.set(ylabel="force along the tool axis [N]", ylim=limits)
-    if record.path is not None:
+    if record.path:
         _draw_curvature(bend, record.path)
         _mark_peaks((force, bend), record.path)
     bend.set(xlabel="along the path [m]", ylabel="curvature [1/m]")

@@ -67,7 +67,7 @@ class ArmEstimate(NamedTuple):
     gears: Array = _RIGID  #: What joints turn by a unit of each column of `gear_columns`, shape (6, 7)
     catalogue: RealArmConfig = CATALOGUE
 
-    def links_at(self, q: Array, weight: Array | None = None) -> Array:
+    def links_at(self, q: Array, weight: Array | None) -> Array:
         """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n,
         6)."""
         if weight is None:

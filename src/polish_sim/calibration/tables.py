@@ -266,7 +266,7 @@ def read_readings(file: Path) -> PayloadReadings:
     return PayloadReadings(time, R_base_sensor, columns.numbers(WRENCH))
 
 
-def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
+def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None) -> str:
     """Readings, residuals and whether each was used, as CSV that ``read_readings`` takes; ``q`` (n, 6) if
     known."""
     turns = quaternions_of(readings.R_base_sensor)

@@ -61,7 +61,7 @@ def build_scene(
     """
     spec = robot_with_tool(scenario)
     spec.option.timestep = scenario.simulation.timestep_s
-    if part is not None:
+    if part:
         lay_part(spec, part.mesh, part.pose, axes, fixture)
     return spec.compile()
 
@@ -73,7 +73,7 @@ def lay_part(
     add_table(spec)
     add_drawn_part(spec, spec.worldbody, mesh, T_base_part)
     corners = apply(T_base_part, mesh.vertices)
-    if fixture is not None:
+    if fixture:
         add_drawn_part(spec, spec.worldbody, fixture.mesh, fixture.pose, "fixture", FIXTURE_COLOR)
         corners = np.concatenate([corners, apply(fixture.pose, fixture.mesh.vertices)])
     add_stand(spec, stand_of(corners, T_base_part, axes))

@@ -165,7 +165,7 @@ def tool_wrench(payload: Payload, sensor: WristSensor, R_base_tool: Array, out: 
 # The tool as it really is, and what its weight does to the wrist sensor.
 
 
-def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> Payload:
+def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Payload:
     """The tool as it is: everything mounted on the sensor of the ``arm``; ``data`` at rest."""
     mount, sensor, tool = f"{arm}tool_mount", data.site(f"{arm}sensor"), data.site(f"{arm}tool")
     R_sensor_base = sensor.xmat.reshape(3, 3).T

@@ -109,7 +109,7 @@ def planted_bases(rng: np.random.Generator) -> Bases:
 
 
 def simulate_arcs(
-    truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
+    truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None
 ) -> AxisArcs:
     """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal
     arms."""
@@ -226,7 +226,7 @@ def wrong_table(tolerance: Tolerance, rng: np.random.Generator, table: Array = N
 
 
 def simulate_tracked(
-    true: PairTables, poses: int, noise: float, rng: np.random.Generator, gears: RestingArms | None = None
+    true: PairTables, poses: int, noise: float, rng: np.random.Generator, gears: RestingArms | None
 ) -> dict[str, TrackedArm]:
     """Each arm holds its target still in poses all over its workspace before the tracker; with gears it comes
     there from both sides, and the mean of the two readings is taken."""
@@ -331,7 +331,7 @@ def simulate_touches(
     return ToolMeasurements(touches, moved)
 
 
-def reached(T_base_flange: Array, read: Reading | None = None, q_near: Array = Q_NEAR) -> Array:
+def reached(T_base_flange: Array, read: Reading | None, q_near: Array = Q_NEAR) -> Array:
     """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or
     ReachError.
 

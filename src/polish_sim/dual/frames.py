@@ -256,7 +256,7 @@ def _pose_text(T: Array) -> str:
 
 
 def calibrated_frames(
-    config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
+    config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms
 ) -> PairFrames:
     """The true chain beside the one the host believes, from calibrations on file or those simulated before
     the run.

@@ -157,8 +157,8 @@ def find_pair_reach(
     work: PairWork,
     poses: Iterable[Array],
     collides: Collides,
-    file: MasterPath | None = None,
-    like: PairReach | None = None,
+    file: MasterPath | None,
+    like: PairReach | None,
 ) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 

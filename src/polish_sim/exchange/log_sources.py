@@ -27,7 +27,7 @@ class Block(NamedTuple):
     places: Sequence[int]  #: Line or number of each row, counted from 1
 
 
-def open_source(file: Path, run: str = "") -> LogSource:
+def open_source(file: Path, run: str) -> LogSource:
     """A log by the ending of its name; ``run``: which of several in an npz.
 
     Raises:
@@ -53,9 +53,8 @@ class CsvSource:
         self.separator = next((sign for sign in SEPARATORS if sign in first.strip()), ",")
         self.names = [name.strip().strip('"') for name in first.strip().split(self.separator)]
         if len(self.names) < 2 or all(_is_number(name) for name in self.names):
-            raise InputError(
-                f"'{file}' begins with no header. Wanted: names of columns, then one sample a line."
-            )
+            wrong = "begins with no header" if first else "holds no samples"
+            raise InputError(f"'{file}' {wrong}. Wanted: names of columns, then one sample a line.")
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         """Lines with their numbers, except blank ones and comments."""
@@ -67,7 +66,9 @@ class CsvSource:
         except OSError as error:
             raise InputError(f"cannot read the log '{self.file}': {error.strerror}.") from error
         except UnicodeDecodeError as error:
-            raise InputError(f"'{self.file}' is not a text file ({error.reason}).") from error
+            raise InputError(
+                f"'{self.file}' is no text ({error.reason}). Give a CSV, an npz or a ROS bag."
+            ) from error
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns; InputError where a line is no row of numbers."""

@@ -262,9 +262,11 @@ def _gather(
             whole = False
             break
     if count < 2:
-        have = "none" if math.isnan(begin) else f"{last:.4g} s"
+        end = "on" if window[1] == math.inf else f"to {window[1]:g} s"
+        have = "it has none" if math.isnan(begin) else f"it ends at {last:.4g} s"
         raise InputError(
-            f"'{file}' holds fewer than two {source.row}s between {window[0]:g} and {window[1]:g} s: {have}."
+            f"'{file}' holds fewer than two {source.row}s from {window[0]:g} s {end}: {have}. "
+            "Record it again."
         )
     return np.concatenate(kept), whole
 

@@ -131,7 +131,7 @@ def part_solids(result: PlanResult) -> list[Solid]:
     """Part and fixture, what is left out of the region, and a chip wherever it is in the part."""
     vertices, faces = lighter_mesh(result.mesh.vertices, result.mesh.faces, MOST_FACETS)
     solids = [_solid("part", vertices, faces, PART_COLOR)]
-    if result.tool.fixture is not None:
+    if result.tool.fixture:
         fixture = result.tool.fixture.mesh
         solids.append(
             _solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)

@@ -23,7 +23,7 @@ from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_pa
 from polish_sim.cell.scene import Drawn
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, near_file
 from polish_sim.experiments.beliefs import (
     believe_tool,
     believed_arm,
@@ -223,7 +223,7 @@ def build_cell(
         controller,
         streams.sensor,
         course_for(controller, scenario, place, strokes),
-        None if fixture is None else fixture.part,
+        fixture and fixture.part,
         lesson,
         believed_arm(scenario, place.reach.q_start),
     )
@@ -233,7 +233,7 @@ def build_cell(
 
 def standing_fixture(pad_radius: float, place: Workplace) -> Drawn | None:
     """What holds the part, before the robot; it stands as drawn, however the part lies in it."""
-    if place.fixture is None:
+    if not place.fixture:
         return None
     way = Touch(place.path.positions_work, place.path.axes_work, pad_radius)
     return Drawn(place.fixture.mesh, build_fixture(place.fixture.surface, way, place.reach.T_base_work))
@@ -307,7 +307,7 @@ def check_settings(scenario: Scenario) -> None:
         maps = [Path(removal)] if removal not in ("", "even") else []
         for file in part_files(scenario.part) + maps:
             if not file.exists():
-                raise InputError(f"'{file}' is no file. Check the name and the folder.")
+                raise InputError(f"'{file}' is no file. Check name and folder.{near_file(file)}")
     check_rates(scenario)
     if scenario.process.learn:
         check_learning(scenario.process.learn, scenario.controller.label, controller)

@@ -65,9 +65,9 @@ def planned(
 ) -> tuple[Checked, PlanResult | None]:
     """The plan a run goes along, made unless it is given, and the scenario with the pad and the step-over it
     has chosen; None: the experiment plans no path, or its own. The last few plans are kept."""
-    if plan is None and experiment(scenario.experiment).is_planned(scenario.plan.removal):
+    if not plan and experiment(scenario.experiment).is_planned(scenario.plan.removal):
         plan = PLANS.get(place_key(scenario), lambda: plan_removal(scenario, observer))
-    if plan is not None:
+    if plan:
         asked = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
         scenario = replace(scenario, pad=plan.tool.pad, plan=asked)
     return scenario, plan

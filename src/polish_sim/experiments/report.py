@@ -41,6 +41,11 @@ def saved_records(folders: Sequence[Path]) -> list[RunRecord]:
     for folder, record in zip(folders, records, strict=True):
         row = experiment(record.scenario.experiment)
         shown = {claim.figure: float for claim in row.claims(record.scenario)}
+        if not shown.keys() & record.metrics:
+            raise InputError(
+                f"'{folder / METRICS}' holds no figure of '{row.name}'. Copy it from the run, or run it "
+                "again."
+            )
         check_forms(record.metrics, {**row.forms, **shown}, folder / METRICS, WITHOUT)
     return records
 
@@ -52,7 +57,7 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
     plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
     plots |= _removal([record]) if removed_something(record) else {}
     stop = stop_mark(record.metrics)
-    if stop is not None:
+    if stop:
         for figure in plots.values():
             say_stop(figure, stop.text)
     return plots
@@ -91,7 +96,7 @@ def draw_seeds(records: Records) -> dict[str, Figure]:
 
 def removed_something(record: RunRecord) -> bool:
     """Whether a run has a map of its removal, and removed anything."""
-    return record.removal is not None and record.removal.mean > 0.0
+    return bool(record.removal and record.removal.mean > 0.0)
 
 
 def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:
@@ -117,7 +122,7 @@ def page_of(record: RunRecord, model: Any = None, notes: Sequence[str] = ()) -> 
     """
     if model is None and remade(record):
         model = cell_model(record)
-    return run_page(record, model, notes) if model is not None and len(record.log) else None
+    return run_page(record, model, notes) if model and len(record.log) else None
 
 
 def saved_page(sources: Sequence[Path], records: Records) -> Page | None:
@@ -146,7 +151,7 @@ def cell_model(record: RunRecord) -> Any:
     spec = robot_with_tool(scenario)
     if T_base_work is not None and experiment(scenario.experiment).on_part:
         with suppress(PolishSimError):
-            axes = None if record.path is None else record.path.axes_work
+            axes = record.path.axes_work if record.path else None
             lay_part(spec, load_mesh(scenario.part), np.array(T_base_work), axes)
     return spec.compile()
 

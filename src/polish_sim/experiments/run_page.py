@@ -51,7 +51,7 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     other = other_conditions(scenario, row.defaults)
     tables = (
         figure_table(claims_shown([scenario]), {"this run": record.metrics}, conditions=other),
-        Table("Settings changed", ["setting", "here", "default"], changed_settings(scenario, row.defaults)),
+        Table("Settings changed", ["setting", "here", "otherwise"], changed_settings(scenario, row.defaults)),
     )
     reason = record.metrics.get("protective_stop")
     noted = row.notes_of(record.metrics, scenario)
@@ -68,9 +68,9 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         solids=scene_solids(model),
         part_body=part,
         motion=motion,
-        path=np.empty((0, 3)) if record.path is None else record.path.positions_work,
-        contact=np.empty(0) if record.path is None else record.path.process.astype(np.float64),
-        wear=None if record.removal is None or record.removal.mean <= 0.0 else _wear(record, record.removal),
+        path=record.path.positions_work if record.path else np.empty((0, 3)),
+        contact=record.path.process.astype(np.float64) if record.path else np.empty(0),
+        wear=_wear(record, record.removal) if record.removal and record.removal.mean > 0.0 else None,
         plots=run_plots(record, motion, kept),
         command=f"polish-sim run {scenario.experiment} --config config.toml",
         made=", ".join(
@@ -204,7 +204,7 @@ def _asked_force(record: RunRecord) -> Array:
     pressing = np.isin(log["phase"], [TOUCH_PHASE, PROCESS_PHASE])
     pressing &= (log["normal_force_n"] > 0.0).any()
     s = log["path_s_m"]
-    return np.where(pressing, usual if record.path is None else record.path.force_at(s, usual), np.nan)
+    return np.where(pressing, record.path.force_at(s, usual) if record.path else usual, np.nan)
 
 
 def _tool_axis(record: RunRecord, name: str) -> Array:

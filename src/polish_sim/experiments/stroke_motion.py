@@ -77,7 +77,7 @@ def stroke_path(
     points: Array,
     rotations: Array,
     usual: float,
-    limits: SmoothingLimits = CELL_LIMITS,
+    limits: SmoothingLimits,
 ) -> StrokePath:
     """The stroke of some rows of a path whose tool points and frames are these, (n, 3), (n, 3, 3); ``usual``
     is its feed where the path has none [m/s]."""

@@ -168,7 +168,7 @@ def place_work(scenario: Checked) -> Workplace:
     if experiment(scenario.experiment).holds:
         return place_force(scenario)
     scenario, plan = planned(scenario)
-    assert plan is not None  # ``surface`` plans one
+    assert plan  # ``surface`` plans one
     return prepare_surface(scenario, plan)
 
 

@@ -82,7 +82,7 @@ def kind_of(guide: GuideConfig, follow: str) -> str:
 def _plots(record: RunRecord) -> Mapping[str, str]:
     m = record.metrics
     plots = {"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding"} if m.get("moves") else {}
-    taught = record.scenario.drag.follow and record.path is not None and m.get("T_base_work")
+    taught = record.scenario.drag.follow and record.path and m.get("T_base_work")
     return plots | ({"taught.png": "polish_sim.hand_guiding.plots:plot_taught"} if taught else {})
 
 

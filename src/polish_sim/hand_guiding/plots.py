@@ -139,7 +139,7 @@ def _words(direction: str, pace: str) -> str:
 @styled
 def plot_taught(record: RunRecord) -> Figure:
     """Draw the taught path of a run from above, and its distance from what was meant along it."""
-    assert record.path is not None  # without one there is nothing to draw
+    assert record.path  # without one there is nothing to draw
     T_base_work = np.array(record.metrics["T_base_work"])
     R = T_base_work[:3, :3]
     origin = T_base_work[:3, 3]

@@ -119,13 +119,13 @@ def forward(q: Array, table: Array = NOMINAL) -> Array:
     return _frames(q, table, 1)[..., 0, :, :]
 
 
-def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
+def jacobian(q: Array, point_flange: Array) -> Array:
     """Geometric Jacobian (..., 6, 6), base frame, of a point fixed in the flange, ``point_flange`` (3,) [m].
 
     It maps joint speeds [rad/s] at angles ``q`` (..., 6) [rad] to the point's velocity [m/s] (rows 0-2) and
     the flange's angular velocity [rad/s] (rows 3-5).
     """
-    return _jacobian_of(link_frames(q, table), point_flange)
+    return _jacobian_of(link_frames(q), point_flange)
 
 
 def _jacobian_of(frames: Array, point_flange: Array) -> Array:

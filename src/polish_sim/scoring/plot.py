@@ -33,7 +33,7 @@ _ROW_INCH = 0.27
 
 
 @styled
-def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequence[Asked] = ()) -> Figure:
+def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequence[Asked]) -> Figure:
     """Draw settling, RMS and largest error and overshoot of every run.
 
     A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``:

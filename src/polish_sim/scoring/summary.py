@@ -105,7 +105,7 @@ def score_tables(score: Score, verdicts: Verdicts, ablated: bool = False, means:
     return tables + [verdict_table(entry, own) for entry, own in verdicts[: 1 if ablated else None] if own]
 
 
-def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
+def overview(summaries: Sequence[Summary], means: bool) -> Table:
     """A row per case and controller: worst of every figure, if asked its mean, and how many runs were
     stable."""
     several = len({summary.entry for summary in summaries}) > 1

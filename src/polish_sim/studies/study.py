@@ -231,10 +231,10 @@ def read_study(file: Path) -> Study:
     table = read_toml(file, "study", InputError)
     for key in table:
         if key not in _KEYS:
-            raise unknown_name(f"key in '{file}'", key, _KEYS)
+            raise unknown_name(f"key in '{file}':", key, _KEYS)
     what = str(table.get("experiment", ""))
     if what not in ROWS:
-        raise unknown_name(f"experiment in '{file}'", what, ROWS)
+        raise unknown_name(f"experiment in '{file}':", what, ROWS)
     counts = {name: table.get(name, usual) for name, usual in (("seeds", 1), ("first_seed", 0), ("count", 0))}
     for name, value in counts.items():
         if type(value) is not int or value < (name == "seeds"):

@@ -138,7 +138,7 @@ class CalibratedArms(NamedTuple):
     gears: Mapping[str, Array]  #: As found, each as `ArmEstimate.gears`
 
 
-def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTables | None = None) -> None:
+def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTables | None) -> None:
     """Write calibration.toml; ``pair`` names the two robots, ``true`` are the tables of simulated ones."""
     values: dict[str, Any] = {"pair": pair}
     for prefix, arms in (("", found), ("true_", true)):

@@ -142,9 +142,7 @@ def base_figures(found: BaseCalibration) -> Figures:
     }
 
 
-def write_base_calibration(
-    file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None
-) -> None:
+def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None) -> None:
     """Write calibration.toml; ``pair`` names the two robots, ``T_true`` is the true frame of simulated
     ones."""
     true = {} if T_true is None else {"true_transform": np.asarray(T_true).tolist()}

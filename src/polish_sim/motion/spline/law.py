@@ -138,7 +138,7 @@ class LawRoom(NamedTuple):
 
 
 def plan_law(
-    knots: Array, caps: Array, bounded: Bounded, launch: Launch, shares: Array, near: Law | None = None
+    knots: Array, caps: Array, bounded: Bounded, launch: Launch, shares: Array, near: Law | None
 ) -> Law | None:
     """The fastest law.
 
