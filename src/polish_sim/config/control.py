@@ -62,6 +62,12 @@ class AdaptiveConfig:
     normal_rate_1_s: float = key(
         3.0, "share of the pad's tilt on the part taken back per time [1/s]", 0.0, 20.0
     )
+    normal_doubt_nm: float = key(
+        0.03, "what the moment is usually wrong by, of the sensor and of the drawing [N m]", 0.0, 10.0
+    )
+    normal_lean_rad: float = key(
+        math.radians(0.5), "how far a part usually leans; beyond it the moment counts [rad]", 1e-4, 0.5
+    )
     normal_limit_rad: float = key(
         math.radians(10.0), "largest correction of the planned axis by the pad's moment [rad]", 0.0, 0.5
     )

@@ -16,7 +16,7 @@ from tests.control import signals
 from tests.control.signals import CONFIG, DT, SPACING, SPRING, course_of, measurement_at_rest, target_to_press
 
 CAN = AdaptiveConfig()
-GAINS = adaptive_gains(AdaptiveConfig(learning_gain=1.0, normal_limit_rad=0.17))
+GAINS = adaptive_gains(AdaptiveConfig(learning_gain=1.0, normal_limit_rad=0.17, normal_doubt_nm=0.0))
 ALONG = np.eye(3)
 
 
@@ -161,7 +161,7 @@ def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_ne
     assert np.abs(np.diff(fading)).max() < 0.02 * rate
 
 
-def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
+def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0, gains=GAINS):
     """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad].
 
     The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a
@@ -173,7 +173,7 @@ def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0):
     for _ in range(round(1000 * seconds)):
         moment = -3.125 * (true_tilt - state.tilt)
         m.wrench[3:5] = moment + behind + noise * rng.standard_normal(2)
-        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), GAINS, 0.001, state)
+        surface.level_by_moment(nothing_ahead(), m, fed_at(0.05), gains, 0.001, state)
         track.append(state.tilt.copy())
     return np.array(track)
 
@@ -182,6 +182,10 @@ def test_a_tilted_part_is_found_whatever_friction_noise_swing_and_a_drawn_border
     for tilt in ([0.05, -0.08], [0.0, math.radians(8.0)]):
         np.testing.assert_allclose(level(np.array(tilt), friction=6.0)[-1], tilt, atol=1e-3)
     assert np.linalg.norm(level(np.array([0.4, 0.4]))[-1]) == pytest.approx(0.17)
+    doubting = adaptive_gains(AdaptiveConfig(normal_doubt_nm=0.04, normal_lean_rad=0.01))
+    prior = (0.04 / 3.125 / 0.01) ** 2
+    for tilt, turned in ((0.015, 0.015 / (1.0 + prior)), (0.1, 0.1 - 0.01 * prior)):
+        assert level(np.array([tilt, 0.0]), gains=doubting)[-1, 0] == pytest.approx(turned, rel=1e-3)
     found = level(np.zeros(2), noise=0.02, seconds=10.0)
     assert np.sqrt((found[2000:] ** 2).mean(axis=0)).max() < 0.002
     # 0.3 N m at 30 Hz through a low-pass of 3 Hz and an integrator of 3/s.

@@ -43,6 +43,8 @@ class AdaptiveGains(Record):
     learning_length_m: float
     learning_gain: float  #: Share of the neighbour's slope that is fed forward [-]
     normal_rate_1_s: float  #: Share of the angle seen that is taken back per time [1/s]
+    normal_doubt_nm: float  #: By how much the moment off its sensor and its drawing is usually wrong [N m]
+    normal_lean_rad: float  #: By how much a part usually leans [rad]
     normal_limit_rad: float  #: Largest correction of the planned axis [rad]
     normal_turning_rad_s: float  #: Largest rate of the correction [rad/s]
     head_stiffness_n_m: float  #: Spring between tool point and pad [N/m]

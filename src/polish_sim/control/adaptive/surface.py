@@ -110,7 +110,11 @@ def level_by_moment(
         state.moment[k] = low_pass_step(state.moment[k], own, MOMENT_HZ, dt)
         stiffness = usual if rows.shape[0] < 2 else at(rows.tilt_stiffness[:, k], ahead.spacing, t.s)
         # Slower where only a part of the pad touches and the moment says less.
-        rate = -g.normal_rate_1_s * max(stiffness / usual, 1e-3) * state.moment[k] / usual
+        # Downhill on (own / doubt)^2 + (tilt / lean)^2, the second linear beyond the usual lean: what sensor
+        # and drawing are wrong by does not turn the tool further than parts lean.
+        seen = max(stiffness / usual, 1e-3) * state.moment[k] / usual
+        likely = min(max(state.tilt[k], -g.normal_lean_rad), g.normal_lean_rad)
+        rate = -g.normal_rate_1_s * (seen + (g.normal_doubt_nm / (usual * g.normal_lean_rad)) ** 2 * likely)
         state.tilt[k] += min(max(rate, -g.normal_turning_rad_s), g.normal_turning_rad_s) * dt
     size = math.sqrt(state.tilt[0] * state.tilt[0] + state.tilt[1] * state.tilt[1])
     if size > g.normal_limit_rad:
