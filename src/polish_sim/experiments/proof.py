@@ -575,8 +575,9 @@ class _Prover:
         reach = place.reach
         pose = to_pose(reach.T_base_work)
         made = {mend.what for mend in self.mends}
-        if made:
-            plan = plan.along(place.path, self.mends)
+        kept = tuple(cut for cut in plan.cuts if cut.reason != UNPLAYED)  # not of an earlier proof
+        if made or len(kept) < len(plan.cuts):
+            plan = replace(plan, cuts=kept).along(place.path, self.mends)
         self.observer.stage("measure the removal")
         removal, vertices = self.play.removal(), plan.ready.asked.ground.mesh.vertices
         nearest = cKDTree(removal.vertices).query(vertices)[1]
