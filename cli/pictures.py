@@ -114,8 +114,9 @@ class Picture:
         model.vis.quality.shadowsize = size.shadow
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a missing display is reported by who catches the error
-            # Room for ten thousand geoms, as by default, takes 15 ms to make.
-            self._renderer = mujoco.Renderer(model, size.height, size.width, 1000)
+            # Room for ten thousand geoms, as by default, takes 15 ms to make, the larger letters 7 ms.
+            font = mujoco.mjtFontScale.mjFONTSCALE_50
+            self._renderer = mujoco.Renderer(model, size.height, size.width, 1000, font)
         # Without a window the floor shows no reflection; it would be drawn all the same.
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         self._camera = mujoco.MjvCamera()

@@ -34,6 +34,7 @@ from polish_sim.workers import processors
 
 # Matplotlib lists the settings of each class in docstrings as it is imported: 0.15 s that no command needs.
 ArtistInspector.get_setters = lambda _: []  # type: ignore[assignment, method-assign]
+ArtistInspector.get_aliases = lambda _: {}  # type: ignore[assignment, method-assign]
 FIRST_START = "compiling kernels: at the first start only, they are kept"
 REHEARSED = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
 LINE_S = 10.0  #: Least time between two lines where no bar can be shown [s]
