@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.random_draw import RandomPart, draw_part
+from polish_sim.config import ProcessConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.geometry import PartMesh, load_part
 from polish_sim.planning import PlanResult, plan_mesh
@@ -117,9 +118,9 @@ def coverage_of_reachable(result: PlanResult) -> float:
         return float(result.figures["coverage_stepover"])
     ground, step = prepare_ground(result.region, result.plan), result.plan.stepover_m
     mesh, surface = ground.mesh, ground.region.surface
-    points, runs = mesh.vertices, locate(ground, result.path).runs
+    points, runs = mesh.vertices, locate(ground, result.path, ProcessConfig()).runs
     foot = surface.closest(points)
-    under = ground_under(surface, foot.facets, foot.barycentric)
+    under = ground_under(surface, foot)
     places = pressed_places(points, under.normals, under, result.tool.pad, result.tool.force)
     clear = result.tool.stands_in(result.surface, places).depths == 0.0
     clear &= cKDTree(points[np.unique(mesh.border)]).query(points)[0] >= INSIDE * step

@@ -77,7 +77,7 @@ def compression(result: PlanResult) -> Array:
     """How far the pad is compressed by the force and by the bend of the ground right under it, (n,) [m]."""
     path = result.path
     foot = result.surface.closest(path.positions_work)
-    under = ground_under(result.surface, foot.facets, foot.barycentric)
+    under = ground_under(result.surface, foot)
     places = pressed_places(path.positions_work, path.axes_work, under, result.tool.pad, result.tool.force)
     return np.maximum(places.lows, YIELDS_M)
 

@@ -80,7 +80,12 @@ _DOUBLE = {"time_s", "tcp_position_m", "target_position_m"}
 class RunLog:
     """Columns of a run, one row per recorded step; see ``COLUMNS`` for names and widths."""
 
-    columns: Mapping[str, NDArray[np.generic]]
+    columns: Mapping[str, NDArray[np.generic]]  #: Read-only
+
+    def __post_init__(self) -> None:
+        for column in self.columns.values():
+            column.setflags(write=False)
+        object.__setattr__(self, "columns", MappingProxyType(self.columns))
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column, (n,) or (n, k), in double precision but for whole numbers; InputError where the
@@ -108,22 +113,15 @@ class RunLog:
 
 def from_rows(rows: NDArray[np.void]) -> RunLog:
     """Split recorded rows, shape (n,) of ``LOG_ROW`` or more, into the named columns of the contract."""
-    columns: dict[str, NDArray[np.generic]] = {}
-    for name in COLUMNS:
-        dtype = _INTEGER.get(name, np.float64 if name in _DOUBLE else np.float32)
-        column = np.ascontiguousarray(rows[name].astype(dtype))
-        column.setflags(write=False)
-        columns[name] = column
-    return RunLog(MappingProxyType(columns))
+    usual: dict[str, Any] = dict.fromkeys(COLUMNS, np.float32) | dict.fromkeys(_DOUBLE, np.float64) | _INTEGER
+    return RunLog({name: np.ascontiguousarray(rows[name].astype(kind)) for name, kind in usual.items()})
 
 
 def with_column(log: RunLog, name: str, values: Array) -> RunLog:
     """The log with one of the columns ``LATER`` after the run, values (n,) or (n, k)."""
     if name not in LATER or len(values) != len(log):
         raise ValueError(f"'{name}' with {len(values)} rows does not belong in a log of {len(log)} rows")
-    column = np.array(values, dtype=np.float64)
-    column.setflags(write=False)
-    return RunLog(MappingProxyType({**log.columns, name: column}))
+    return RunLog({**log.columns, name: np.array(values, dtype=np.float64)})
 
 
 def write_log(path: Path, log: RunLog) -> None:
@@ -152,8 +150,7 @@ def _log_of(columns: dict[str, NDArray[Any]]) -> RunLog:
             raise ValueError(f"the column {name} has the shape {column.shape}, others have other rows")
         if name.endswith("wxyz") and not column.any(axis=1).all():
             raise ValueError(f"the column {name} holds zeros")
-        column.setflags(write=False)
-    return RunLog(MappingProxyType(columns))
+    return RunLog(columns)
 
 
 def check_names(arrays: Mapping[str, object], wanted: Iterable[str]) -> None:

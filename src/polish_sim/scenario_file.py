@@ -27,6 +27,8 @@ FILE_KEYS = (
 """The keys that name a file; ``plan.file`` may be a folder, a controller's name and a
 region may hold one."""
 COUNTS = {2: "two", 3: "three", 6: "six"}
+KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}
+"""Types of values and what messages call them; every switch is a whole number too."""
 _ROBOT_BEFORE_ARMS = {
     "command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s",
     "joint_speed_limit_rad_s", "payload_error",
@@ -300,21 +302,11 @@ def checked_value(where: str, value: Any, current: Any, spec: Field[Any]) -> Any
                 f"'{where}' must be a list of {COUNTS[length]} numbers{or_auto}, got {_shown(value)}."
             )
         return tuple(float(_within(where, v, spec)) for v in value)
-    if isinstance(current, str):
-        if not isinstance(value, str) or "\0" in value:
-            raise ConfigError(f"'{where}' must be text, got {_shown(value)}.")
-        return value
-    if isinstance(current, bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"'{where}' must be true or false, got {_shown(value)}.")
-        return value
-    if isinstance(current, int):
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ConfigError(f"'{where}' must be a whole number, got {_shown(value)}.")
-        return _within(where, value, spec)
-    if not is_number(value):
-        raise ConfigError(f"'{where}' must be a number, got {_shown(value)}.")
-    return float(_within(where, value, spec))
+    kind = next(kind for kind in KINDS if isinstance(current, kind))
+    fits = is_number(value) if kind is float else type(value) is kind
+    if not fits or (kind is str and "\0" in value):
+        raise ConfigError(f"'{where}' must be {KINDS[kind]}, got {_shown(value)}.")
+    return value if kind in (str, bool) else kind(_within(where, value, spec))
 
 
 def _within(where: str, number: N, spec: Field[Any]) -> N:

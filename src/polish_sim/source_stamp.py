@@ -17,7 +17,7 @@ _NOT_COMPILED_IN = {f"{_PACKAGE}.{name}" for name in ("kernel_cache", "source_st
 
 # they share runs out and show results: no figure depends on them
 _ONLY_SHOWN = ("page/", "workers")
-_SOURCES = (".py", ".xml", ".npz", ".stl")
+_SOURCES = (".py", ".toml", ".xml", ".npz", ".stl")
 
 
 @cache

@@ -15,6 +15,7 @@ from polish_sim.geometry import Region, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.curve import Curve
+from polish_sim.planning.part_plan import USUAL_PAD
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.kept import keep
 
@@ -75,7 +76,7 @@ def plate(outline: shapely.Geometry) -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(outline, 10.0)
 
 
-def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig, pad: PadConfig = PadConfig()) -> PlanResult:
+def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig, pad: PadConfig = USUAL_PAD) -> PlanResult:
     mesh.export(file)
     return plan_part(PartConfig(str(file), up="z"), plan, pad=pad)
 

@@ -14,12 +14,14 @@ from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.planning.moves import leads, travel
 from polish_sim.planning.moves.stroke import lift_over
 from polish_sim.planning.quality.areas import CutOut
+from polish_sim.planning.quality.tool_room import Tool
 from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.geometry.shapes import prism, surface_of
 from tests.planning.shapes import UP, block, path_through, plan_of, union
 
 CLEARANCE, STEPOVER = 0.03, 0.008
 LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
+PRESSED = Tool(PadConfig(), 20.0)
 
 
 def slab_with_wall(height=60.0):
@@ -31,21 +33,11 @@ def stroke(x0, x1, y=0.0):
     return travel.move_in(PROCESS, np.linspace((x0, y, 0.0), (x1, y, 0.0), 60), UP, 0)
 
 
-def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of():
-    box = surface_of(block((100, 100, 100)))
-    beside = np.array([[0.06, 0.0, 0.0]])
-    assert travel.rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
-    depth = travel.rim_depths(box, beside, UP[None], 0.025)[0]
-    # The deepest point of the rim is at most half the angle between two probed ones away.
-    assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / travel.RIM_POINTS)) <= depth <= 0.015 + 1e-12
-
-
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(height, ahead):
     part = slab_with_wall(height)
     first, second = (leads.with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
-    way, clear = travel.travel(first, second, travel.AirSpace(part, 0.0, CLEARANCE, UP))
-    assert clear
+    way = travel.travel(first, second, travel.AirSpace(part, CLEARANCE, UP))
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height * (ahead > 0.0) + CLEARANCE + 1e-9
     assert np.linalg.norm(np.diff(way.positions, axis=0), axis=1).max() < 1.1e-3
@@ -56,24 +48,23 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round():
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (leads.with_leads(move, LANDING, LANDING) for move in (top, below))
-    way, clear = travel.travel(first, second, travel.AirSpace(part, 0.0, CLEARANCE, UP))
-    assert clear
+    way = travel.travel(first, second, travel.AirSpace(part, CLEARANCE, UP))
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
 
 
 def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_free_leads_are_kept():
-    part = slab_with_wall()
+    part = slab_with_wall(50.0)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
-    air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
-    chosen = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
-    assert chosen.start.shape is leads.normal_lead
-    assert chosen.end.shape is leads.tangent_lead
+    air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
+    start, end = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
+    assert start.shape is leads.normal_lead
+    assert end.shape is leads.tangent_lead
     part = surface_of(block((200, 200, 10), (0, 0, -5)))
-    air = travel.AirSpace(part, 0.025, CLEARANCE, UP)
+    air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
     for name, shape in leads.LEADS.items():
-        chosen = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
-        assert chosen.start.shape is chosen.end.shape is shape
+        start, end = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
+        assert start.shape is end.shape is shape
     # The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm.
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
@@ -81,8 +72,8 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
     move = travel.move_in(PROCESS, -0.03 * normal, normal, 0)
-    chosen = leads.choose_leads(move, "tangent", travel.AirSpace(part, 0.0, CLEARANCE, UP), STEPOVER)
-    assert chosen.start.shape is not leads.tangent_lead
+    start, _ = leads.choose_leads(move, "tangent", travel.AirSpace(part, CLEARANCE, UP), STEPOVER)
+    assert start.shape is not leads.tangent_lead
 
 
 def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
@@ -126,26 +117,26 @@ def shortest(ends, free):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
     ends = np.random.default_rng(seed).uniform(size=(6, 2, 3))
-    tour = travel.order_blocks(ends, free)
-    assert sorted(tour.order) == list(range(6))
-    assert air(ends, *tour) <= 1.1 * shortest(ends, free)
-    assert free or not tour.backwards.any()
+    order, backwards = travel.order_blocks(ends, free)
+    assert sorted(order) == list(range(6))
+    assert air(ends, order, backwards) <= 1.1 * shortest(ends, free)
+    assert free or not backwards.any()
 
 
 def test_stripes_become_a_zig_zag_and_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     y = np.concatenate([[0], np.random.default_rng(1).permutation(39) + 1]) * 0.01
     ends = np.stack([np.column_stack([x + 0 * y, y, 0 * y]) for x in (0.0, 1.0)], axis=1)
-    tour = travel.order_blocks(ends, True)
-    assert air(ends, *tour) == pytest.approx(39 * 0.01)
-    assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))
-    assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
+    order, backwards = travel.order_blocks(ends, True)
+    assert air(ends, order, backwards) == pytest.approx(39 * 0.01)
+    assert np.diff(y[order]) == pytest.approx(np.full(39, 0.01))
+    assert list(backwards) == [k % 2 == 1 for k in range(40)]
     ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
     for start, first in (((), (0, False)), ((ends[7, 1] + 1e-4,), (7, True))):
-        tour = travel.order_blocks(ends, True, *start)
-        assert (tour.order[0], tour.backwards[0]) == first
-    assert travel.order_blocks(ends, False, ends[7, 0]).order[0] == 7
-    assert travel.order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
-    assert not travel.order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
+        order, backwards = travel.order_blocks(ends, True, *start)
+        assert (order[0], backwards[0]) == first
+    assert travel.order_blocks(ends, False, ends[7, 0])[0][0] == 7
+    assert travel.order_blocks(ends[:1], True, ends[0, 1])[1][0]
+    assert not travel.order_blocks(ends[:1], False, ends[0, 1])[1][0]
 
 
 @pytest.fixture(scope="module")

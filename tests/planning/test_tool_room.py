@@ -200,15 +200,12 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(pl
             assert 255.0 * np.array(drawn) == pytest.approx(np.array([FAR_COLOR]))
 
 
-def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad():
+def test_the_tool_has_room_in_the_air_or_not():
     """A lead that keeps the tool point clear keeps the tool out of the wall, 6 mm beside the pad's rim."""
-    part = surface_of(boss())
-    tool = Tool(PadConfig(radius_m=0.010), 20.0)
-    for radius in (0.0, 0.010):
-        air = AirSpace(part, radius, 0.03, UP, tool)
-        for away, free in ((0.024, True), (0.017, False)):
-            line = np.array([[0.005 + away, 0.003, z] for z in (0.005, 0.02)])
-            assert air.has_room(line, np.tile(UP, (2, 1))) == free
+    air = AirSpace(surface_of(boss()), 0.03, UP, Tool(PadConfig(radius_m=0.010), 20.0))
+    for away, free in ((0.024, True), (0.017, False)):
+        line = np.array([[0.005 + away, 0.003, z] for z in (0.005, 0.02)])
+        assert air.has_room(line, np.tile(UP, (2, 1))) == free
 
 
 def test_a_pad_too_large_and_a_plan_all_of_which_is_in_the_part_are_refused(planned, tmp_path, part):
@@ -225,9 +222,9 @@ def test_a_pad_too_large_and_a_plan_all_of_which_is_in_the_part_are_refused(plan
     plan = PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0")
     surface = fit_surface(mesh)
     ground = prepare_ground(select_region(surface, mesh, plan.region), plan)
-    air = AirSpace(surface, 0.2, plan.clearance_m, mesh.up, Tool(PadConfig(radius_m=0.2), 20.0))
+    air = AirSpace(surface, plan.clearance_m, mesh.up, Tool(PadConfig(radius_m=0.2), 20.0))
     with pytest.raises(PlanError, match=r"no stroke .* at \(.*\) mm"):
-        plan_on(ground, plan, None, air)
+        plan_on(ground, plan, air=air)
 
 
 def disc(x, y, z=0.0, low=1e-3):

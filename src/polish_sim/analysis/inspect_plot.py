@@ -47,14 +47,9 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
     mesh = found.ground.mesh
     times = found.quality.exposure.times
     columns = {"exposure_s": times, "strict": found.strict}
-    write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times), columns)
-
-
-def _colors(times: Array) -> NDArray[np.uint8]:
-    top = np.percentile(times, 99.0) or 1.0
-    colors = colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True)[:, :3].copy()
-    colors[times <= 0.0] = BARE
-    return colors
+    shares = np.clip(times / (np.percentile(times, 99.0) or 1.0), 0.0, 1.0)
+    colors = np.where(times[:, None] > 0.0, colormaps["viridis"](shares, bytes=True)[:, :3], BARE)
+    write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), colors, columns)
 
 
 def write_ply(

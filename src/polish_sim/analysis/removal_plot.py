@@ -56,25 +56,21 @@ def plot_removal(records: Records, path_words: Callable[[Scenario], str]) -> Fig
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     scale = ScalarMappable(SCALE, removal_colors())
     for record, flat in zip(records, grid, strict=False):
-        _draw_map(flat, record)
+        assert record.removal is not None
+        _draw_map(flat, record, record.removal)
         run = f"{record.scenario.controller.label}, {path_words(record.scenario)}"
         run += f" ({record.name})" if len(records) > 1 else ""
         figure.colorbar(scale, ax=flat, shrink=0.75, pad=0.02, extend="both", label=RELATIVE)
-        flat.set_title(f"{run}\n{_facts(record)}", fontsize=9.0, fontweight="normal")
+        flat.set_title(f"{run}\n{_facts(record.removal)}", fontsize=9.0, fontweight="normal")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
     head(figure, "Removal", legend=list(grid))
     return figure
 
 
-def _of(record: RunRecord) -> RemovalMap:
-    assert record.removal
-    return record.removal
-
-
-def _draw_map(flat: Axes, record: RunRecord) -> None:
+def _draw_map(flat: Axes, record: RunRecord, removal: RemovalMap) -> None:
     """The map from the front, under- and overpolished places outlined: both ends of the colours are dark."""
-    removal, stop = _of(record), stop_mark(record.metrics)
+    stop = stop_mark(record.metrics)
     views = views_of(removal.normals, removal.up)
     seen = seen_triangles(removal.vertices, removal.normals, removal.triangles, views)
     # What was not touched at all lies below the scale.
@@ -97,8 +93,7 @@ def _draw_map(flat: Axes, record: RunRecord) -> None:
     scale_flat(flat, views)
 
 
-def _facts(record: RunRecord) -> str:
-    removal = _of(record)
+def _facts(removal: RemovalMap) -> str:
     m = measure_removal(removal)
     if removal.absolute:
         amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
@@ -126,8 +121,8 @@ COMMENT = (
 def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and
     removal_m."""
-    colors = removal_colors()(SCALE(removal.relative), bytes=True)[:, :3].copy()
-    colors[removal.exposure <= 0.0] = BARE_COLOUR
+    shades = removal_colors()(SCALE(removal.relative), bytes=True)[:, :3]
+    colors = np.where(removal.exposure[:, None] > 0.0, shades, BARE_COLOUR)
     depth = removal.preston_1_pa * removal.exposure
     columns = {"exposure_n_m": removal.exposure, "relative": removal.relative, "removal_m": depth}
     mesh = (removal.vertices, removal.normals, removal.triangles)

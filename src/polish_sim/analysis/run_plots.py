@@ -136,8 +136,9 @@ def plot_force(record: RunRecord) -> Figure:
     figure = new_figure(9.0, 4.8)
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
+    held, origin = _before_retract(record.log)
     time, force = response(record)
-    measured = record.log["wrench_measured_tool"][_shown(record.log), 2]
+    measured = record.log["wrench_measured_tool"][held, 2]
     touched = first_contact(force) is not None
     shade_band(axes, target, HOLD_BAND_N, f"{target:g} ± {HOLD_BAND_N:g} N, the paper's band")
     axes.plot(time, measured, color=GREY, lw=0.6, alpha=0.8, label="as the controller measures it")
@@ -150,8 +151,8 @@ def plot_force(record: RunRecord) -> Figure:
             axes.axvline(settling, color=BLUE, lw=1.2, ls=":", label=label)
     _frame(axes, time, [force, measured], target, touched)
     stop = stop_mark(record.metrics)
-    if stop and stop.time - _origin(record.log) <= _LONGEST_S:
-        mark_stop((axes,), stop.time - _origin(record.log))
+    if stop and stop.time - origin <= _LONGEST_S:
+        mark_stop((axes,), stop.time - origin)
     head(
         figure,
         f"Force from first contact, {record.scenario.controller.label}",
@@ -201,23 +202,17 @@ def plot_force_runs(records: Records) -> Figure:
 def response(record: RunRecord) -> tuple[Array, Array]:
     """Time since first contact, without one since the start [s], force [N], up to the retract, each shape
     (n,)."""
-    held = _shown(record.log)
-    time = record.log["time_s"][held]
-    force = record.log["normal_force_n"][held]
-    return time - _origin(record.log), force
+    held, origin = _before_retract(record.log)
+    return record.log["time_s"][held] - origin, record.log["normal_force_n"][held]
 
 
-def _origin(log: RunLog) -> float:
-    """When first contact is, without one the start [s]."""
-    held = _shown(log)
+def _before_retract(log: RunLog) -> tuple[Bools, float]:
+    """The rows before the retract, (n,), all where a run stops at its very start; and when first contact is,
+    without one the start [s]."""
+    held = log["phase"] < RETRACT_PHASE
+    held |= not held.any()
     contact = first_contact(log["normal_force_n"][held])
-    return log["time_s"][held][contact or 0]
-
-
-def _shown(log: RunLog) -> Bools:
-    """The rows before the retract, shape (n,); all of them where a run stops at its very start."""
-    before = log["phase"] < RETRACT_PHASE
-    return before if before.any() else np.ones_like(before)
+    return held, log["time_s"][held][contact or 0]
 
 
 def _frame(axes: Axes, time: Array, forces: Sequence[Array], target: float, touched: bool) -> None:

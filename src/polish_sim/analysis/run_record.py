@@ -37,15 +37,11 @@ CONFIG, LOG, PATH = "config.toml", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
 
 
-def _is_pose(value: Any) -> bool:
-    return fits(value, ((float,) * 4,) * 4) and bool(np.linalg.det(value) > 0.5)
-
-
 FORMS: Mapping[str, Any] = {
     "seed": float,
     "protective_stop": str,
     "protective_stop_at": {"name": str, "time_s": float, "path_s_m": float, "tool_m": (float,) * 3},
-    "T_base_work": _is_pose,
+    "T_base_work": lambda value: fits(value, ((float,) * 4,) * 4) and np.linalg.det(value) > 0.5,
     "versions": {},
     "bad_figures": [str],
     "files": [str],
@@ -103,8 +99,7 @@ def write_record(folder: Path, record: RunRecord) -> None:
     put_file(folder, CONFIG, to_toml(record.scenario))
     write_log(folder / LOG, record.log)
     if record.path:
-        columns = {name: column for name, column in vars(record.path).items() if column is not None}
-        write_arrays(folder / PATH, columns)
+        write_arrays(folder / PATH, record.path.columns)
     if record.removal:
         write_removal(folder / REMOVAL, record.removal)
     write_json(folder / METRICS, record.metrics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from polish_sim.arms import ARMS, FIRST, IDEAL
@@ -20,6 +21,8 @@ from polish_sim.config.key import (
     Option,
     key,
 )
+from polish_sim.errors import ConfigError
+from polish_sim.toml_text import read_toml
 
 RIGID = 1e8  #: Stiffness of a gear that does not give [N m/rad]
 
@@ -138,69 +141,9 @@ class RobotConfig:
         return self.arm != IDEAL
 
 
-SENSOR_MODELS: Mapping[str, Mapping[str, float]] = {
-    "external": {},
-    "ur5e-built-in": {
-        "force_noise_n": 1.17,
-        "torque_noise_nm": 0.067,
-        "force_bias_n": 4.0,
-        "torque_bias_nm": 0.3,
-        "force_drift_n_s": 0.02,
-        "torque_drift_nm_s": 0.0005,
-        "warm_up_force_n": 6.5,
-        "warm_up_torque_nm": 0.06,
-        "warm_up_s": 300.0,
-        "bandwidth_hz": 0.0,
-        "rate_hz": 500.0,
-        "latency_s": 0.002,
-        "force_quantum_n": 0.0,
-        "torque_quantum_nm": 0.0,
-        "force_range_n": 50.0,
-        "torque_range_nm": 10.0,
-        "cross_talk": 0.01,
-        "overload": 1.0,
-    },
-    "axia80": {
-        "force_noise_n": 0.06,
-        "torque_noise_nm": 0.0024,
-        "force_bias_n": 5.0,
-        "torque_bias_nm": 0.2,
-        "force_drift_n_s": 0.002,
-        "torque_drift_nm_s": 0.0001,
-        "warm_up_force_n": 0.5,
-        "warm_up_torque_nm": 0.02,
-        "warm_up_s": 1200.0,
-        "bandwidth_hz": 0.0,
-        "rate_hz": 976.0,
-        "latency_s": 0.002,
-        "force_quantum_n": 1e-6,
-        "torque_quantum_nm": 1e-6,
-        "force_range_n": 500.0,
-        "torque_range_nm": 20.0,
-        "cross_talk": 0.01,
-        "overload": 1.05,
-    },
-    "hex-125hz": {
-        "force_noise_n": 0.25,
-        "torque_noise_nm": 0.0033,
-        "force_bias_n": 3.0,
-        "torque_bias_nm": 0.1,
-        "force_drift_n_s": 0.01,
-        "torque_drift_nm_s": 0.0005,
-        "warm_up_force_n": 1.0,
-        "warm_up_torque_nm": 0.05,
-        "warm_up_s": 600.0,
-        "bandwidth_hz": 15.0,
-        "rate_hz": 125.0,
-        "latency_s": 0.008,
-        "force_quantum_n": 1e-4,
-        "torque_quantum_nm": 1e-5,
-        "force_range_n": 200.0,
-        "torque_range_nm": 10.0,
-        "cross_talk": 0.02,
-        "overload": 1.0,
-    },
-}
+SENSOR_MODELS: Mapping[str, Mapping[str, float]] = read_toml(
+    Path(__file__).with_name("sensors.toml"), "table of sensors", ConfigError
+)
 """What each word of ``sensor.model`` stands for, where it differs from the defaults; sources:
 models/README.md."""
 

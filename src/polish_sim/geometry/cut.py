@@ -85,8 +85,7 @@ def _edge_cuts(surface: Surface, values: Array, cut: Bools) -> Array:
     swap = first > second
     here, ahead = values[:, :3], next_corners(values[:, :3])
     start, end, middle = np.where(swap, ahead, here), np.where(swap, here, ahead), values[:, 3:]
-    low, high = np.minimum(first, second)[cut], np.maximum(first, second)[cut]
-    _, number = np.unique(low.astype(np.int64) * (len(surface.vertices) + 1) + high, return_inverse=True)
+    number = _number_edges(first[cut], second[cut]).of_facet
     # At a crease the quantity may differ from side to side; the cut point must not.
     roots = _root(start[cut], middle[cut], end[cut])
     at = np.full(cut.shape, 0.5)
@@ -151,17 +150,22 @@ class Edges(NamedTuple):
     """Edges of triangles, each once."""
 
     ends: Indices  #: Vertex numbers, the lower first, shape (e, 2)
-    of_facet: Indices  #: Number of the edge from corner k to corner k + 1, shape (m, 3)
+    of_facet: Indices  #: Number of the edge from corner k to corner k + 1, shape (m, 3); of a half-edge (h,)
     first: Indices  #: The first of these, 3 m + k, that is each edge, shape (e,)
 
 
 def find_edges(faces: Ints | Indices) -> Edges:
     """List the edges of triangles, faces (m, 3)."""
-    start, end = faces.astype(np.int64), next_corners(faces).astype(np.int64)
-    low, high = np.minimum(start, end), np.maximum(start, end)
+    return _number_edges(faces, next_corners(faces))
+
+
+def _number_edges(start: Ints | Indices, end: Ints | Indices) -> Edges:
+    """Number the edges that half-edges from vertices, (m, 3) or (h,), to others are, whichever way they
+    run."""
+    low, high = np.sort([start, end], axis=0).astype(np.int64)
     size = high.max(initial=0) + 1
     keys, first, which = np.unique(low * size + high, return_index=True, return_inverse=True)
-    return Edges(np.stack(np.divmod(keys, size), axis=1), which.reshape(-1, 3), first)
+    return Edges(np.stack(np.divmod(keys, size), axis=1), which, first)
 
 
 def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
@@ -202,9 +206,7 @@ def halve_edges(
     # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its
     # middle.
     edge, facet = np.nonzero(marked.T)
-    ends = np.stack([cut.faces[facet, edge], cut.faces[facet, (edge + 1) % 3]])
-    keys = ends.min(axis=0) * len(places) + ends.max(axis=0)
-    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    _, which, first = _number_edges(cut.faces[facet, edge], cut.faces[facet, (edge + 1) % 3])
     split = np.full(cut.faces.shape, -1)
     split[facet, edge] = len(places) + which
     facet, edge = facet[first], edge[first]

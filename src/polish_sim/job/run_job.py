@@ -67,7 +67,7 @@ def check_regions(job: Job) -> None:
     parts: dict[Any, tuple[PartMesh, Surface]] = {}
     for one in job.passes:
         asked = one.scenario.plan
-        key = (one.scenario.part, one.scenario.plan.feature_angle_rad)
+        key = (one.scenario.part, asked.feature_angle_rad)
         with naming_line(job.file), named_place(f"{one.folder}, '{asked.region}'"):
             if key not in parts:
                 mesh = load_mesh(one.scenario.part)
@@ -180,21 +180,18 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
 
 def zoned(one: Pass, process: ProcessConfig, plan: PlanResult) -> PlanResult:
     """The plan with less force near the region's border, and the zones' own force and feed."""
+    if one.head.edge_force == 1.0 and not one.zones:
+        return plan
     path = plan.path
-    asked = plan.plan
     force = path.force_at(path.s, process.contact_force_n)
     feed = path.feeds(process.feed_m_s)
-    if one.head.edge_force < 1.0:
-        border = np.concatenate(list(plan.region.boundary_loops))
-        away, _ = cKDTree(border).query(path.positions_work)
-        force = force * np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
+    away, _ = cKDTree(np.concatenate(plan.region.boundary_loops)).query(path.positions_work)
+    force *= np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
     for zone in one.zones:
-        region = select_region(plan.surface, plan.mesh, zone.region, asked.feature_angle_rad)
+        region = select_region(plan.surface, plan.mesh, zone.region, plan.plan.feature_angle_rad)
         off = norms(region.surface.closest(path.positions_work).positions - path.positions_work)
         force = np.where(off < ON_ZONE_M, force * zone.force, force)
         feed = np.where(off < ON_ZONE_M, feed * zone.feed, feed)
-    if one.head.edge_force == 1.0 and not one.zones:
-        return plan
     return replace(plan, path=replace(path, force=force, feed=feed))
 
 

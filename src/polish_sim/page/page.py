@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import math
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Ints
 from polish_sim.errors import InputError
 from polish_sim.page import Table
+from polish_sim.row_file import plain
 
 SCRIPTS = ("scene.js", "plots.js", "page.js")
 LEVELS = 65534  #: Of a rounded number; one more stands for what is undefined
@@ -223,8 +223,7 @@ def _packed(value: Any, blocks: list[bytes]) -> Any:
         return {str(name): _packed(entry, blocks) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [_packed(entry, blocks) for entry in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return plain(value)
 
 
 def _array(table: NDArray[Any], size: int, blocks: list[bytes]) -> dict[str, Any]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, into_plane, running_sums, spans_at, unit
-from polish_sim.geometry import ClosestPoints
+from polish_sim.arrays import Array, Indices, dots, into_plane, running_sums, spans_at, unit
+from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, plus, scaled, set_to
 from polish_sim.planning.toolpath import arc_length
@@ -24,16 +24,8 @@ TOLERANCE_M = 1e-11
 TINY = 1e-300
 
 
-class SurfaceQuery(Protocol):
-    """Anything that knows its closest point, so that a test can step on a sphere in closed form."""
-
-    def closest(self, points: Array, hint: Ints | None = None) -> ClosestPoints:
-        """Closest points to points (n, 3) [m]; hint: facets that may be close, shape (n,)."""
-        ...
-
-
 def step_on_surface(
-    surface: SurfaceQuery, start: Array, normals: Array, directions: Array, distance: Array | float
+    surface: Surface, start: Array, normals: Array, directions: Array, distance: Array | float
 ) -> ClosestPoints:
     """From points P (n, 3) on the surface go along ``directions`` (n, 3) to the points at a Euclidean
     distance S [m].
@@ -44,16 +36,14 @@ def step_on_surface(
     distances stay.
     """
     step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
-    tangents = into_plane(directions, normals)
-    tangents = unit(tangents)
+    tangents = unit(into_plane(directions, normals))
     height = np.zeros(len(start))
     foot = None
     for _ in range(ITERATIONS):
         along = np.sqrt(np.maximum(step**2 - height**2, 0.0))
         trial = start + along[:, None] * tangents + height[:, None] * normals
         foot = surface.closest(trial, None if foot is None else foot.facets)
-        gap = (trial - foot.positions) * foot.normals  # signed height of the trial above the surface
-        error = gap.sum(axis=1)
+        error = dots(trial - foot.positions, foot.normals)  # signed height of the trial above the surface
         if np.abs(error).max(initial=0.0) < TOLERANCE_M:
             break
         # How fast that gap changes when the trial swings along the circle of radius S.
@@ -195,14 +185,14 @@ class Curve:
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances
         are inf."""
-        return nearest_of([self], points, limit)
+        return CurveSet([self]).nearest(points, limit)
 
 
 @dataclass(frozen=True, eq=False)
 class CurveSet:
     """Several curves, asked which of them is nearest."""
 
-    curves: tuple[Curve, ...]
+    curves: Sequence[Curve]
 
     @cached_property
     def _starts(self) -> Indices:
@@ -225,8 +215,3 @@ class CurveSet:
             near = near_chords(*curve._knots, len(curve.positions), curve.closed, points[rows], own)
             s[rows], foot[rows], normal[rows], distances[rows] = near
         return Nearest(s, foot, unit(normal), distances, which)
-
-
-def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) -> Nearest:
-    """Nearest points of the closest of several curves; distances beyond the limit [m] are inf."""
-    return CurveSet(tuple(curves)).nearest(points, limit)

@@ -31,7 +31,7 @@ from polish_sim.geometry import Region
 from polish_sim.geometry.bezier import edge_along, edge_middle, quadratic_normals
 from polish_sim.geometry.cut import ALIKE, CutFacets, find_edges, halve_edges, whole_facets
 from polish_sim.geometry.features import facet_normals
-from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, join_surfaces
+from polish_sim.geometry.surface import Surface, build_surface, join_surfaces
 from polish_sim.geometry.topology import (
     counting_order,
     facets_at_edges,
@@ -41,27 +41,19 @@ from polish_sim.geometry.topology import (
 )
 
 
-class Bridged(NamedTuple):
-    """A region without its small holes."""
+def bridge_holes(region: Region, widest: float) -> tuple[Region, int]:
+    """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m], and count them.
 
-    region: Region  #: The region; facets after its own ones close holes and lie on no part of the part
-    facets: int  #: Number of facets that are the part's
-    holes: int  #: Number of holes closed
-
-
-def bridge_holes(region: Region, widest: float) -> Bridged:
-    """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
+    Facets after its own ones close holes and lie on no part of the part.
+    """
     surface = region.surface
-    rims = [loop.T for loop in trace_border(surface.adjacency)]
-    rims = [rim for rim in rims if _diameter(surface.control[tuple(rim)]) <= widest]
-    if not rims or len(rims) == len(region.boundary_loops):
-        return Bridged(region, len(surface.faces), 0)
+    loops = [loop.T for loop in trace_border(surface.adjacency)]
+    rims = [rim for rim in loops if _diameter(surface.control[tuple(rim)]) <= widest]
+    if len(rims) == len(loops):
+        return region, 0
     for rim in rims:
         surface = _close(surface, *rim)
-    loops = boundary_loops(surface)
-    return Bridged(
-        replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims)
-    )
+    return replace(region, surface=surface), len(rims)
 
 
 def _diameter(points: Array) -> float:
@@ -87,28 +79,23 @@ def _close(surface: Surface, facet: Indices, edge: Indices) -> Surface:
     centre = np.full(count, len(surface.vertices))
     return _with_facets(
         surface,
-        middle[None],
         np.stack([surface.faces[facet, ahead], surface.faces[facet, edge], centre], axis=1),
-        np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1),
-        quadratic_normals(corners, np.stack([second_normal, first_normal, middle_normals], axis=1)),
-        np.stack([*bends, np.tile(bends[1].mean(axis=0), (count, 1))], axis=1),
+        vertices=middle[None],
+        control=np.concatenate([corners, np.stack([along, inwards, outwards], axis=1)], axis=1),
+        normal_control=quadratic_normals(
+            corners, np.stack([second_normal, first_normal, middle_normals], axis=1)
+        ),
+        shape=np.stack([*bends, np.tile(bends[1].mean(axis=0), (count, 1))], axis=1),
     )
 
 
-def _with_facets(
-    surface: Surface, vertices: Array, faces: Indices, control: Array, normal_control: Array, shape: Array
-) -> Surface:
-    """A surface with vertices and facets behind its own, whose edges are not smooth."""
-    faces_together = np.concatenate([surface.faces, faces]).astype(np.int32)
-    return build_surface(
-        vertices=np.concatenate([surface.vertices, vertices]),
-        faces=faces_together,
-        control=np.concatenate([surface.control, control]),
-        normal_control=np.concatenate([surface.normal_control, normal_control]),
-        shape=np.concatenate([surface.shape, shape]),
-        adjacency=find_adjacency(faces_together),
-        smooth=np.concatenate([surface.smooth, np.zeros((len(faces), 3), dtype=bool)]),
-    )
+def _with_facets(surface: Surface, faces: Indices, **more: Array) -> Surface:
+    """A surface with more vertices behind its own, and facets whose edges are not smooth; ``more``: vertices
+    and control values by the names a surface has for its own."""
+    more["smooth"] = np.zeros((len(faces), 3), dtype=bool)
+    whole = {name: np.concatenate([getattr(surface, name), added]) for name, added in more.items()}
+    together = np.concatenate([surface.faces, faces]).astype(np.int32)
+    return build_surface(faces=together, adjacency=find_adjacency(together), **whole)
 
 
 def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
@@ -170,11 +157,11 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
                 "the region is closed all round, a path needs a border to start from. "
                 "Choose a region that looks one way, e.g. 'top', or a box."
             )
-        bridged = bridge_holes(component, plan.bridge_m)
-        ground = with_skirt(bridged.region, plan.overrun_m)
+        bridged, holes = bridge_holes(component, plan.bridge_m)
+        ground = with_skirt(bridged, plan.overrun_m)
         mesh = triangulate(ground.surface, plan.stepover_m / EDGES_PER_STEPOVER)
-        of_part = np.arange(len(ground.surface.faces)) < bridged.facets
-        parts.append(Ground(ground, mesh, of_part, bridged.holes))
+        of_part = np.arange(len(ground.surface.faces)) < len(component.surface.faces)
+        parts.append(Ground(ground, mesh, of_part, holes))
     return parts[0] if len(parts) == 1 else _together(region, parts)
 
 
@@ -185,7 +172,6 @@ def _together(region: Region, parts: Sequence[Ground]) -> Ground:
     whole = Region(
         surface=join_surfaces(surfaces),
         facets=np.concatenate([part.facets for part in regions]),
-        boundary_loops=tuple(loop for part in regions for loop in part.boundary_loops),
         area_m2=sum(part.area_m2 for part in regions),
         up=region.up,
     )
@@ -243,7 +229,7 @@ def with_skirt(region: Region, width: float) -> Region:
     for loop in trace_border(surface.adjacency):
         facet, edge = loop.T
         surface = _continued(surface, facet, edge, width)
-    return replace(region, surface=surface, boundary_loops=boundary_loops(surface))
+    return replace(region, surface=surface)
 
 
 def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) -> Surface:
@@ -265,11 +251,11 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     bend, ahead_bend = surface.shape[facet, edge], surface.shape[facet, ahead]
     return _with_facets(
         surface,
-        outer,
         faces,
-        np.concatenate([corners, middles], axis=1),
-        quadratic_normals(corners, upright[faces]),
-        np.concatenate(
+        vertices=outer,
+        control=np.concatenate([corners, middles], axis=1),
+        normal_control=quadratic_normals(corners, upright[faces]),
+        shape=np.concatenate(
             [np.stack([ahead_bend, bend, bend], axis=1), np.stack([ahead_bend, bend, ahead_bend], axis=1)]
         ),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -20,6 +19,8 @@ from polish_sim.planning.ground import SHARPEST, Ground, bridge_holes, with_skir
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.part_plan import (
     UNSEEN,
+    USUAL,
+    USUAL_PAD,
     PlanObserver,
     PlanResult,
     choose_region,
@@ -144,6 +145,7 @@ def _reason(mesh: PartMesh, path: ToolPath, heights: Array, middle: float) -> st
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 
 
+AS_FOUND = PlanConfig(stepover_m=np.nan)  #: Its step-over is that of the path
 MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 
@@ -174,9 +176,9 @@ class Inspection:
 def inspect_path(
     path: ToolPath,
     part: PartConfig,
-    plan: PlanConfig = PlanConfig(stepover_m=math.nan),
-    process: ProcessConfig = ProcessConfig(),
-    pad: PadConfig = PadConfig(),
+    plan: PlanConfig = AS_FOUND,
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
     cuts: tuple[CutOut, ...] = (),
 ) -> Inspection:
@@ -193,7 +195,15 @@ def inspect_path(
     """
     notes = list[str]()
     if np.isnan(plan.stepover_m):
-        plan = replace(plan, stepover_m=_guessed_stepover(path, pad, notes))
+        found = guess_stepover(path)
+        plan = replace(plan, stepover_m=found or 2.0 * pad.radius_m)
+        notes.append(
+            f"step-over taken from the path: {1e3 * plan.stepover_m:.4g} mm, the median distance of its "
+            "turns (--stepover sets it)"
+            if found
+            else "no stretch of the path runs beside another: measured by a step-over of the pad's diameter, "
+            f"{1e3 * plan.stepover_m:.4g} mm (--stepover sets it)"
+        )
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
@@ -206,10 +216,17 @@ def inspect_path(
     check_on_part(offset, mesh, path, beyond)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
-    given = given_region(mesh, surface, region, part, plan, process, pad)
+    given = given_region(mesh, surface, region, plan, process, pad, part.fixture_file)
     quality = given.measure(path, cuts)
     ground = given.asked.ground
-    notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
+    notes += [*lean_notes(given.access, plan, pad), *quality.area.notes, *tool_notes(quality)]
+    if offset.sideways.max() > OFF_PART_M:
+        notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
+    if len(quality.crossings):
+        notes.append(
+            f"crossings of the path with itself: {len(quality.crossings)}, the first at "
+            f"{place_in_mm(quality.crossings[0])}"
+        )
     quality.figures.update(
         part_figures(mesh, surface, region.surface),
         height_above_part_min_m=offset.heights.min(),
@@ -217,16 +234,15 @@ def inspect_path(
         beyond_part_max_m=offset.sideways.max(),
     )
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
-    said = (*given.part_notes, *notes, *_findings(quality, offset))
-    return Inspection(mesh, surface, ground, path, plan, quality, strict, said)
+    return Inspection(mesh, surface, ground, path, plan, quality, strict, (*given.part_notes, *notes))
 
 
 def measure_given_path(
     path: ToolPath,
     part: PartConfig,
     plan: PlanConfig,
-    process: ProcessConfig = ProcessConfig(),
-    pad: PadConfig = PadConfig(),
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
     cuts: tuple[CutOut, ...] = (),
 ) -> PlanResult:
@@ -243,30 +259,11 @@ def measure_given_path(
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
     observer.stage("measure the path")
-    given = given_region(mesh, surface, region, part, plan, process, pad)
+    given = given_region(mesh, surface, region, plan, process, pad, part.fixture_file)
     # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
     check_on_part(offset_from(surface, path, [given.asked.ground.region.surface]), mesh, path, OFF_PART_M)
     quality = given.measure(path, cuts)
     return given.result(with_way_down(path, plan.clearance_m), quality, tool_notes(quality), cuts)
-
-
-def _guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
-    """The step-over a path seems to be made with [m]; appends a note that says so.
-
-    The pad's diameter is taken where the path has no neighbouring turns.
-    """
-    found = guess_stepover(path)
-    if found is None:
-        notes.append(
-            f"no stretch of the path runs beside another: measured by a step-over of the pad's diameter, "
-            f"{2e3 * pad.radius_m:.4g} mm (--stepover sets it)"
-        )
-        return 2.0 * pad.radius_m
-    notes.append(
-        f"step-over taken from the path: {1e3 * found:.4g} mm, the median distance of its turns (--stepover "
-        "sets it)"
-    )
-    return found
 
 
 def _bridges(region: Region, plan: PlanConfig, beyond: float = 0.0) -> list[Surface]:
@@ -275,7 +272,7 @@ def _bridges(region: Region, plan: PlanConfig, beyond: float = 0.0) -> list[Surf
     With ``beyond`` [m] it is all pieces, continued so far past their borders.
     """
     bridged = (bridge_holes(piece, plan.bridge_m) for piece in region.components())
-    return [with_skirt(piece.region, beyond).surface for piece in bridged if piece.holes or beyond]
+    return [with_skirt(piece, beyond).surface for piece, holes in bridged if holes or beyond]
 
 
 def _region_of(
@@ -327,18 +324,5 @@ def tool_notes(quality: Quality) -> list[str]:
         notes.append(
             f"the tool leans up to {lean:.0f} deg off the surface's normal: there only a part of the pad's "
             "face touches"
-        )
-    return notes
-
-
-def _findings(quality: Quality, offset: Offset) -> list[str]:
-    """What the user should look at, with places in mm."""
-    notes = tool_notes(quality)
-    if offset.sideways.max() > OFF_PART_M:
-        notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
-    if len(quality.crossings):
-        notes.append(
-            f"crossings of the path with itself: {len(quality.crossings)}, the first at "
-            f"{place_in_mm(quality.crossings[0])}"
         )
     return notes

@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, midpoints, next_corners, norms, running_sums, unit
+from polish_sim.arrays import Array, Indices, midpoints, next_corners, norms, running_sums, unit
+from polish_sim.geometry import Surface
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.curve import Curve, CurveSet, Nearest, SurfaceQuery, step_on_surface
+from polish_sim.planning.curve import Curve, CurveSet, step_on_surface
 from polish_sim.planning.ground import Triangulation
 
 # Lines of equal value of a field on a triangulation, as ordered point lists (vertex values -> polylines).
@@ -109,14 +110,13 @@ BACK = 1e-6  #: Feet fall back only by more than this share of the distance; les
 OFF = 0.02  #: Feet further than this share of the step-over from the surface are not on it
 
 
-def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
+def offset_curve(surface: Surface, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
     """Put a trial line, roughly the offset curve in order, exactly ``distance`` [m] away from the nearest
     curves.
 
     First with even control points; then with a spacing of equal chord error for the curvature found.
     """
-    around = CurveSet(tuple(curves))
-    even = trial.curve
+    around, even = CurveSet(curves), trial.curve
     count = max(int(np.ceil(even.length / _coarsest(distance) - WHOLE)), 8)
     even = _on_offset(surface, around, _resample(even, np.full(count, even.length / count)), distance)
     return _on_offset(surface, around, _resample(even, adapted_spacing(even, distance)), distance)
@@ -161,7 +161,7 @@ def _resample(curve: Curve, chords: Array) -> Curve:
     return Curve(positions, normals, curve.closed)
 
 
-def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: float) -> Curve:
+def _on_offset(surface: Surface, around: CurveSet, trial: Curve, distance: float) -> Curve:
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
     feet = around.nearest(trial.positions)
     foot = surface.closest(feet.positions)
@@ -170,13 +170,9 @@ def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: 
     start = np.where(on, foot.positions, feet.positions)
     normals = np.where(on, foot.normals, feet.normals)
     moved = step_on_surface(surface, start, normals, trial.positions - start, distance)
-    kept = _forward_only(feet, distance)
-    return Curve(moved.positions[kept], moved.normals[kept], trial.closed)
-
-
-def _forward_only(feet: Nearest, distance: float) -> Bools:
-    """Drop points whose foot falls back behind the foot of the point before (sub-points already passed)."""
+    # Points whose foot falls back behind that of the point before are dropped (sub-points already passed).
     ahead = np.diff(feet.s)
     back = (ahead < -BACK * distance) & (ahead > -0.5 * distance) & (np.diff(feet.curve) == 0)
-    kept = np.concatenate([[True], ~back])
-    return kept if kept.sum() >= 4 else np.ones(len(kept), dtype=bool)
+    kept = np.append(True, ~back)
+    kept |= kept.sum() < 4
+    return Curve(moved.positions[kept], moved.normals[kept], trial.closed)

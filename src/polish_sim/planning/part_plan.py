@@ -63,6 +63,7 @@ class _Silent(PlanObserver):
 
 
 UNSEEN = _Silent()  #: Planning nobody looks on at
+USUAL, USUAL_PAD = ProcessConfig(), PadConfig()
 
 SLOWED, EASED, LEFT_OUT = "slowed", "eased", "left out"
 
@@ -159,8 +160,8 @@ class PlanResult:
 def plan_part(
     part: PartConfig,
     plan: PlanConfig,
-    process: ProcessConfig = ProcessConfig(),
-    pad: PadConfig = PadConfig(),
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
 ) -> PlanResult:
     """Load a part, fit its surface, choose the region, plan the path and measure it.
@@ -178,8 +179,8 @@ def plan_part(
 def plan_mesh(
     mesh: PartMesh,
     plan: PlanConfig,
-    process: ProcessConfig = ProcessConfig(),
-    pad: PadConfig = PadConfig(),
+    process: ProcessConfig = USUAL,
+    pad: PadConfig = USUAL_PAD,
     observer: PlanObserver = UNSEEN,
     spent_s: float = 0.0,
     fixture: Fixture | None = None,
@@ -197,11 +198,7 @@ def plan_mesh(
     leaning = ready.access.leaning if ready.access else None
     try:
         planned = plan_on(
-            ready.ground,
-            ready.plan,
-            lambda share: observer.progress(share, 1.0),
-            ready.air,
-            leaning,
+            ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), ready.air, leaning
         )
     except PlanError as error:
         raise PlanError(" Note: ".join((str(error), *ready.notes))) from None
@@ -270,7 +267,7 @@ class PreparedRegion:
         """What the lifted tool keeps clear of."""
         tool, part = self.tool, self.surface
         obstacle = joined_surfaces(part, tool.fixture)
-        return AirSpace(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.ground.region.up, tool, part)
+        return AirSpace(obstacle, self.plan.clearance_m, self.ground.region.up, tool, part)
 
     def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
         """Measure a path with ``cuts`` in it."""
@@ -289,8 +286,7 @@ class PreparedRegion:
             *quality.area.notes,
             *remarks,
         )
-        inside = quality.pad_in_part.positions
-        found = figures, self.plan, notes, self, quality.area, cuts, inside, self.tool
+        found = figures, self.plan, notes, self, quality.area, cuts, quality.pad_in_part.positions, self.tool
         return PlanResult(self.mesh, self.surface, self.region, path, *found)
 
 
@@ -367,7 +363,7 @@ def prepare_region(
 def is_free(pad: PadConfig) -> bool:
     """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default
     one."""
-    return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
+    return pad.choice != "given" and pad.radius_m == USUAL_PAD.radius_m
 
 
 def _pads(
@@ -431,13 +427,13 @@ def given_region(
     mesh: PartMesh,
     surface: Surface,
     region: Region,
-    part: PartConfig,
     plan: PlanConfig,
     process: ProcessConfig,
     pad: PadConfig,
+    fixture_file: str,
 ) -> PreparedRegion:
     """A region to measure a path on that was made before: the tool may reach none of it, the path says."""
-    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
+    tool = Tool(pad, process.contact_force_n, load_fixture(fixture_file, mesh))
     try:
         found = accessible(region, region, surface, plan, tool, NARROW)
     except PlanError:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, norms, turned, unit
+from polish_sim.arrays import Array, joined, norms, turned, unit
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import ClosestPoints, Region
@@ -32,7 +31,7 @@ TOO_NARROW = "too narrow for a turn half a step-over inside its border"
 CUT_HERE = "cut where the path would cross itself"
 
 
-def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
+def plan_path(region: Region, plan: PlanConfig, on_progress: Report = lambda share: None) -> ToolPath:
     """Cover a region with a tool path on the surface, with approach, lead-in, lead-out and retract.
 
     ``plan`` has the pattern, the step-over and all other wishes:
@@ -49,7 +48,7 @@ def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = Non
 def plan_on(
     ground: Ground,
     plan: PlanConfig,
-    on_progress: Report | None = None,
+    on_progress: Report = lambda share: None,
     air: AirSpace | None = None,
     leaning: Leaning | None = None,
 ) -> Planned:
@@ -67,7 +66,7 @@ def plan_on(
         PlanError: The region is too narrow for the step-over.
     """
     check_plan_words(plan)
-    found = _cover(ground, plan, on_progress or (lambda share: None))
+    found = _cover(ground, plan, on_progress)
     if not any(found):
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half "
@@ -78,11 +77,11 @@ def plan_on(
         for piece, runs in zip(ground.pieces, found, strict=True)
         if not runs
     ]
-    done = uncross([run for runs in found for run in runs], plan.stepover_m)
-    cuts.append(CutOut(CUT_HERE, done.cuts))
-    runs = _in_order(done.runs, PATTERNS[plan.pattern].one_way, plan.start)
+    left, places = uncross([run for runs in found for run in runs], plan.stepover_m)
+    cuts.append(CutOut(CUT_HERE, places))
+    runs = _in_order(left, PATTERNS[plan.pattern].one_way, plan.start)
     region = ground.region
-    air = air or AirSpace(region.surface, 0.0, plan.clearance_m, region.up)
+    air = air or AirSpace(region.surface, plan.clearance_m, region.up)
     return assemble(runs, plan, air, cuts, leaning)
 
 
@@ -107,11 +106,8 @@ def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[Surfac
 def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...]) -> list[SurfaceRun]:
     """Runs in an order with short ways through the air; those of a one-way pattern are walked as they are."""
     ends = np.array([run.positions[[0, -1]] for run in runs])
-    tour = order_blocks(ends, not one_way, np.array(start) if start else None)
-    return [
-        runs[int(index)].backwards() if backwards else runs[int(index)]
-        for index, backwards in zip(tour.order, tour.backwards, strict=True)
-    ]
+    order, backwards = order_blocks(ends, not one_way, np.array(start) if start else None)
+    return [runs[k].backwards() if turned else runs[k] for k, turned in zip(order, backwards, strict=True)]
 
 
 # The net under the patterns: where strands still cross, one of them is cut and the tool lifts. The other
@@ -127,13 +123,6 @@ DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if other
 BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
 
-class Uncrossed(NamedTuple):
-    """Runs that cross neither themselves nor each other."""
-
-    runs: list[SurfaceRun]  #: What is left, in the order given, pieces of one run one after the other
-    cuts: Array  #: Where a strand was cut [m], shape (k, 3)
-
-
 class Cut(NamedTuple):
     """A stretch to take out of a run."""
 
@@ -142,8 +131,12 @@ class Cut(NamedTuple):
     last: float
 
 
-def uncross(runs: Sequence[SurfaceRun], stepover: float) -> Uncrossed:
-    """Cut a short stretch out of one of two strands wherever finished runs cross, and return where."""
+def uncross(runs: Sequence[SurfaceRun], stepover: float) -> tuple[list[SurfaceRun], Array]:
+    """Cut a short stretch out of one of two strands wherever finished runs cross.
+
+    What is left, in the order given, pieces of one run one after the other; and where strands were cut [m],
+    (k, 3).
+    """
     left, places = list(runs), np.empty((0, 3))
     for number in range(ROUNDS):
         found = find_crossings([run.curve for run in left])
@@ -152,7 +145,7 @@ def uncross(runs: Sequence[SurfaceRun], stepover: float) -> Uncrossed:
         half = CUT * stepover * 2.0**number
         left = _without(left, _choose_cuts(left, found, stepover, half), stepover)
         places = np.concatenate([places, found])
-    return Uncrossed(left, places)
+    return left, places
 
 
 def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, half: float) -> list[Cut]:
@@ -206,14 +199,12 @@ def _without(runs: Sequence[SurfaceRun], cuts: Sequence[Cut], stepover: float) -
 
 def _split(run: SurfaceRun, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
     """What is left of a run between stretches taken out (from, to), sorted [m]."""
-    s = run.curve.knots
+    length = run.curve.length
     kept, begin = [], 0.0
-    for first, last in cuts:
+    for first, last in (*cuts, (length, length)):
         kept.append((begin, first))
         begin = max(begin, last)
-    kept.append((begin, s[-1]))
-    shortest = 1e-3 * s[-1]
-    return [_stretch(run, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
+    return [_stretch(run, low, high) for low, high in kept if high - low > min(1e-3 * length, 1e-4)]
 
 
 def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
@@ -221,12 +212,11 @@ def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
     s, ends = run.curve.knots, np.array([low, high])
     margin = min(1e-3 * (high - low), 1e-5)
     inner = np.flatnonzero((s > low + margin) & (s < high - margin))
-    own: tuple[NDArray[Any], ...] = run.points
-    tips: tuple[NDArray[Any], ...] = run.surface.closest(interpolate(ends, s, run.positions))
-    columns = [np.concatenate([tip[:1], a[inner], tip[1:]]) for a, tip in zip(own, tips, strict=True)]
+    tips = run.surface.closest(interpolate(ends, s, run.positions))
+    points = joined([tips.rows(np.s_[:1]), run.points.rows(inner), tips.rows(np.s_[1:])])
     index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
     passes = run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
-    return SurfaceRun(run.surface, ClosestPoints(*columns), passes)
+    return SurfaceRun(run.surface, ClosestPoints(*points), passes)
 
 
 def _covered(piece: SurfaceRun, others: Sequence[Curve], stepover: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,21 +42,20 @@ class ToolPath:
 
     def __post_init__(self) -> None:
         n = len(self.positions_work)
-        for field in fields(self):
-            array = getattr(self, field.name)
-            if array is None:
-                continue
-            wanted = (n, 3) if field.name.endswith("_work") else (n,)
+        for name, array in self.columns.items():
+            wanted = (n, 3) if name.endswith("_work") else (n,)
             if array.shape != wanted:
-                raise PlanError(f"tool path: {field.name} has shape {array.shape}, expected {wanted}.")
+                raise PlanError(f"tool path: {name} has shape {array.shape}, expected {wanted}.")
             array.flags.writeable = False
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Its arrays by their names, force and feed only where it has them."""
+        return {name: column for name, column in vars(self).items() if column is not None}
 
     def rows(self, kept: Bools | Indices) -> ToolPath:
         """The path of some of its points only, mask (n,) or numbers; arc lengths stay."""
-        columns: dict[str, Any] = {
-            name: column[kept] for name, column in vars(self).items() if column is not None
-        }
-        return ToolPath(**columns)
+        return ToolPath(**{name: column[kept] for name, column in self.columns.items()})
 
     def force_at(self, s: Array, usual: float) -> Array:
         """Force to hold at arc lengths [m], (k,) -> (k,) [N]; the usual one where the path names none."""

@@ -9,16 +9,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from polish_sim.arrays import Array, Indices, dots, in_groups
-from polish_sim.planning.curve import Curve, CurveSet, SurfaceQuery, nearest_of
+from polish_sim.geometry import Surface
+from polish_sim.planning.curve import Curve, CurveSet
 from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.offset_curve import ROUNDING, LevelLine, level_lines, offset_curve
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
 #
-# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept. So
-# all turns together cost little more than a few looks per vertex.
+# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept,
+# which falls by a step with each turn. So all turns together cost little more than a few looks per vertex.
 
-#: Vertices up to this many step-overs beyond the next turn are looked at; edges are a third of one long
+#: Vertices less than this many step-overs beyond the next turn are looked at; edges are a third of one long
 BEYOND = 0.6
 FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
 
@@ -29,28 +30,19 @@ class Front:
     def __init__(self, mesh: Triangulation, stepover: float) -> None:
         count = len(mesh.vertices)
         self.mesh, self.stepover = mesh, stepover
-        self.values = np.full(count, FAR * stepover)
-        """Distances to the last turns [m]; 0 where covered, at least FAR where not measured yet, (n,)."""
+        self.values = np.zeros(count)
+        """Distances to the last turns [m], exact near them, less than they are elsewhere; 0 where covered,
+        (n,)."""
         self.which = np.full(count, -1)
         """The nearest of the last turns around, -1 where unknown, (n,)."""
-        self.due = np.zeros(count, dtype=np.int64)
-        """Number of the turn at which each vertex is looked at next, (n,)."""
-        self._bounds = np.zeros(count)
 
-    def step(self, number: int) -> float:
-        """Distance from turn to turn; of the first from the border [m]."""
-        return self.stepover if number else 0.5 * self.stepover
-
-    def look(self, rows: Indices, curves: CurveSet, number: int) -> Array:
-        """Bring the distances of vertices (k,) to the turns of a number up to date [m], shape (k,)."""
+    def look(self, rows: Indices, curves: CurveSet) -> None:
+        """Measure the distances of vertices (k,) to turns."""
         cap = FAR * self.stepover
         feet = curves.nearest(self.mesh.vertices[rows], cap)
         same_side = dots(feet.normals, self.mesh.normals[rows]) > 0.0
-        distances = np.where(same_side, feet.distances, cap)
         self.which[rows] = np.where(same_side, feet.curve, -1)
-        self.values[rows] = distances
-        self._bounds[rows] = distances + self._level(number)
-        return distances
+        self.values[rows] = np.where(same_side, feet.distances, cap)
 
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
@@ -59,19 +51,6 @@ class Front:
         found = np.zeros(len(self.mesh.triangles), dtype=bool)
         found[members[starts[rows][row] + place]] = True
         return np.flatnonzero(found)  # in their own order, on which it depends where closed lines begin
-
-    def put_off(self, rows: Indices, number: int) -> None:
-        """Let vertices wait until a turn later than this one comes near them."""
-        turns = np.floor(self._bounds[rows] / self.stepover - 0.5 - BEYOND).astype(np.int64) + 1
-        self.due[rows] = np.maximum(turns, number + 1)
-
-    def at_least(self, rows: Indices, number: int) -> Array:
-        """Lower bounds of the distances of vertices to the turns of a number; exact near them [m]."""
-        return self._bounds[rows] - self._level(number)
-
-    def _level(self, number: int) -> float:
-        """How far the turns of a number are from the border [m]."""
-        return (number - 0.5) * self.stepover if number else 0.0
 
 
 #: What is left inside a turn needs another one if its middle is further away than this many step-overs
@@ -118,13 +97,13 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
 def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
     """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part, at most the
     limit."""
-    feet = nearest_of(curves, mesh.vertices[rows], limit)
+    feet = CurveSet(curves).nearest(mesh.vertices[rows], limit)
     same_side = dots(feet.normals, mesh.normals[rows]) > 0.0
     return np.where(same_side, np.minimum(feet.distances, limit), limit)
 
 
 def grow_turns(
-    surface: SurfaceQuery,
+    surface: Surface,
     mesh: Triangulation,
     borders: Sequence[Curve],
     stepover: float,
@@ -139,19 +118,19 @@ def grow_turns(
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, stepover)
     pieces = [OpenPiece(tuple(roots), np.arange(len(mesh.vertices)))]
-    number = 0
+    step = 0.5 * stepover
     area = total = mesh.areas.sum()
     while pieces:
-        inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
+        inner, covered = zip(*[_shrink(surface, front, piece, step) for piece in pieces], strict=True)
         pieces = [new for found in inner for new in found]
-        number = number + 1
+        step = stepover
         area -= sum(mesh.vertex_areas[rows].sum() for rows in covered)
         report(1.0 - (area if pieces else 0.0) / total)
     return [turn for root in roots for turn in root.children]
 
 
 def ring_turns(
-    surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], stepover: float
+    surface: Surface, mesh: Triangulation, borders: Sequence[Curve], stepover: float
 ) -> float | None:
     """How far turns are apart that fill a ring of even width from its outer to its inner border, half as far
     inside both [m].
@@ -160,7 +139,7 @@ def ring_turns(
     width varies by more than half a step-over.
     """
     outer, inner = borders
-    if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:
+    if np.ptp(outer.nearest(inner.positions).distances) > EVEN * stepover:
         return None
     turns = grow_turns(surface, mesh, [outer], stepover, lambda share: None)
     count = 0
@@ -168,30 +147,23 @@ def ring_turns(
         count, last, turns = count + 1, turns[0].curve, turns[0].children
     if turns or count == 0:
         return None
-    gap = last.nearest(inner.positions).distances
-    if np.ptp(gap) > EVEN * stepover or gap.max() > 2.0 * stepover:
-        return None
-    width = (count - 0.5) * stepover + gap.mean()
+    width = (count - 0.5) * stepover + last.nearest(inner.positions).distances.mean()
     return width / np.ceil(width / ((1.0 + STRETCH) * stepover))
 
 
-def _shrink(
-    surface: SurfaceQuery, front: Front, piece: OpenPiece, number: int
-) -> tuple[list[OpenPiece], Indices]:
-    """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices
-    covered."""
-    step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
-    due = front.due[piece.rows] == number
-    near = piece.rows[due]
-    reached = front.look(near, curves, number) <= step * (1.0 + ROUNDING)
-    lines = level_lines(front.mesh, front.values, step, front.triangles_around(near))
-    covered, left = near[reached], near[~reached]
-    front.values[covered] = 0.0
-    front.put_off(left, number)
+def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tuple[list[OpenPiece], Indices]:
+    """One step inwards [m]: the pieces left, their new turns hung below those they come from; and the
+    vertices covered."""
+    curves, rows, values = CurveSet([turn.curve for turn in piece.turns]), piece.rows, front.values
+    near = rows[values[rows] < step + BEYOND * front.stepover]
+    front.look(near, curves)
+    lines = level_lines(front.mesh, values, step, front.triangles_around(near))
+    reached = values[rows] <= step * (1.0 + ROUNDING)
+    covered, left = rows[reached], rows[~reached]
+    values[covered] = 0.0
     pieces = []
-    for own, rest in _parts(front, piece, lines, np.concatenate([piece.rows[~due], left])):
-        near_all = front.due[rest].max(initial=0) <= number + 1
-        if near_all and front.at_least(rest, number).max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
+    for own, rest in _parts(front, piece, lines, left):
+        if values[rest].max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
         if turns:
@@ -199,6 +171,7 @@ def _shrink(
     for turn in piece.turns:
         if not turn.children:
             turn.inside = piece.rows
+    values[left] -= step
     return pieces, covered
 
 
@@ -226,7 +199,7 @@ def _follow_one_by_one(front: Front, piece: OpenPiece, lines: Sequence[LevelLine
 
 
 def _new_turn(
-    surface: SurfaceQuery, front: Front, piece: OpenPiece, curves: CurveSet, line: LevelLine, step: float
+    surface: Surface, front: Front, piece: OpenPiece, curves: CurveSet, line: LevelLine, step: float
 ) -> Turn:
     turn = Turn(offset_curve(surface, curves.curves, line, step))
     nearest = front.which[line.vertices]

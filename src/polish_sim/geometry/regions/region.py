@@ -34,14 +34,17 @@ class Region:
 
     surface: Surface  #: The surface restricted to the region; facets at its border may be cut
     facets: Ints  #: Facet of the whole surface each facet of the region belongs to, shape (k,)
-    boundary_loops: tuple[Array, ...]
-    """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component by
-    component, of each the outer one first."""
     area_m2: float
     up: Array
     """Unit vector from where the region is looked at: away from the table; for a connected region that does
     not look up, its mean normal. Shape (3,)."""
     notes: tuple[str, ...] = ()  #: What was left out or cut, for the user
+
+    @cached_property
+    def boundary_loops(self) -> tuple[Array, ...]:
+        """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component
+        by component, of each the outer one first."""
+        return boundary_loops(self.surface)
 
     def components(self) -> tuple[Region, ...]:
         """Connected components, each with its own border, the largest first; itself if it is connected."""
@@ -146,7 +149,6 @@ def _build_region(patches: Sequence[Clipped], up: Array, notes: tuple[str, ...] 
     return Region(
         surface=surface,
         facets=np.concatenate([patch.parents for patch in patches]),
-        boundary_loops=boundary_loops(surface),
         area_m2=surface.facet_areas.sum(),
         up=_seen_from(surface, up),
         notes=notes,

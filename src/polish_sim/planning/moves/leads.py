@@ -10,18 +10,9 @@ import numpy as np
 
 from polish_sim.arrays import Array, dots, joined, unit
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.planning.moves.travel import (
-    APART_M,
-    AirSpace,
-    Move,
-    evenly,
-    move_in,
-    move_of,
-    path_of,
-    rim_depths,
-)
+from polish_sim.planning.moves.travel import APART_M, AirSpace, Move, evenly, move_in, move_of, path_of
 from polish_sim.planning.quality.located import ground_under
-from polish_sim.planning.quality.tool_room import Places, pressed_places
+from polish_sim.planning.quality.tool_room import pressed_places
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length
 
 LEAD_SHARE = 1.0 / 3.0  #: Height of the lead-in as a share of the clearance
@@ -91,91 +82,55 @@ def landing(
     return Move(*joined(moves))
 
 
-TOLERANCE_M = 2e-4  #: On its lead the pad may stand this much deeper in the part than where it lands [m]
 ROUNDING_M = 1e-9
 #: Shares of the clearance from which a straight lead begins, tried in this order
 LOWER = (1.0, 0.5, 0.25, 0.12)
 FURTHER = 14  #: Points further along that are tried as the end of a stroke
-NEAR = 3  #: Points tried when only the pad's rim touches
 LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
-class ChosenLeads(NamedTuple):
-    """How a stroke begins and ends."""
-
-    start: Landing
-    end: Landing
-
-
-def choose_leads(process: Move, name: str, air: AirSpace, stepover: float) -> ChosenLeads | None:
-    """Keep the lead asked for unless the pad would run into the part on it; then come straight along the
+def choose_leads(process: Move, name: str, air: AirSpace, stepover: float) -> tuple[Landing, Landing] | None:
+    """Keep the lead asked for unless the tool would run into the part on it; then come straight along the
     axis.
 
-    A pad on a hollow already stands in the part with its rim where it presses, and next to a wall it does so
-    on any
-    lead: a lead hits when the pad stands deeper on it, or on the straight way above it, than where it touches
-    down. Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened, a
-    ``stepover`` [m] at a time. The tool point itself never enters the part, and it can always come from
-    outside in a straight line.
+    What the pad yields to where it presses it yields to on the lead. Where even the straight lead hits, it
+    begins lower; where that hits too, the stroke is shortened, by half a ``stepover`` [m] first. The tool
+    point itself never enters the part, and it can always come from outside in a straight line.
 
-    None if the tool can land on no part of the stroke, or leave from none.
+    Returns how the stroke begins and ends; None if the tool can land on no part of it, or leave from none.
     """
-    ends = [_choose(way, name, air, stepover) for way in (process, process.rows(BACKWARDS))]
-    start, end = ends
+    start, end = (_choose(way, name, air, stepover) for way in (process, process.rows(BACKWARDS)))
     if start is None or end is None or (last := len(process.positions) - 1 - end.row) <= start.row:
         return None
-    return ChosenLeads(start, end._replace(row=last))
+    return start, end._replace(row=last)
 
 
 def _choose(process: Move, name: str, air: AirSpace, stepover: float) -> Landing | None:
-    """The first landing at the beginning that is clear: as asked, straight, from lower, further along; last
-    with the pad in a wall."""
-    rows = _rows_along(process, stepover)
-    straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
-    tries: list[tuple[AirSpace, list[tuple[LeadShape, float]], list[int]]] = [
-        (air, [(LEADS[name], air.clearance), *straight], [0]),
-        (air, straight, rows[:NEAR]),
-        (air._replace(pad_radius=0.0), straight, [0, *rows]),
-    ]
-    for around, shapes, where in tries:
-        for row in where:
-            for shape, clearance in shapes:
-                if _is_clear(process.rows(np.s_[row:]), shape, clearance, around):
-                    return Landing(shape, clearance, row)
-    return None
-
-
-def _rows_along(process: Move, stepover: float) -> list[int]:
-    """Points of a stroke further and further along: half a step-over, then always half as far again."""
+    """The first landing at the beginning that is clear: as asked, straight, from lower, further along."""
     s = arc_length(process.positions)
+    # Points further and further along: half a step-over, then always half as far again.
     away = 0.5 * stepover * 1.5 ** np.arange(FURTHER)
-    rows = np.searchsorted(s, away[away < LONGEST_CUT * s[-1]])
-    return [int(row) for row in rows if 0 < row < len(s) - 1]
+    found = np.searchsorted(s, away[away < LONGEST_CUT * s[-1]])
+    rows = [int(row) for row in found if 0 < row < len(s) - 1]
+    straight = [Landing(normal_lead, share * air.clearance, row) for row in (0, *rows) for share in LOWER]
+    tries = (Landing(LEADS[name], air.clearance), *straight)
+    return next((landing for landing in tries if _is_clear(process, landing, air)), None)
 
 
-def _is_clear(process: Move, shape: LeadShape, clearance: float, air: AirSpace) -> bool:
+def _is_clear(process: Move, tried: Landing, air: AirSpace) -> bool:
     """Whether neither the lead nor the way out from it runs into the part."""
-    foot = process.rows(np.s_[:1])
-    landed = rim_depths(air.part, foot.positions, foot.axes, air.pad_radius)[0]
-    way = landing(process, shape, clearance)
+    process = process.rows(np.s_[tried.row :])
+    foot, way = process.rows(np.s_[:1]), landing(process, tried.shape, tried.clearance)
     up = np.abs(dots(way.positions - foot.positions, foot.axes))
     if (signed_distances(air.part, way.positions) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
-    if rim_depths(air.part, way.positions, way.axes, air.pad_radius).max() > landed + TOLERANCE_M:
-        return False
-    if not air.has_room(way.positions, way.axes, _pressed_at(foot, air)):
-        return False
+    if air.tool is not None:
+        under = ground_under(air.part, air.part.closest(foot.positions))
+        pressed = pressed_places(foot.positions, foot.axes, under, air.tool.pad, air.tool.force)
+        if not air.has_room(way.positions, way.axes, pressed):
+            return False
     top = way.positions[:1]
     return air.way_out(top[0], foot.axes[0], air.height_to_keep(top)) is not None
-
-
-def _pressed_at(place: Move, air: AirSpace) -> Places | None:
-    """The tool pressed on the part at one point; None without a tool."""
-    if not air.tool:
-        return None
-    foot = air.part.closest(place.positions)
-    under = ground_under(air.part, foot.facets, foot.barycentric)
-    return pressed_places(place.positions, place.axes, under, air.tool.pad, air.tool.force)
 
 
 def with_way_down(path: ToolPath, clearance: float) -> ToolPath:

@@ -154,11 +154,11 @@ def place(stroke: Move, previous: Move | None, plan: PlanConfig, air: AirSpace) 
     chosen = choose_leads(stroke, plan.lead_in, air, plan.stepover_m)
     if chosen is None:
         return None
-    first, last = chosen.start.row, chosen.end.row
+    first, last = (end.row for end in chosen)
     move = with_leads(stroke.rows(np.s_[first : last + 1]), *chosen)
     if previous is not None:
-        between, clear = travel(previous, move, air)
-        if not clear:
+        between = travel(previous, move, air)
+        if between is None:
             return None
         move = Move(*joined([between, move]))
     before = (move.segment == PROCESS).argmax()
@@ -231,10 +231,10 @@ def _clear_of_part(
     ``cuts``."""
     if not air.tool:
         return [whole]
-    move, points = whole.process, run.points
+    move = whole.process
     s = arc_length(move.positions)
-    rows = rows_apart(s, CUT_APART * air.pad_radius)
-    under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
+    rows = rows_apart(s, CUT_APART * air.tool.pad.radius_m)
+    under = ground_under(run.surface, run.points.rows(rows))
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
     hit = np.flatnonzero(found.depths > 0.0)

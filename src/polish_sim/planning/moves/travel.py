@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, crosses, norms, perpendicular, plane_axes, turned, unit
+from polish_sim.arrays import Array, Bools, Indices, norms, perpendicular, plane_axes, turned, unit
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
@@ -63,10 +63,9 @@ class AirSpace(NamedTuple):
     """What the lifted tool must keep clear of."""
 
     part: Surface  #: The whole part, in its fixture if it has one
-    pad_radius: float  #: [m]; 0 looks at the tool point only
     clearance: float  #: Height of a lifted tool above the part along its axis [m]
     up: Array  #: Unit vector away from the table, shape (3,)
-    tool: Tool | None = None  #: What follows the pad; None looks at the pad only
+    tool: Tool | None = None  #: What stands behind the tool point; None looks at that alone
     alone: Surface | None = None  #: The part without a fixture, if it has one: the tool knows that by itself
 
     @property
@@ -120,36 +119,6 @@ def _around(axis: Array) -> Array:
     return unit(along[:, None] * axis + np.sqrt(1.0 - along**2)[:, None] * beside)
 
 
-RIM_POINTS = 24
-
-
-def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
-    """How deep the middle or the rim of the pad's face stands in the part [m], 0 where it is clear, shape
-    (n,).
-
-    Tool points and unit axes are (n, 3) each; a ``radius`` of 0 looks at the tool point only.
-    """
-    points = positions[:, None]
-    if radius > 0.0:
-        first = _beside(surface, axes)
-        angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
-        rim = turned(first[:, None], crosses(axes, first)[:, None], angle)
-        points = np.concatenate([points, points + radius * rim], axis=1)
-    depth = -signed_distances(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
-    return np.maximum(depth, 0.0).max(axis=1)
-
-
-def _beside(surface: Surface, axes: Array) -> Array:
-    """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
-    ways = surface.vertices[:3] - surface.middle
-    square = crosses(axes[:, None], ways)
-    size = norms(square)
-    # The first that is long enough: rounding does not choose among equals.
-    chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
-    rows = np.arange(len(axes))
-    return square[rows, chosen] / size[rows, chosen][:, None]
-
-
 def evenly(first: float, last: float, length: float) -> Array:
     """Values from first to last, about `SPACING_M` apart over a length."""
     return np.linspace(first, last, max(int(np.ceil(length / SPACING_M)), 2) + 1)
@@ -159,42 +128,34 @@ LEVELS = 5  #: Heights tried between the lifted tool's own and one above everyth
 ROUND = 24  #: Corners of a way round the part
 
 
-def travel(first: Move, second: Move, air: AirSpace) -> tuple[Move, bool]:
+def travel(first: Move, second: Move, air: AirSpace) -> Move | None:
     """Carry the lifted tool from one run to the next, no higher than the part between makes it.
 
-    Returns the points between, as approach to the second run, and whether they keep clear of the part.
+    Returns the points between, as approach to the second run; None if none of the ways keeps clear of the
+    part.
     """
-    lifted, landing = first.rows(np.s_[-1:]), second.rows(np.s_[:1])
-    kept = air.height_to_keep(np.concatenate([lifted.positions, landing.positions]))
-    clear, line, axes = False, np.empty((0, 3)), np.empty((0, 3))
-    for corners in _ways(lifted, landing, air, kept):
+    ends = np.stack([first.positions[-1], second.positions[0]])
+    axes = first.axes[-1], second.axes[0]
+    kept = air.height_to_keep(ends)
+    for corners in _ways(ends, axes, air, kept) if kept > 0.0 else ():
         line = _along(corners)
-        axes = turn_between(lifted.axes[0], landing.axes[0], np.linspace(0.0, 1.0, len(line)))
-        clear = kept > 0.0 and signed_distances(air.part, line).min() >= kept and air.has_room(line, axes)
-        if clear:
-            break
-    # Both ends belong to the moves before and after.
-    return move_in(APPROACH, line[1:-1], axes[1:-1], second.pass_index[0]), clear
+        turning = turn_between(*axes, np.linspace(0.0, 1.0, len(line)))
+        if signed_distances(air.part, line).min() >= kept and air.has_room(line, turning):
+            # Both ends belong to the moves before and after.
+            return move_in(APPROACH, line[1:-1], turning[1:-1], second.pass_index[0])
+    return None
 
 
-def _ways(lifted: Move, landing: Move, air: AirSpace, kept: float) -> Iterator[Sequence[Array]]:
-    """Corners of the ways to try: at rising heights, then round the part, last above everything,
-    unchecked."""
-    ends = np.concatenate([lifted.positions, landing.positions])
-    axes = lifted.axes[0], landing.axes[0]
+def _ways(ends: Array, axes: tuple[Array, Array], air: AirSpace, kept: float) -> Iterator[Sequence[Array]]:
+    """Corners of the ways to try between two places (2, 3) [m]: at rising heights, then round the part."""
     top = (air.part.vertices @ air.up).max() + air.clearance
     low = max(end @ air.up for end in ends)
     for level in np.linspace(low, max(top, low), LEVELS):
-        yield _over(ends, air.up, level)
+        yield [ends[0], *(end + air.up * max(level - (end @ air.up), 0.0) for end in ends), ends[1]]
     yield _round(ends, axes, air)
     out = [air.way_out(end, axis, kept) for end, axis in zip(ends, axes, strict=True)]
     if out[0] is not None and out[1] is not None:
         yield _round(ends, (out[0], out[1]), air)
-    yield _over(ends, air.up, max(top, low))
-
-
-def _over(ends: Array, up: Array, level: float) -> list[Array]:
-    return [ends[0], *(end + up * max(level - (end @ up), 0.0) for end in ends), ends[1]]
 
 
 def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[Array]:
@@ -242,25 +203,20 @@ MOST_SWEEPS = 40
 LEAST_GAIN_M = 1e-6  #: A change that shortens the way by less is left alone: rounding must not choose
 
 
-class Tour(NamedTuple):
-    """An order of blocks."""
-
-    order: Indices  #: Which block comes k-th, shape (n,)
-    backwards: Bools  #: Whether the k-th block is walked from its end, shape (n,)
-
-
-def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
+def order_blocks(ends: Array, free: bool, start: Array | None = None) -> tuple[Indices, Bools]:
     """Order blocks so that the way from the end of each to the beginning of the next is short overall.
 
     Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved
     (or-opt) as long as that helps. The first block stays the first: the given one, or the one nearest to
     ``start`` (3,) [m]. ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free``
     may be walked from their end.
+
+    Returns which block comes k-th (n,), and whether it is walked from its end (n,).
     """
     order, flips = nearest_neighbours(ends, free, start)
     if len(order) > 2:
         _improve(np.ascontiguousarray(ends), order, flips, free)
-    return Tour(order, flips.astype(bool))
+    return order, flips.astype(bool)
 
 
 def nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[Indices, Indices]:

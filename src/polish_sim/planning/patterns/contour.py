@@ -48,17 +48,13 @@ def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> C
     """A turn with round corners and points of equal chord error, on the surface."""
     even = turn.points(turn.even(FINE * stepover, 12))
     window = min(round(ROUNDING / FINE), len(even) // 6) | 1
-    on = surface.closest(_mean(even + SHARPENING * (even - _mean(even, window)), window))
+    sharpened = even + SHARPENING * (even - averaged_twice(even, window, "wrap"))
+    on = surface.closest(averaged_twice(sharpened, window, "wrap"))
     smooth = Curve(on.positions, on.normals, True)
     chords = adapted_spacing(smooth, min(stepover, 8.0 * FURTHEST_M))
     found = surface.closest(smooth.points(running_sums(chords)[:-1]))
     loop = Curve(found.positions, found.normals, True)
     return loop.backwards() if reverse else loop
-
-
-def _mean(ring: Array, window: int) -> Array:
-    """Mean of a ring of points weighted by a triangle of twice the window."""
-    return averaged_twice(ring, window, "wrap")
 
 
 def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanConfig) -> list[float]:

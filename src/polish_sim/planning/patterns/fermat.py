@@ -91,7 +91,11 @@ def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam
     bow = _round(levels, stepover) if last == 1 else _hook(levels.bands[last], stepover)
     links.append(_u_turn(levels, last, last - 1, bow))
     if pocket.parent < 0:
-        return Seam(tuple(links), _free_ends(levels, stepover))
+        # The path begins and ends beside the line that crosses the outermost level inwards.
+        places = 2 * [TIPS_APART * stepover]
+        if last > 1:
+            places = [(0.5 * (FREE + level) - 0.5) * levels.bands[level] for level in (0, 1)]
+        return Seam(tuple(links), tuple(levels.end(level, x, True) for level, x in enumerate(places)))
     bow = bow if last == 1 else _hook(levels.bands[0], stepover)
     links.append(_u_turn(levels, 0, 1, bow))
     return Seam(tuple(links), ())
@@ -160,14 +164,6 @@ def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> JoinedEnds:
     return JoinedEnds(*ends, line[1:-1])
 
 
-def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
-    """Where the path begins and ends: beside the line that crosses the outermost level inwards."""
-    if len(levels.turns) == 2:
-        return levels.end(0, TIPS_APART * stepover, True), levels.end(1, TIPS_APART * stepover, True)
-    begin, end = ((0.5 * (FREE + level) - 0.5) * levels.bands[level] for level in (0, 1))
-    return levels.end(0, begin, True), levels.end(1, end, True)
-
-
 TRIES = 4  #: How often loops beside crossings are left out before the path is taken as it is
 WORTH_A_STROKE = 5.0  #: Shortest place the tool is lifted for [step-overs]
 CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many step-overs
@@ -190,15 +186,12 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
         if len(where) == 0:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
-        closing = [turn for turn in turns if id(turn) in loops]
-        crowded = {
-            id(t)
-            for t in closing
-            if np.isfinite(t.curve.nearest(where, CROWDED * request.stepover).distances).any()
-        }
-        if not crowded:
-            break
-        turns = [turn for turn in turns if id(turn) not in crowded]
+        turns = [
+            turn
+            for turn in turns
+            if id(turn) not in loops
+            or np.isinf(turn.curve.nearest(where, CROWDED * request.stepover).distances).all()
+        ]
     return runs + _strokes_between(request, lines, runs)
 
 

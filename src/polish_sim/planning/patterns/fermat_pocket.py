@@ -143,13 +143,14 @@ class _Lines(NamedTuple):
     """Lines across a row of turns, tried side by side."""
 
     s: Array  #: Where they cross each turn [m], shape (n, k)
-    narrow: Array  #: What a seam of two turns there would cost, shape (n,); inf where there is no room
-    wide: Array  #: What a seam of more turns would cost, shape (n,)
+    price: Array  #: What a seam that ends here would cost, shape (n,); inf where there is no room
+    wide: Array  #: What a seam of more than two turns would cost, shape (n,)
     away: Array  #: What it costs to begin there, not where wanted, shape (n,)
 
-    def best(self, price: Array) -> tuple[float, ...]:
+    @property
+    def best(self) -> tuple[float, ...]:
         """The cheapest line."""
-        return tuple(float(value) for value in self.s[np.argmin(np.round(price + self.away, 6))])
+        return tuple(float(value) for value in self.s[np.argmin(np.round(self.price + self.away, 6))])
 
 
 def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
@@ -162,20 +163,19 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
     if parent < 0 and len(layout.start):
         away = norms(curve.points(s) - layout.start) / layout.stepover
     lines = _Lines(s[:, None], *free, away)
-    best = lines.best(lines.narrow)
+    best = lines.best
     following = [first] if parent >= 0 else list(tree.children[first])
     while following:
         offers = []
         for child in following:
             longer = _step(layout, row, child, lines)
-            price = longer.narrow if len(row) == 1 else longer.wide
-            alive = price < (TOLERABLE * len(row) if len(row) > 1 else BLOCKED)
+            alive = longer.price < (TOLERABLE * len(row) if len(row) > 1 else BLOCKED)
             if alive.any():
                 offers.append((tree.lengths[child], child, longer, alive))
         if not offers:
             break
         _, child, longer, alive = max(offers, key=lambda offer: offer[0])
-        best = longer.best(longer.narrow if len(row) == 1 else longer.wide)
+        best = longer.best
         lines = _Lines(*(column[alive] for column in longer))
         row.append(child)
         following = list(tree.children[child])
@@ -222,9 +222,10 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     foot = there.nearest(here.points(s))
     narrow, wide = (
         price + _misfit(layout, row[-1], child, s, steps) + _use(layout, child, foot.s, steps)
-        for price, steps in ((lines.narrow, NARROW), (lines.wide, BAND))
+        for price, steps in ((lines.price, NARROW), (lines.wide, BAND))
     )
-    return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
+    price = narrow if len(row) == 1 else wide
+    return _Lines(np.column_stack([lines.s, foot.s]), price, wide, lines.away)
 
 
 def _width(layout: Layout, turn: int, steps: float) -> float:

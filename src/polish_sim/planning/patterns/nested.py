@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
 from polish_sim.geometry.surface import enclosed
-from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.curve import Curve, CurveSet
 from polish_sim.planning.ground import Triangulation
 from polish_sim.planning.offset_curve import LevelLine, level_lines
 from polish_sim.planning.patterns.run import PatternRequest
@@ -35,7 +35,6 @@ PASSES = 2  #: Searches for places: what the first loops leave may be a place of
 WIDER = 0.12
 TAIL = 0.3  #: Where a turn runs back along itself nearer than this many step-overs, a loop replaces its tail
 SLIVER = 0.1  #: A turn is a sliver if its mean width, area by length, is below this [step-overs]
-SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
 FURTHEST = 3.0  #: Distances are measured up to this many step-overs
 
 
@@ -97,11 +96,8 @@ def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
         waiting.extend(reversed(turn.children))
 
 
-def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> list[list[Turn]]:
-    """Split nested turns into chains that can be walked without a lift, the longest way inwards first.
-
-    A chain ends before a turn shorter than that many step-overs.
-    """
+def chains(roots: Sequence[Turn], stepover: float) -> list[list[Turn]]:
+    """Split nested turns into chains that can be walked without a lift, the longest way inwards first."""
 
     def shortness(turn: Turn) -> float:
         """Rounded, so that turns of one length keep their order."""
@@ -114,8 +110,6 @@ def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> lis
         while chain[-1].children:
             inner = sorted(chain[-1].children, key=shortness)
             waiting.extend(inner[1:])
-            if inner[0].curve.length < shortest * stepover:
-                break
             chain.append(inner[0])
         out.append(chain)
     return out
@@ -209,9 +203,9 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
             continue
         edge = np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover)
         for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
-            curve = _loop(line, stepover) if line.closed else None
-            if curve is not None and curve.length > SHORTEST * stepover:
-                nearest = np.bincount(nearest_of(curves, curve.positions).curve).argmax()
+            if line.closed:
+                curve = _loop(line, stepover)
+                nearest = np.bincount(CurveSet(curves).nearest(curve.positions).curve).argmax()
                 loops.append(Turn(curve, np.flatnonzero(place)))
                 turns[int(nearest)].children.append(loops[-1])
     return loops

@@ -44,8 +44,8 @@ def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float
     turn is the first. Every point of both turns is among the pairs.
     """
     feet, heads = outer.nearest(inner.positions), inner.nearest(outer.positions)
-    on_outer = _from_seam(outer, np.concatenate([feet.s, outer.knots[:-1]]), outer_seam) / outer.length
-    on_inner = _from_seam(inner, np.concatenate([inner.knots[:-1], heads.s]), inner_seam) / inner.length
+    on_outer = np.mod(np.concatenate([feet.s, outer.knots[:-1]]) - outer_seam, outer.length) / outer.length
+    on_inner = np.mod(np.concatenate([inner.knots[:-1], heads.s]) - inner_seam, inner.length) / inner.length
     # Just beside the seam one of a pair may lie before it and the other behind.
     split = np.abs(on_outer - on_inner) > 0.5
     own = np.arange(len(on_outer)) < len(feet.s)
@@ -85,10 +85,6 @@ def _shared_out(outer: Array, inner: Array, beside: Bools, own: Bools) -> tuple[
     return outer, inner
 
 
-def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
-    return np.mod(s - seam, curve.length)
-
-
 #: Share of the way inwards that moves from band to whole turn, per turn; spacing changes by half of it
 SPREAD = 0.08
 FLATTEST = 1e-3  #: Smaller curvatures of a turn count as this one, times the step-over
@@ -126,7 +122,9 @@ def spread_shares(
     step = _first_step(_grid(lengths[0], stepover), band)
     out = [_spread(np.maximum(step.values, 0.0), amounts[0], amounts[min(1, len(matches))], lengths[0])]
     for i, match in enumerate(matches):
-        beside = _seen_from(step, match, _grid(lengths[i + 1], stepover))
+        # The step on this turn carried over to the next one.
+        carried = step.around(np.interp(_grid(lengths[i + 1], stepover), match.inner, match.outer))
+        beside = Shares(carried, lengths[i + 1])
         step = _parallel(beside, match, 1.0 - amounts[i], stepover)
         # Behind the seam the step is still that of the round before, ahead of it the next one comes.
         half = len(step.values) // 2
@@ -163,11 +161,6 @@ def _first_step(grid: Array, band: float) -> Shares:
     u = np.clip(np.stack([grid, grid - length]) / band + 0.5, 0.0, 1.0)
     ahead, behind = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return Shares(ahead - 1.0 + behind, length)
-
-
-def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:
-    """Shares on a turn carried over to the next one."""
-    return Shares(outer.around(np.interp(grid, match.inner, match.outer)), grid[-1])
 
 
 def _parallel(step: Shares, match: Match, height: float, stepover: float) -> Shares:

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, longest_side, norms, unit
+from polish_sim.arrays import Array, Bools, joined, longest_side, norms, unit
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.curve import Curve, CurveSet
 from polish_sim.planning.ground import Triangulation, footprint
-from polish_sim.planning.offset_curve import LevelLine, level_lines, offset_curve
+from polish_sim.planning.offset_curve import level_lines, offset_curve
 from polish_sim.planning.patterns.raster_walk import ENDS, LinePiece, ZigZag, fillet, walk
 from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun
 from polish_sim.planning.toolpath import arc_length, stretches
@@ -81,7 +81,7 @@ def _both_sides(
 ) -> tuple[list[list[Curve]], float, float]:
     """Offset the section at a height to both sides; how much is left beyond the last lines above and below
     [m]."""
-    middle = [line.curve for line in _open(level_lines(mesh, heights, level))]
+    middle = [line.curve for line in level_lines(mesh, heights, level) if not line.closed]
     if not middle:
         raise PlanError(
             "lines side by side do not fit this region: none across its middle runs from border to border. "
@@ -98,20 +98,10 @@ def _both_sides(
             lines = [*lines, last] if side > 0.0 else [last, *lines]
             share = 0.5 * (mesh.vertex_areas[inside].sum() / mesh.vertex_areas.sum())
             report(0.75 - 0.25 * side - share)
-        left.append(_depth_beyond(mesh, last, inside, stepover))
+        # How far the region extends beyond its last line.
+        beyond_last = distance_to(mesh, np.flatnonzero(inside), last, 2.0 * stepover)
+        left.append(beyond_last[beyond_last < 2.0 * stepover].max(initial=0.0))
     return lines, left[0], left[1]
-
-
-def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Bools, stepover: float) -> float:
-    """How far the region extends beyond its last line [m]."""
-    if not inside.any():
-        return 0.0
-    distance = distance_to(mesh, np.flatnonzero(inside), lines, 2.0 * stepover)
-    return distance[distance < 2.0 * stepover].max(initial=0.0)
-
-
-def _open(lines: Sequence[LevelLine]) -> list[LevelLine]:
-    return [line for line in lines if not line.closed]
 
 
 def _next_line(
@@ -123,11 +113,12 @@ def _next_line(
     distance = np.full(len(inside), -1.0)
     rows = np.flatnonzero(inside)
     distance[rows] = distance_to(mesh, rows, longer, 2.5 * stepover)
-    found = _open(level_lines(mesh, distance, stepover))
-    return (
-        [offset_curve(region.surface, longer, line, stepover) for line in found if len(line.positions) > 3],
-        inside & (distance > (1.0 + ROUNDING) * stepover),
-    )
+    found = [
+        offset_curve(region.surface, longer, line, stepover)
+        for line in level_lines(mesh, distance, stepover)
+        if not line.closed and len(line.positions) > 3
+    ]
+    return found, inside & (distance > (1.0 + ROUNDING) * stepover)
 
 
 def _extended(surface: Surface, line: Curve, length: float) -> Curve:
@@ -142,11 +133,8 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         if back.any():
             more = more[: off[: back.argmax()].argmax() + 1]
         ends.append((more[::-1] if sign < 0.0 else more, np.tile(normal, (len(more), 1))))
-    return Curve(
-        np.concatenate([ends[0][0], line.positions, ends[1][0]]),
-        np.concatenate([ends[0][1], line.normals, ends[1][1]]),
-        False,
-    )
+    positions, normals = joined([ends[0], (line.positions, line.normals), ends[1]])
+    return Curve(positions, normals, False)
 
 
 BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
@@ -195,11 +183,11 @@ def _cut(
     """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
     points = line.points(s)
-    depth = nearest_of(borders, points).distances / stepover - ENDS
+    depth = CurveSet(borders).nearest(points).distances / stepover - ENDS
     # Where it comes only a little too near to the border it bends aside.
     for i, j in stretches(depth <= 0.0):
         if i > 0 and j + 1 < len(s) and depth[i : j + 1].min() > -GIVES_WAY and ends:
-            points[i : j + 1] = nearest_of(ends, points[i : j + 1]).positions
+            points[i : j + 1] = CurveSet(ends).nearest(points[i : j + 1]).positions
             depth[i : j + 1] = 1e-9
     pieces = []
     for i, j in stretches(depth > 0.0):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, unit
-from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.curve import Curve, CurveSet
 from polish_sim.planning.toolpath import arc_length, interpolate
 
 ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
@@ -69,7 +69,7 @@ def walk(
     if not pieces:
         return []
     tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
-    feet = nearest_of(curves, tips)
+    feet = CurveSet(curves).nearest(tips)
     ends = _Ends(curves, feet.curve, feet.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
     waiting = set(range(len(pieces)))
     begin, heading = _first_end(pieces, tips, start)

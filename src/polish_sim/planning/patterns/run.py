@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices, norms
 from polish_sim.config import PlanConfig
@@ -55,8 +54,7 @@ class SurfaceRun:
 
     def backwards(self) -> SurfaceRun:
         """The same line followed the other way; turns are numbered anew from its new beginning."""
-        columns: tuple[NDArray[Any], ...] = self.points
-        points = ClosestPoints(*(column[::-1] for column in columns))
+        points = self.points.rows(np.s_[::-1])
         return replace(self, points=points, pass_index=self.pass_index.max() - self.pass_index[::-1])
 
 
@@ -84,7 +82,10 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]
-    smooth = with_round_corners(positions, stepover)
+    # Evenly spaced points along the line, its corners rounded.
+    even = dense(positions, FINE * stepover, least=8)
+    window = min(round(ROUNDING / FINE), (len(even) - 1) // 3)
+    smooth = _rounded(even + SHARPENING * (even - _rounded(even, window)), window)
     s = np.linspace(0.0, knots[-1], len(smooth))
     spline = CubicSpline(s, smooth)
     curvature = np.maximum(norms(spline(s, 2)), 1e-9)
@@ -92,14 +93,6 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]
     return SurfaceRun(surface, found, index)
-
-
-def with_round_corners(positions: Array, stepover: float) -> Array:
-    """Evenly spaced points along a polyline (n, 3), its corners rounded; shape (m, 3) [m]."""
-    even = dense(positions, FINE * stepover, least=8)
-    window = min(round(ROUNDING / FINE), (len(even) - 1) // 3)
-    sharpened = even + SHARPENING * (even - _rounded(even, window))
-    return _rounded(sharpened, window)
 
 
 def _rounded(points: Array, window: int) -> Array:

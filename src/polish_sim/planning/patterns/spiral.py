@@ -207,11 +207,8 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
     outward = plan.order == "outward"
-    waiting = [
-        chain
-        for chain in chains(roots, stepover, SPIRAL_SHORTEST)
-        if chain[0].curve.length > SPIRAL_SHORTEST * stepover
-    ]
+    shortest = SPIRAL_SHORTEST * stepover
+    waiting = [chain for chain in chains(roots, stepover) if chain[0].curve.length > shortest]
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":

@@ -50,8 +50,8 @@ class Leaning:
     @property
     def note(self) -> str:
         """How far it leans."""
-        slope = norms(self.leans).max()
-        return f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it"
+        steepest = np.degrees(np.arctan(norms(self.leans).max()))
+        return f"by up to {steepest:.3g} deg away from what stands beside it"
 
     def lean(self, points: Array, axes: Array) -> Array:
         """Unit axes (n, 3) at points (n, 3) [m], leaned."""
@@ -89,14 +89,12 @@ class ToolRoom:
         """Room at points (n, 3) of the surface [m], shape (n,)."""
         return self.of_bodies(self.places(points)[0]).min(axis=1) + self.shift
 
-    def straight(self, points: Array) -> Array:
-        """The same."""
-        return self.at(points)
+    straight = at
 
     def places(self, points: Array) -> tuple[Places, UnderPad]:
         """The tool pressed on at points (n, 3), and the surface under it."""
         foot = self.surface.closest(points)
-        under = ground_under(self.surface, foot.facets, foot.barycentric)
+        under = ground_under(self.surface, foot)
         axes = under.normals if self.leaning is None else self.leaning.lean(points, under.normals)
         return pressed_places(points, axes, under, self.tool.pad, self.tool.force), under
 
@@ -127,7 +125,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     upright = reach
     if plan.avoid == TILT:
         reach = _leant(ground, room, near, upright)
-    _refuse_nothing(reach.least, reach.rooms, reach.hollow, ground, tool)
+    _refuse_nothing(reach, ground, tool)
     relaxed = min(TURN_INSIDE * plan.stepover_m, 0.5 * radius)
     leaning = reach.leaning
     wanted = replace(room, surface=region.surface, shift=radius + relaxed, leaning=leaning)
@@ -196,18 +194,19 @@ def _leant(ground: Ground, room: ToolRoom, near: Bools, upright: _Reach) -> _Rea
     return reach if reach.area(ground) > upright.area(ground) else upright
 
 
-def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, tool: Tool) -> None:
+def _refuse_nothing(reach: _Reach, ground: Ground, tool: Tool) -> None:
     """Refuse a region on which the tool has room nowhere."""
+    least = reach.least
     if least.max() >= 0.0:
         return
     best = least.argmax()
     diameter = 2e3 * tool.pad.radius_m
     place = place_in_mm(ground.mesh.vertices[best])
-    body, beside = tool.pairs[rooms[best].argmin()]
+    body, beside = tool.pairs[reach.rooms[best].argmin()]
     why = (
         f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a "
         f"pad of {diameter:.3g} mm does not follow"
-        if hollow[best]
+        if reach.hollow[best]
         else f"where it has most room, at {place}, its {body} would still come {-1e3 * least[best]:.3g} mm "
         f"too close to the {beside} beside it (pad {diameter:.3g} mm)"
     )

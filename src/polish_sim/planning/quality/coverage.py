@@ -24,7 +24,7 @@ from polish_sim.arrays import (
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
-from polish_sim.planning.curve import Curve, nearest_of
+from polish_sim.planning.curve import Curve, CurveSet
 from polish_sim.planning.ground import Ground, Triangulation
 from polish_sim.planning.points import build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
@@ -44,7 +44,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     path, limit = Strands(runs).sample(CHORD * stepover), STRICT * stepover
     parts = (slice(*ends) for ends in pairwise(path.first))
     fine = [Curve(path.points[part], path.normals[part], False) for part in parts]
-    feet = nearest_of(fine, points, np.hypot(limit, 0.5 * CHORD * stepover))
+    feet = CurveSet(fine).nearest(points, np.hypot(limit, 0.5 * CHORD * stepover))
     return (feet.distances <= limit) & (dots(feet.normals, normals) > 0.0)
 
 
@@ -281,7 +281,10 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | f
     mean = (areas * times).sum() / total
     spread = np.sqrt((areas * (times - mean) ** 2).sum() / total)
     under = times > 0.0
-    median = _median(times[under], areas[under])
+    # The time below which half of the area under the pad lies.
+    median = (
+        np.quantile(times[under], 0.5, weights=areas[under], method="inverted_cdf") if under.any() else 0.0
+    )
     figures = {
         "exposure_mean_s": mean,
         "exposure_median_s": median,
@@ -291,12 +294,3 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | f
         "under_polished_area_m2": areas[times < UNDER * median].sum(),
     }
     return ExposureMap(times[some.stands_for], figures)
-
-
-def _median(values: Array, weights: Array) -> float:
-    """Value below which half of the weight lies; zero if there are no values."""
-    if len(values) == 0:
-        return 0.0
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    return values[order[np.searchsorted(below, 0.5 * below[-1])]]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, into_plane, norms, unit
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, into_plane, joined, norms, unit
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curve import Curve
 
@@ -35,8 +35,10 @@ class Segments(NamedTuple):
 
 def _segments(runs: Sequence[Curve]) -> Segments:
     """All chords of open curves, those of no length left out."""
-    start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
-    first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
+    columns = (
+        (curve.positions[:-1], curve.positions[1:], curve.normals[:-1], curve.normals[1:]) for curve in runs
+    )
+    start, end, first, last = joined(columns)
     gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
     kept = norms(end - start) > 0.0
     number = np.arange(len(start)) + gap

@@ -129,6 +129,7 @@ def measure_quality(
     area = account_for(asked, exposure.times > 0.0, pad, cuts, distances, stepover, beside)
     in_part = find_pad_in_part(on, part or ground.region.surface, pad, fixture)
     crossings = find_crossings(on.runs)
+    corner, rate = _sharpest_corner(on.runs), _fastest_turn(on)
     length = sum(run.length for run in on.runs)
     figures = {
         "path_length_m": length,
@@ -141,7 +142,12 @@ def measure_quality(
         "coverage_stepover": strict_share(ground.mesh, ground.triangle_areas, on.runs, stepover),
         **exposure.figures,
         **in_part.figures,
-        **_sharpness_figures(on),
+        "sharpest_corner_rad": corner.value,
+        "sharpest_corner_at_m": corner.position.tolist(),
+        "corner_scale_m": CORNER_M,
+        "max_axis_rate_rad_m": rate.value,
+        "max_axis_rate_at_m": rate.position.tolist(),
+        "max_axis_lean_rad": angles_between(on.axes, on.under.normals).max(),
         "self_crossings": len(crossings),
         "stepover_expected_m": stepover,
         "pad_diameter_m": 2.0 * pad.radius_m,
@@ -167,19 +173,6 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
         "time_in_contact_s": times[pressing].sum(),
         "cycle_time_s": times.sum(),
         "air_length_m": chords[~pressing].sum(),
-    }
-
-
-def _sharpness_figures(on: PathOnSurface) -> dict[str, Any]:
-    """How suddenly path and tool axis turn, and how far the axis leans off the surface's normal."""
-    corner, rate = _sharpest_corner(on.runs), _fastest_turn(on)
-    return {
-        "sharpest_corner_rad": corner.value,
-        "sharpest_corner_at_m": corner.position.tolist(),
-        "corner_scale_m": CORNER_M,
-        "max_axis_rate_rad_m": rate.value,
-        "max_axis_rate_at_m": rate.position.tolist(),
-        "max_axis_lean_rad": angles_between(on.axes, on.under.normals).max(),
     }
 
 

@@ -9,13 +9,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, Ints, chord_lengths, dots, in_groups, norms, running_sums, unit
+from polish_sim.arrays import (
+    Array,
+    Indices,
+    chord_lengths,
+    dots,
+    in_groups,
+    joined,
+    norms,
+    running_sums,
+    unit,
+)
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
-from polish_sim.geometry import Surface
+from polish_sim.geometry import ClosestPoints, Surface
 from polish_sim.planning.curve import Curve, interpolated
 from polish_sim.planning.ground import Ground
-from polish_sim.planning.toolpath import ToolPath, arc_length
+from polish_sim.planning.toolpath import ToolPath, arc_length, interpolate
 
 LONGEST_M = 2e-3  #: Chords in contact longer than this are looked at in between as well [m]
 
@@ -37,8 +47,9 @@ class UnderPad(NamedTuple):
         return np.stack([dots(ways, way) for way in (self.principal, second)], axis=1)
 
 
-def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad:
-    """The surface at facets (n,) and barycentric coordinates (n, 3)."""
+def ground_under(surface: Surface, foot: ClosestPoints) -> UnderPad:
+    """The surface at some of its points (n,)."""
+    facets, barycentric = foot.facets, foot.barycentric
     bend = surface.curvature(facets, barycentric)
     normals = surface.evaluate(facets, barycentric).normals
     return UnderPad(normals, bend.directions, np.stack([bend.k1, bend.k2], axis=1))
@@ -51,7 +62,6 @@ class PathOnSurface(NamedTuple):
     axes: Array  #: Unit tool axes, shape (n, 3)
     under: UnderPad  #: The surface at the closest points
     distances: Array  #: Distance to the part's surface [m], 0 over closed holes, shape (n,)
-    heights: Array  #: The same along the normal [m], positive outside, shape (n,)
     forces: Array  #: Contact force [N], shape (n,)
     feeds: Array  #: Feed [m/s], shape (n,)
     stretch_of: Indices  #: Number of the stretch between lifts each point is in, shape (n,)
@@ -59,7 +69,7 @@ class PathOnSurface(NamedTuple):
     runs: tuple[Curve, ...]  #: The same stretches as curves, with surface normals
 
 
-def locate(ground: Ground, path: ToolPath, process: ProcessConfig = ProcessConfig()) -> PathOnSurface:
+def locate(ground: Ground, path: ToolPath, process: ProcessConfig) -> PathOnSurface:
     """Find the surface under the points in contact, and between them where they lie far apart.
 
     The path's own forces and feeds count before those of the process.
@@ -80,14 +90,11 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig = ProcessConfi
         )
     positions = path.positions_work[index]
     foot = surface.closest(positions)
-    gap = positions - foot.positions
-    on_part = ground.of_part[foot.facets]
     return PathOnSurface(
         positions=positions,
         axes=path.axes_work[index],
-        under=ground_under(surface, foot.facets, foot.barycentric),
-        distances=np.where(on_part, norms(gap), 0.0),
-        heights=np.where(on_part, dots(gap, foot.normals), 0.0),
+        under=ground_under(surface, foot),
+        distances=np.where(ground.of_part[foot.facets], norms(positions - foot.positions), 0.0),
         forces=path.force_at(path.s[index], process.contact_force_n),
         feeds=path.feeds(process.feed_m_s)[index],
         stretch_of=stretch_of,
@@ -100,31 +107,19 @@ def with_points_between(path: ToolPath) -> ToolPath:
     """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
     chords = chord_lengths(path.positions_work)
     pressing = path.process[1:] & path.process[:-1]
-    counts = np.where(pressing, np.maximum(np.ceil(chords / LONGEST_M * (1.0 - 1e-9)), 1.0), 1.0).astype(
-        np.int64
-    )
-    if (counts == 1).all():
+    counts = np.where(pressing, np.maximum(np.ceil(chords / LONGEST_M * (1.0 - 1e-9)), 1.0), 1.0)
+    if (counts == 1.0).all():
         return path
-    row, place = in_groups(counts)
-    share = place / counts[row]
-    row, share = np.append(row, len(chords) - 1), np.append(share, 1.0)
-
-    def between(values: Array) -> Array:
-        wide = share[:, None] if values.ndim == 2 else share
-        return values[row] + wide * (values[row + 1] - values[row])
-
-    nearest = np.minimum(row + (share >= 1.0), len(chords))
-    positions = between(path.positions_work)
+    row, place = in_groups(counts.astype(np.int64))
+    at, every = np.append(row + place / counts[row], len(chords)), np.arange(len(path.s))
+    positions = interpolate(at, every, path.positions_work)
+    numbers = {name: path.columns[name] for name in path.columns.keys() & {"curvature", "force", "feed"}}
     return replace(
-        path,
+        path.rows(at.astype(np.int64)),
         positions_work=positions,
-        axes_work=unit(between(path.axes_work)),
+        axes_work=unit(interpolate(at, every, path.axes_work)),
         s=arc_length(positions),
-        pass_index=path.pass_index[nearest],
-        segment=path.segment[nearest],
-        curvature=between(path.curvature),
-        force=None if path.force is None else between(path.force),
-        feed=None if path.feed is None else between(path.feed),
+        **{name: np.interp(at, every, column) for name, column in numbers.items()},
     )
 
 
@@ -148,15 +143,13 @@ class Strands:
 
     def __init__(self, runs: Sequence[Curve]) -> None:
         """Take the runs, open curves of two points or more."""
-        self.runs = tuple(runs)
         self.lengths = np.array([run.length for run in runs])
         """Length of each run [m], shape (runs,)."""
         self._offsets = running_sums(self.lengths + _BETWEEN)[:-1]
         self._knots = np.concatenate(
             [run.knots + offset for run, offset in zip(runs, self._offsets, strict=True)]
         )
-        self._positions = np.concatenate([run.positions for run in runs])
-        self._normals = np.concatenate([run.normals for run in runs])
+        self._positions, self._normals = joined((run.positions, run.normals) for run in runs)
 
     def at(self, run: Indices, s: Array) -> tuple[Array, Array]:
         """Positions [m] and unit normals of runs (n,) at arc lengths (n,), held at a run's ends."""
