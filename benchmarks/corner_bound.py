@@ -22,8 +22,7 @@ from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_path
 
 
 def main() -> None:
-    path = trial_path()
-    chain = build_chain(path.tips, path.rotations)
+    chain = trial_path()
     speed, most, jerk = TRIAL_LIMITS.tip_speed, TRIAL_LIMITS.tip_acceleration, TRIAL_LIMITS.tip_jerk
     cosines = np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
     turns, times = np.unique(np.round(np.arccos(np.clip(cosines, -1.0, 1.0)), 6), return_counts=True)

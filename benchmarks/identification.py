@@ -16,7 +16,13 @@ from benchmarks.identification_unmatched import Known, covers, unmatched_lines
 from benchmarks.table import Row, print_rows, words
 from polish_sim.config import RobotConfig
 from polish_sim.identification import IdentifySettings
-from polish_sim.identification.arm import believe, build_simulated_arm, motion_limits, play_motion
+from polish_sim.identification.arm import (
+    SimulatedArm,
+    believe,
+    build_simulated_arm,
+    motion_limits,
+    play_motion,
+)
 from polish_sim.identification.estimate import (
     INTERVAL_95,
     base_of,
@@ -85,13 +91,19 @@ def predicted(task, held_out, motion) -> float:  # type: ignore[no-untyped-def]
     return float(np.sqrt(np.trace(np.linalg.solve(mean_information(task, motion), held_out)) / 6.0 / SAMPLES))
 
 
+def _arm_with(terms: tuple[str, ...]) -> SimulatedArm:
+    """The simulated arm, its torques made of these terms."""
+    arm = build_simulated_arm()
+    return replace(arm, truth=replace(arm.truth, terms=terms))
+
+
 def prepared(terms: tuple[str, ...]):  # type: ignore[no-untyped-def]
     """The arm's task, and the mean information of twenty further random motions."""
-    arm = build_simulated_arm(terms=terms)
+    arm = _arm_with(terms)
     base, rng = base_of(arm.truth), np.random.default_rng(0)
     drawing = believe(arm, rng)
     task = ExcitationTask(
-        arm.truth, base, drawing.parameters, SIGMA, motion_limits(), np.eye(base.rank), arm.clearance.measure
+        arm.truth, base, drawing.parameters, SIGMA, motion_limits(), np.eye(base.rank), arm.clearance
     )  # fmt: skip
     drawn, t = allowed_motions(task, rng), np.arange(200) / 20.0
     uses = [use_matrix(arm.truth, base, next(drawn)(t), SIGMA) for _ in range(32)]
@@ -105,7 +117,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
     motion, other = next(drawn), next(drawn)
     t = np.arange(SAMPLES) * 10.0 / SAMPLES
     model, base = task.model, task.base
-    arm, states, held = build_simulated_arm(terms=terms), motion(t), other(t[::10])
+    arm, states, held = _arm_with(terms), motion(t), other(t[::10])
     truth, exact = model.truth(), model.torque(held, model.truth())
     torque, true_base = model.torque(states, truth), base.combination @ truth
     squares, covered, ratios, consistent, nrms = [], [], [], 0, []
@@ -118,7 +130,7 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
         full = fit_consistent(model, base, found, believe(arm, rng))
         consistent += is_consistent(full[:60].reshape(6, 10))
         errors = [
-            torque_error(model.torque_of_base(held, base.columns, x), exact)
+            torque_error(model.torque(held, x, base.columns), exact)
             for x in (found.theta, base.combination @ full)
         ]
         ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
@@ -159,9 +171,7 @@ def arm_rows() -> Iterator[Row]:
             offs.append(found.theta - true_base)
             covered.append(covers(found, true_base))
             nrms.append(
-                torque_error(
-                    task.model.torque_of_base(held_states, task.base.columns, found.theta), exact
-                ).mean()
+                torque_error(task.model.torque(held_states, found.theta, task.base.columns), exact).mean()
             )
         std = clean.std
         draws = np.mean((np.array(offs) / std) ** 2, axis=1)

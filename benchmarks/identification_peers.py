@@ -53,7 +53,7 @@ def peer_rows(model: TorqueModel, sigma: Array, fitted: States, other: States) -
         found = estimate(sum_samples(model, base, fitted, measured))
         seconds["ours"].append(time.process_time() - started)
         errors["ours"].append(
-            float(torque_error(model.torque_of_base(other, base.columns, found.theta), exact).mean())
+            float(torque_error(model.torque(other, found.theta, base.columns), exact).mean())
         )
         started = time.process_time()
         theirs, rank = _theirs(peer, fitted, measured, other)

@@ -135,7 +135,7 @@ def measure(known: Known, robot: Robot, periods: int) -> Measured:
         measured = torque + noise
         sums = sum_samples(model, base, states, measured)
         found = estimate_widened(model, base, sums, states, measured)
-        errors.append(torque_error(model.torque_of_base(other, base.columns, found.theta), exact).mean())
+        errors.append(torque_error(model.torque(other, found.theta, base.columns), exact).mean())
         covered.append([covers(estimate(sums), true_base), covers(found, true_base)])
         thetas.append(found.theta)
     off = np.array(thetas) - true_base

@@ -54,10 +54,10 @@ from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.identification.arm import arm_of_table
 from polish_sim.identification.estimate import informative, torque_error
-from polish_sim.identification.identify import fit_samples, without_gears
+from polish_sim.identification.identify import fit_samples
 from polish_sim.identification.log_file import RobotLog, log_of, spline_states
 from polish_sim.identification.payload import weigh_from_logs
-from polish_sim.identification.regressor import States
+from polish_sim.identification.regressor import FULL, States
 from polish_sim.scenario_file import override
 
 UR10E: Final = "robot.arm=ur10e"
@@ -145,7 +145,8 @@ def identified_rows(data: Path) -> Iterator[Row]:
     parts = zip(*(spline_states(log) for log in logs), strict=True)
     states = States(*(np.concatenate(part) for part in parts))
     geared, rigid = (
-        fit_samples(model, states, torque) for model in (robot.model, without_gears(robot.model))
+        fit_samples(model, states, torque)
+        for model in (robot.model, replace(robot.model, terms=FULL, load=None))
     )
     for name in (name for name in HELD_OUT if name not in IDENTIFIED):
         log = _arm_log(data, name)

@@ -16,6 +16,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.paper_trial import trial_arm
 from benchmarks.table import Row, print_rows
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
@@ -24,7 +25,7 @@ from polish_sim.motion.rules.schedule import RULES
 from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.spline.motion import smooth_by_spline
 from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_path
 
 Array = NDArray[np.float64]
 DIRECTIONS = 60
@@ -64,7 +65,7 @@ def ruckig_time(distance: float, v: float, a: float, j: float) -> float:
 
 def against_toppra(names: Iterable[str] = ("spline",)) -> Iterator[Row]:
     """The trial's path as each rule rounds it: cycle time beside toppra's along the same geometry."""
-    chain, arm = build_chain(*trial_path()), trial_arm()
+    chain, arm = trial_path(), trial_arm()
     for name in names:
         motion = RULES[name](chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, arm, None)
         samples = motion.sample(np.arange(0.0, motion.end, SAMPLE_S))

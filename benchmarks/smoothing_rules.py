@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.exact_stop import plan_exact_stop
+from benchmarks.paper_trial import trial_arm
 from benchmarks.random_paths import RandomPath
 from benchmarks.smoothing_check import joint_shares, sample_times, tool_shares
 from polish_sim.arrays import unit
@@ -27,7 +28,7 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import block_triples, filter_times
 from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.smoothing.smooth import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import DOME, TOP, TRIAL_LIMITS, trial_path
 from polish_sim.spatial import rotation_to_axis
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ def random_path(rng: np.random.Generator) -> Chain:
 
 def print_trial(jerks: tuple[float, ...]) -> None:
     """One line a rule and joint jerk limit."""
-    chain, arm = build_chain(*trial_path()), trial_arm()
+    chain, arm = trial_path(), trial_arm()
     print(
         f"\n24 segments, {1e3 * chain.lengths.sum():.0f} mm, joint acceleration "
         f"{TRIAL_LIMITS.joint_acceleration[0]}"

@@ -71,7 +71,6 @@ def _every_calibration() -> None:
 def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
     poses."""
-    from polish_sim.calibration import read_readings
     from polish_sim.experiments import calibrate_from, run_payload_calibration
 
     drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
@@ -80,7 +79,7 @@ def payload(given: Given) -> int:
         "calibrate-payload", "payload",
         lambda seed, observer: run_payload_calibration(replace(scenario, seed=seed), drift, observer),
         _show_estimate, _write, PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS,
-        lambda file: calibrate_from(read_readings(file), drift), "mean", folders=True,
+        lambda file: calibrate_from(file, drift), "mean", folders=True,
     )  # fmt: skip
     return carry_out(
         given if given["--data"] else {**given, "--seed": scenario.seed}, means, (scenario, drift)
@@ -136,14 +135,18 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
     if found.scenario is not None:
         put_file(folder, CONFIG, to_toml(found.scenario))
     left = estimate.residuals, estimate.noise, estimate.used
-    plots = {"residuals.png": plot_residuals(*left, _facts(found))}
-    write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)
+    write_found(
+        folder,
+        found.figures,
+        residual_table(readings, estimate, found.q),
+        {"residuals.png": plot_residuals(*left, _facts(found))},
+    )
 
 
 def _facts(found: PayloadCalibration) -> list[str]:
     estimate = found.estimate
     x, y, z = 1e3 * estimate.center
-    std = 1e3 * float(estimate.center_std.max())
+    std = 1e3 * estimate.center_std.max()
     return [
         f"mass {estimate.mass:.4f} ± {estimate.mass_std:.4f} kg",
         f"centre ({x:.2f}, {y:.2f}, {z:.2f}) ± {std:.2f} mm",
@@ -189,17 +192,19 @@ def budget_of(trial: PairBudgetTrial, drawn: Sequence[Metrics], folder: Path) ->
     shares = compare_shares(trial, covariances, errors)
     limits = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     asked = limits["relative_error_rms_m"], limits["relative_error_p95_m"]
-    predicted, figures = budget_figures(trial, shares, errors[TOGETHER], asked[0])
+    predicted, figures = budget_figures(shares, errors[TOGETHER], asked[0])
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
     write_metrics(folder, record)
-    figure = plot_budget(trial, shares, errors[TOGETHER], asked)
-    save_plots(folder, {"budget.png": figure})
+    save_plots(folder, {"budget.png": plot_budget(trial, shares, errors[TOGETHER], asked)})
     _show_shares(shares)
-    columns = {"analysis": predicted, "drawn": figures}
-    return Outcome(CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns)
+    return Outcome(
+        CALIBRATIONS["budget"],
+        f"tool on the part, {len(drawn)} calibrations",
+        {"analysis": predicted, "drawn": figures},
+    )
 
 
 def _show_shares(shares: Mapping[str, Share]) -> None:

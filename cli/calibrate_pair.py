@@ -82,7 +82,6 @@ def noise_option(name: str, of: str, default: str) -> Own:
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
     from polish_sim.dual.calibrate import TcpTrial, calibrate_tcp_from, run_tcp_calibration
-    from polish_sim.dual.calibration.tool import read_tool_measurements
 
     trial = TcpTrial(**chosen(given, "noise", "poses", "cone"))
     if given["--cell-tool"]:
@@ -99,7 +98,7 @@ def tcp(given: Given) -> int:
     claims = CALIBRATIONS["tcp-gears" if _elastic(given) else "tcp"], CALIBRATIONS["tcp-data"]
     means = Means(
         "calibrate-tcp", "tool frame", run, _tcp_notes, _write_tcp, *claims,
-        lambda file: calibrate_tcp_from(read_tool_measurements(file)),
+        calibrate_tcp_from,
     )  # fmt: skip
     return carry_out(given, means, trial)
 
@@ -113,7 +112,6 @@ def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from axes turned before a laser
     tracker."""
     from polish_sim.dual.calibrate import BaseTrial, calibrate_base_from, run_base_calibration
-    from polish_sim.dual.calibration.bases import read_base_measurements
 
     trial = BaseTrial(**chosen(given, "noise"))
 
@@ -123,8 +121,8 @@ def base(given: Given) -> int:
 
     claims = CALIBRATIONS["base-gears" if _elastic(given) else "base"], CALIBRATIONS["base-data"]
     means = Means(
-        "calibrate-base", "bases", run, _base_notes, partial(_write_base, _pair(given)), *claims,
-        lambda file: calibrate_base_from(read_base_measurements(file)),
+        "calibrate-base", "bases", run, _base_notes, partial(_write_base, given["--pair"] or "simulated"),
+        *claims, calibrate_base_from,
     )  # fmt: skip
     return carry_out(given, means, trial)
 
@@ -138,7 +136,6 @@ def base(given: Given) -> int:
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
     from polish_sim.dual.calibrate import ArmTrial, calibrate_arm_from, run_arm_calibration
-    from polish_sim.dual.calibration.arm import read_tracked
 
     trial = ArmTrial(**chosen(given, "noise", "poses"))
 
@@ -147,8 +144,8 @@ def arm(given: Given) -> int:
         return run_arm_calibration(replace(trial, seed=seed, gears=gears and gears[0].gears))
 
     means = Means(
-        "calibrate-arm", "arms", run, _arm_notes, partial(_write_arm, _pair(given)), CALIBRATIONS["arm"],
-        CALIBRATIONS["arm-data"], lambda file: calibrate_arm_from(read_tracked(file)),
+        "calibrate-arm", "arms", run, _arm_notes, partial(_write_arm, given["--pair"] or "simulated"),
+        CALIBRATIONS["arm"], CALIBRATIONS["arm-data"], calibrate_arm_from,
     )  # fmt: skip
     return carry_out(given, means, trial)
 
@@ -175,10 +172,6 @@ def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | No
     return lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
 
 
-def _pair(given: Given) -> str:
-    return given["--pair"] or "simulated"
-
-
 def write_found(folder: Path, figures: Metrics, residuals: str, plots: Mapping[str, Figure]) -> None:
     """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
 
@@ -197,8 +190,9 @@ def _write_tcp(done: TcpCalibration, folder: Path) -> None:
 
 def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
     tip = done.found.tip
-    outliers = done.figures["outliers"]
-    notes = [f"touch {number} does not fit the others and was left out." for number in outliers]
+    notes = [
+        f"touch {number} does not fit the others and was left out." for number in done.figures["outliers"]
+    ]
     if done.found.orientation is None:
         notes.append("no moves were measured: the tool's axes are taken to be the flange's.")
     x, y, z = 1e3 * tip.point
@@ -206,12 +200,13 @@ def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
 
 
 def _write_base(pair: str, done: BasesFound, folder: Path) -> None:
-    from polish_sim.dual.calibration.bases import write_base_calibration
+    from polish_sim.dual.calibration.bases import arcs_table, write_base_calibration
     from polish_sim.dual.plots import plot_bases
 
-    write_base_calibration(folder / CALIBRATION, done.found, pair, done.figures.get("true_transform"))
-    table = done.measured.table(done.found)
-    write_found(folder, {**done.figures, "pair": pair}, table, {"bases.png": plot_bases(done)})
+    write_base_calibration(folder / CALIBRATION, done.found, pair, done.figures)
+    write_found(
+        folder, {**done.figures, "pair": pair}, arcs_table(done.found), {"bases.png": plot_bases(done)}
+    )
 
 
 def _base_notes(done: BasesFound) -> tuple[str, ...]:
@@ -243,8 +238,12 @@ def _write_arm(pair: str, done: ArmsFound, folder: Path) -> None:
     from polish_sim.dual.plots import plot_arms
 
     write_arm_calibration(folder / CALIBRATION, done.found, pair, done.true)
-    table = tracked_table(done.measured, done.found)
-    write_found(folder, {**done.figures, "pair": pair}, table, {"arms.png": plot_arms(done)})
+    write_found(
+        folder,
+        {**done.figures, "pair": pair},
+        tracked_table(done.measured, done.found),
+        {"arms.png": plot_arms(done)},
+    )
 
 
 def _arm_notes(done: ArmsFound) -> tuple[str, ...]:

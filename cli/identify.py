@@ -82,8 +82,7 @@ def _refuse_idle(given: Given) -> None:
     refuse_beside(given, "--data", *OF_SIMULATED)
     if given["--payload-data"] is not None and given["--data"] is None:
         raise InputError("--payload-data needs --data, the same robot's log without the payload: add it.")
-    log_options = (option.name for option in LOG_OPTIONS)
-    refuse_without(given, "--data", "--period", *log_options)
+    refuse_without(given, "--data", "--period", *(option.name for option in LOG_OPTIONS))
     refuse_without(given, "--data --report", "--model", "--arm")
     refuse_without(given, "--model", "--joints")
     refuse_beside(given, "--model", "--arm")
@@ -127,8 +126,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     """What is asked of a simulated identification, for a task or for any motion."""
     from polish_sim.identification import ELASTIC, GEARS, IDENTIFY
 
-    kind = "full" if settings.periods >= FULL_PERIODS else "short"
-    claims = IDENTIFY["task" if for_task else kind]
+    claims = IDENTIFY["task" if for_task else ("full" if settings.periods >= FULL_PERIODS else "short")]
     if not settings.robot.elastic:
         return claims
     # Its torques are predicted from what both encoders read: their steps and the gears' ripple are in every
@@ -181,8 +179,7 @@ def show_identifiable(robot: LoggedRobot) -> None:
     model = robot.model
     base = base_of(model)
     rows = zip(model.names, model.units, identifiable(base), strict=True)
-    heads = ["parameter", "unit", "identified"]
-    console.table(Table("which parameters torques identify", heads, list(rows)))
+    console.table(Table("which parameters torques identify", ["parameter", "unit", "identified"], list(rows)))
     combinations = [[f"{k}", name] for k, name in enumerate(base_names(base, model.names), 1)]
     console.table(Table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2))
 
@@ -212,13 +209,12 @@ def _read(given: Given, file: Path, robot: LoggedRobot) -> tuple[RobotLog, State
     from polish_sim.identification import log_file
 
     period, arm, chain = given["--period"], given["--arm"], robot.model.chain
-    constants = () if arm is None else arm_table(arm).torque_constants
     of_gap = None if period else f"{CUT} If the whole motion repeats, give --period S."
     kinds = chain.geometry.kind.tolist() if arm is None else ()
     if given["--model"]:
         log_file.check_joints(file, given["--run"] or "", kinds, chain.joints)
     recording = read_measured_log(file, given, ("q_rad",), kinds, of_gap)
-    log = log_file.log_of(file, recording, period, constants)
+    log = log_file.log_of(file, recording, period, () if arm is None else arm_table(arm).torque_constants)
     return log, log_file.spline_states(log) if period is None else log_file.periodic_states(log, period)
 
 

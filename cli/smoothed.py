@@ -17,6 +17,7 @@ from polish_sim.cli.options import Given
 from polish_sim.errors import InputError, PolishSimError, count_text, number_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion import use_arm
+from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import ORDERS, SmoothingLimits, limits_toml, load_limits
 from polish_sim.motion.rules.schedule import RULES, check_rule
 from polish_sim.page import Table, figure_rows
@@ -25,7 +26,7 @@ from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics
 from polish_sim.smoothing.figures import (
     MeasuredMotion,
     even_times,
-    measure_smoothing,
+    find_peaks,
     sample_in_blocks,
     smoothing_figures,
     write_trajectory,
@@ -51,7 +52,12 @@ def smooth_file(
     """Read and smooth a path, measure the motion, write all files into a folder; returns figures and
     notes."""
     rules = [rule for rule in (given["--rule"] or "spline", given["--against"]) if rule is not None]
-    _check_rules(rules)
+    for rule in rules:
+        check_rule("rule", rule, RULES)
+    if len(set(rules)) < len(rules):
+        raise InputError(
+            f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another."
+        )
     notes: list[str] = []
     limits = SmoothingLimits() if given["--limits"] is None else load_limits(given["--limits"])
     observer.stage("read the path")
@@ -76,16 +82,6 @@ def smooth_file(
     observer.stage("draw")
     save_plots(folder, draw_smoothing(task, motions, path.name))
     return figures, notes
-
-
-def _check_rules(rules: Sequence[str]) -> None:
-    """Refuse rules that do not exist, and one that would be compared with itself."""
-    for rule in rules:
-        check_rule("rule", rule, RULES)
-    if len(set(rules)) < len(rules):
-        raise InputError(
-            f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another."
-        )
 
 
 def _prepare(
@@ -135,7 +131,9 @@ def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> MeasuredM
     motion = smooth_path(task, rule)
     took = time.perf_counter() - begin
     observer.stage("measure")
-    return measure_smoothing(rule, motion, task.placed.chain, task.placed.arm, task.limits, took)
+    placed = task.placed
+    peaks, off = find_peaks(motion, placed.arm), measure_deviation(motion, placed.chain)
+    return MeasuredMotion(rule, motion, peaks, off, task.limits, took)
 
 
 def _times_by_rule(

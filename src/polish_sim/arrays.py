@@ -108,6 +108,11 @@ def turned(first: Array, second: Array, angles: Any) -> Array:
     return np.cos(angles)[..., None] * first + np.sin(angles)[..., None] * second
 
 
+def two_waves(phase: Array) -> Array:
+    """Sine and cosine of angles (...) [rad], and those of twice the angles, shape (..., 4)."""
+    return np.stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)], axis=-1)
+
+
 def running_sums(values: Any) -> Any:
     """Sums of the first 0, 1 ... n of some values (n,), shape (n + 1,): arc lengths from chords, where parts
     begin."""

@@ -17,7 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
 from polish_sim.dual.frames import spread_marks
-from polish_sim.dual.scene import GRIPPER_RADIUS, Clearances, Held, PairContacts, build_pair_scene, seat_part
+from polish_sim.dual.scene import GRIPPER_RADIUS, Clearances, Held, build_pair_scene, pair_contacts, seat_part
 from polish_sim.dual.task import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
@@ -161,8 +161,8 @@ def gripper_before(gap, aside):
 def test_the_pad_keeps_its_clearance_from_the_gripper(gap, named):
     # Beside the cube, which the pad may touch: only the gripper's face is before it.
     T_follower_master = gripper_before(gap, aside=GRIPPER_RADIUS)
-    contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
-    found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
+    contacts = pair_contacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
+    found = contacts(Q_MASTER[None], joints_at(TOOL)[None])
     assert set(found.split(" and ")) == ({"follower_head_pad", "master_gripper"} if named else {""})
 
 
@@ -193,21 +193,21 @@ def base_distance_for(apart):
 
 
 def test_pad_and_part_may_touch_housing_and_part_not_and_arms_keep_their_drawn_clearance():
-    contacts = PairContacts(scene(gripper_before(SIDE, aside=0.0), CLEARANCES), CLEARANCES)
-    assert contacts.first(Q_MASTER[None], joints_at(TOOL)[None]) == ""
+    contacts = pair_contacts(scene(gripper_before(SIDE, aside=0.0), CLEARANCES), CLEARANCES)
+    assert contacts(Q_MASTER[None], joints_at(TOOL)[None]) == ""
     # The cube's middle beside the spindle, the gripper below it.
     T = along_tool(TOOL, x=0.075, z=-0.1) @ from_pose([0.0, 0.0, 0.0, 0.0, -0.5 * np.pi, 0.0])
     T_follower_master = T @ inverse(along_tool(forward(Q_MASTER) @ ON_GRIPPER, z=SIDE))
-    contacts = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
-    found = contacts.first(Q_MASTER[None], joints_at(TOOL)[None])
+    contacts = pair_contacts(scene(T_follower_master, CLEARANCES), CLEARANCES)
+    found = contacts(Q_MASTER[None], joints_at(TOOL)[None])
     assert {name[:16] for name in found.split(" and ")} == {"follower_spindle", "master_part"}
     near = base_distance_for(CLEARANCES.arms - 0.002)
     q = ELBOW_AHEAD[None]
-    one, two = PairContacts(scene(facing(near), CLEARANCES), CLEARANCES).first(q, q).split(" and ")
+    one, two = pair_contacts(scene(facing(near), CLEARANCES), CLEARANCES)(q, q).split(" and ")
     assert {one.partition("_link_")[0], two.partition("_link_")[0]} == {"follower", "master"}
     touching = Clearances(0.0, 0.0)
-    assert PairContacts(scene(facing(near), touching), touching).first(q, q) == ""
-    assert PairContacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES).first(q, q) == ""
+    assert pair_contacts(scene(facing(near), touching), touching)(q, q) == ""
+    assert pair_contacts(scene(facing(near + 0.01), CLEARANCES), CLEARANCES)(q, q) == ""
 
 
 def test_the_run_stops_when_the_pad_is_driven_into_the_gripper():

@@ -65,13 +65,13 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still_and_its_wrist_h
 def between(task, run):
     """Part and tool as they came, where the check looked for them up to the last feed, (n, 4, 4)."""
     visits = task.work.visits
-    planned = sampled(task.work, task.reach.T_master_work, task.reach.spin)
+    planned_parts, planned_tools = sampled(task.work, task.reach.T_master_work, task.reach.spin)
     there = slice(int(np.flatnonzero(visits.stroke >= 0)[-1]) + 1)
     rows = np.searchsorted(run.log["time_s"], visits.time[there] + TARED_S)
     true = task.frames.true
     parts = poses_of(run, "master_q_rad")[rows] @ true.T_flange_gripper @ true.T_gripper_work
     tools = poses_of(run, "q_rad")[rows] @ true.T_flange_tool
-    return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
+    return inverse(planned_parts[there]) @ parts, inverse(planned_tools[there]) @ tools
 
 
 def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_them():

@@ -34,8 +34,7 @@ def belief():
     geometry = ChainGeometry(np.array([HINGE]), np.zeros((1, 3)), np.eye(3)[None], axis, gravity)
     links = link_parameters(MASS, np.array([ARM, 0.0, 0.0]), np.zeros((3, 3)))[None]
     friction = np.array([VISCOUS]), np.array([COULOMB])
-    names = ("shoulder",), ("rod",)
-    chain = SerialChain(geometry, links, np.array([ROTOR]), *friction, *names, np.zeros((1, 3)))
+    chain = SerialChain(geometry, links, np.array([ROTOR]), *friction, ("shoulder",), np.zeros((1, 3)))
     own = (np.array([value]) for value in (COULOMB, VISCOUS, CREEP, 150.0, 0.0, 0.0))
     return laws.Belief(chain_model(chain), *own)
 
@@ -165,7 +164,7 @@ def test_the_model_is_the_cell_s_with_motors_for_servos_and_a_part_before_it_wei
     np.testing.assert_allclose(damping, [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
     assert not model.body_gravcomp.any()
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
-    plate = arm.LaidPart(load_part(workpiece_path("plate")), T_base_part)
+    plate = load_part(workpiece_path("plate")), T_base_part
     beside = arm.torque_arm(IDEAL, plate)
     np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
     assert beside.geom("part").contype == beside.geom("part").conaffinity == 0

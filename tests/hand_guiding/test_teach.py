@@ -14,10 +14,10 @@ from polish_sim.geometry import fit_surface, load_part
 from polish_sim.hand_guiding import CLAIMS, kind_of, teach
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
-from polish_sim.hand_guiding.drag import Recording, drag_table, teach_path
+from polish_sim.hand_guiding.drag import drag_table, teach_path
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.identification.arm import ARM_JOINTS
-from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
+from polish_sim.identification.model_file import identified_xml
 from polish_sim.identification.robot_model import own_parameters
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.models import workpiece_path
@@ -69,15 +69,15 @@ def test_the_move_is_minimum_jerk_and_wander_and_tremor_have_the_size_and_band_a
     for changed, low, high, size in (
         ({"tremor_m": 0.0}, 0.0, 1.0, 0.0005), ({"wander_m": 0.0, "tremor_m": 0.0002}, 7.0, 13.0, 0.0002),
     ):  # fmt: skip
-        made = drag_table(line, upright, replace(DragConfig(follow="rim"), **changed), hand, dt, rng)
-        off = (made.table.motion.positions - made.meant.positions)[2000:]
+        table, meant = drag_table(line, upright, replace(DragConfig(follow="rim"), **changed), hand, dt, rng)
+        off = (table.motion.positions - meant.positions)[2000:]
         power = np.abs(np.fft.rfft(off, axis=0)) ** 2
         at = np.fft.rfftfreq(len(off), dt)
         assert power[(at >= low) & (at <= high)].sum() > 0.9 * power.sum()
         assert np.sqrt(np.mean(off**2)) == pytest.approx(size, rel=0.15)
-        np.testing.assert_allclose(made.meant.positions[[0, -1], 0], [0.0, 1.0], atol=1e-9)
-        assert made.meant.velocities[:, 0].max() == pytest.approx(DragConfig().speed_m_s, rel=1e-3)
-        assert np.abs(np.diff(made.meant.velocities[:, 0])).max() / dt < 0.2
+        np.testing.assert_allclose(meant.positions[[0, -1], 0], [0.0, 1.0], atol=1e-9)
+        assert meant.velocities[:, 0].max() == pytest.approx(DragConfig().speed_m_s, rel=1e-3)
+        assert np.abs(np.diff(meant.velocities[:, 0])).max() / dt < 0.2
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_only_a_whole_move_has_a_force_and_one_cut_short_leaves_its_mode_without
 def test_an_identified_model_is_as_good_as_the_true_one(tmp_path):
     file = tmp_path / "identified.xml"
     parameters = own_parameters(torque_arm(Scenario()), ARM_JOINTS)
-    file.write_text(identified_xml(ARM_JOINTS, IdentifiedJoints(parameters)))
+    file.write_text(identified_xml(ARM_JOINTS, parameters, {}))
     move = {"mode": "assist", "direction": "x", "duration_s": 0.6}
     true, identified = (run_experiment(scenario(**move, **more)) for more in ({}, {"model_file": str(file)}))
     for figure in ("hand_force_peak_n", "hand_force_rms_n"):
@@ -223,12 +223,12 @@ def circle(tremor=0.0, still=0.0, height=0.02):
     t = np.arange(0.0, duration + 2.0 * still, 0.004)
     angle = np.clip((t - still) / duration, 0.0, 1.0) * 2.0 * np.pi
     radius = RADIUS + tremor * np.sin(2.0 * np.pi * 10.0 * t)
-    return Recording(t, np.column_stack([radius[:, None] * directions_at(angle), np.full(len(t), height)]))
+    return t, np.column_stack([radius[:, None] * directions_at(angle), np.full(len(t), height)])
 
 
 def taught_on_plate(record):
     """On the shipped plate, level, its top at 20 mm."""
-    return teach_path(record, fit_surface(load_part(workpiece_path("plate"))), 4.0, 5e-5, 0.002)
+    return teach_path(*record, fit_surface(load_part(workpiece_path("plate"))), 4.0, 5e-5, 0.002)
 
 
 def off_circle(points):
@@ -240,7 +240,7 @@ def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(tremor):
     hand = circle(tremor)
     taught = taught_on_plate(hand)
     off = off_circle(taught.path.positions_work)[3:-3]
-    assert rms(off) < 0.2 * rms(off_circle(hand.positions)) if tremor else off.max() < 1e-4
+    assert rms(off) < 0.2 * rms(off_circle(hand[1])) if tremor else off.max() < 1e-4
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=5e-3)
     assert np.diff(taught.path.s).max() < 0.0025
 
@@ -250,15 +250,15 @@ def test_standing_still_is_no_path_and_a_hand_that_hardly_moves_teaches_none():
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=0.02)
     assert np.diff(taught.path.s).min() > 0.001
     with pytest.raises(PlanError, match="too little to teach a path"):
-        taught_on_plate(circle()._replace(positions=0.01 * circle().positions))
+        taught_on_plate((circle()[0], 0.01 * circle()[1]))
 
 
 def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals():
     mesh = load_part(workpiece_path("sphere_300"))
     surface, low, high = fit_surface(mesh), mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     record = circle(height=float(high[2]) - 0.3 + np.sqrt(0.3**2 - RADIUS**2) + 0.002)
-    record = record._replace(positions=record.positions + [*(0.5 * (low + high)[:2]), 0.0])
-    found = teach_path(record, surface, 4.0, 5e-5, 0.002)
+    record = record[0], record[1] + [*(0.5 * (low + high)[:2]), 0.0]
+    found = teach_path(*record, surface, 4.0, 5e-5, 0.002)
     # The shipped calotte is a sphere of 300 mm; the hand was 2 mm above it.
     assert found.off_surface == pytest.approx(0.002, abs=3e-4)
     again = surface.closest(found.path.positions_work)

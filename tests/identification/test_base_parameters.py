@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from polish_sim.errors import IdentificationError, InputError
 from polish_sim.identification import estimate, payload, regressor
 from polish_sim.identification.estimate import base_names, base_of, base_of_rows, identifiable
-from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
+from polish_sim.identification.model_file import identified_xml
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, pseudo_inertia
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, own_parameters, read_chain
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
@@ -125,7 +125,7 @@ def test_errors_are_at_the_cramer_rao_bound_in_their_intervals_and_each_joints_n
     other = known_robot(seed=5)
     found = estimate.estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
     np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
-    predicted = KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, found.theta)
+    predicted = KNOWN.model.torque(other.states, found.theta, KNOWN.base.columns)
     assert estimate.torque_error(predicted, other.torque).max() < 0.01
 
 
@@ -137,7 +137,7 @@ def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still, said)
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     sums = estimate.sum_samples(KNOWN.model, KNOWN.base, states, torque)
     with pytest.raises(IdentificationError, match=said):
-        estimate.require_rank(sums, KNOWN.base, KNOWN.model)
+        estimate.require_excited(sums, KNOWN.base, KNOWN.model)
 
 
 def _noise(keep, rng, samples=4000):
@@ -183,7 +183,7 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters():
         assert is_consistent(full[:60].reshape(6, 10))
         assert full[60:78].min() >= 0.0
         thetas = SPARSE.base.combination @ full, found.theta
-        torques = (SPARSE.model.torque_of_base(other.states, SPARSE.base.columns, theta) for theta in thetas)
+        torques = (SPARSE.model.torque(other.states, theta, SPARSE.base.columns) for theta in thetas)
         errors = [np.linalg.norm(estimate.torque_error(each, other.torque)) for each in torques]
         ratios.append(errors[0] / errors[1])
     assert float(np.mean(ratios)) <= 1.02
@@ -199,7 +199,7 @@ def test_links_of_the_model_are_consistent_and_the_written_model_is_the_identifi
     parameters[1, 0] = -1.0
     assert not is_consistent(parameters)
     own, damping = own_parameters(arm_model(), ARM_JOINTS), 0.5 * np.arange(6.0)
-    model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, IdentifiedJoints(1.1 * own, damping)))
+    model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, 1.1 * own, {"viscous": damping}))
     np.testing.assert_allclose(own_parameters(model, ARM_JOINTS), 1.1 * own, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], damping)
 

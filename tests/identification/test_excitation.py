@@ -12,7 +12,7 @@ from polish_sim.identification import excitation
 from polish_sim.identification.excitation import Clearance, started_and_stopped
 from polish_sim.identification.log_file import use_states
 from polish_sim.identification.regressor import States
-from polish_sim.identification.robot_model import RobotClearance
+from polish_sim.identification.robot_model import clearance_of
 from polish_sim.motion import forward
 from tests.identification.known import LIMITS, RATE, SIGMA, arm_model, known_robot, played, write_log
 
@@ -20,7 +20,7 @@ KNOWN = known_robot(terms=("coulomb", "viscous"))
 OTHERS = (known_robot(200, ("coulomb", "viscous"), seed).states for seed in range(10, 18))
 USES = [excitation.use_matrix(KNOWN.model, KNOWN.base, states, SIGMA) for states in OTHERS]
 USE = np.mean(USES, axis=0)
-ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
+ROBOT = clearance_of(arm_model(), 6, also=("head_pad",))
 
 
 def far(q):
@@ -32,11 +32,11 @@ TASK = excitation.ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), S
 
 
 def test_gradients_are_the_slopes_of_the_cost():
-    search = excitation.ExcitationCost(replace(TASK, clearance=ROBOT.measure))
+    search = excitation.excitation_cost(replace(TASK, clearance=ROBOT))
     x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
-    _, gradient = search.cost(x)
+    _, gradient = search(x)
     way, step = rng.normal(size=x.size), 1e-6
-    slope = (search.cost(x + step * way)[0] - search.cost(x - step * way)[0]) / (2.0 * step)
+    slope = (search(x + step * way)[0] - search(x - step * way)[0]) / (2.0 * step)
     assert gradient @ way == pytest.approx(slope, rel=1e-3)
 
 
@@ -44,7 +44,7 @@ def test_boxes_far_apart_may_touch_later():
     box = '<geom type="box" size="0.1 0.1 0.1"/>'
     body = f'<body pos="1 0.3 0"><joint/>{box}</body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{box}{body}</worldbody></mujoco>")
-    assert RobotClearance(model, 1).measure(np.zeros((1, 1))).distance.shape == (1, 1)
+    assert clearance_of(model, 1)(np.zeros((1, 1))).distance.shape == (1, 1)
 
 
 def designed(task):
@@ -78,15 +78,15 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones_m
 
 def test_clearance_is_known_where_the_arm_stands_straight_up_and_its_slopes_are_those_of_distance():
     up, folded = (np.array([[0.0, -np.pi / 2, elbow, 0.0, 0.0, 0.0]]) for elbow in (0.0, 3.1))
-    assert ROBOT.measure(up)[0].min() > 0.04
-    assert ROBOT.measure(folded)[0].min() < 0.0
+    assert ROBOT(up)[0].min() > 0.04
+    assert ROBOT(folded)[0].min() < 0.0
     q, step = np.random.default_rng(3).uniform(-2.5, 2.5, (40, 6)), 1e-6
-    distance, slope = ROBOT.measure(q)
+    distance, slope = ROBOT(q)
     # Just touching or just in sight: kinks.
     plain = (distance > 0.002) & (distance < 0.049)
     assert plain.sum() > 20
     for joint in range(6):
-        ends = [ROBOT.measure(q + sign * step * np.eye(6)[joint])[0] for sign in (1.0, -1.0)]
+        ends = [ROBOT(q + sign * step * np.eye(6)[joint])[0] for sign in (1.0, -1.0)]
         np.testing.assert_allclose(slope[plain, joint], ((ends[0] - ends[1]) / (2 * step))[plain], atol=5e-3)
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.exact_stop import plan_exact_stop
+from benchmarks.paper_trial import trial_arm
 from polish_sim.errors import ConfigError, SmoothingError
 from polish_sim.motion.rules import paper_rules
 from polish_sim.motion.rules.chain import build_chain
@@ -17,10 +18,10 @@ from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_li
 from polish_sim.motion.rules.schedule import RULES
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.smoothing import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_path
 
 PAPER = (paper_rules.plan_joint_jerk, paper_rules.plan_joint_acceleration)
-TRIAL, ARM = build_chain(*trial_path()), trial_arm()
+TRIAL, ARM = trial_path(), trial_arm()
 
 
 @cache

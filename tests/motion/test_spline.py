@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.exact_stop import plan_exact_stop
+from benchmarks.paper_trial import trial_arm
 from benchmarks.random_paths import draw_path
 from benchmarks.smoothing_check import AXIS_TOLERANCE, TOLERANCE, judge_motion
 from polish_sim.motion.rules.chain import build_chain
@@ -18,7 +19,7 @@ from polish_sim.motion.spline import law as law_module
 from polish_sim.motion.spline.curve import curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.motion import Feed, passage_at, plan_spline, smooth_by_spline
 from polish_sim.motion.trajectory import time_schedule
-from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_path
 from tests.planning.shapes import to_polyline
 
 DEFAULT = SmoothingLimits()
@@ -161,7 +162,7 @@ def test_random_paths_keep_every_limit_and_take_no_longer_than_stops(number):
 
 def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners():
     """12.998 s: corners by the convex programme of `benchmarks.corner_program`, tool only."""
-    chain = build_chain(*trial_path())
+    chain = trial_path()
     asked = chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE
     assert smooth_by_spline(*asked, None).end == pytest.approx(13.0, rel=0.02)
     assert smooth_by_spline(*asked, trial_arm()).end <= 1.02 * 13.08

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, rms
+from polish_sim.arrays import Array, Bools, rms, two_waves
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import kabsch, moved_frame, point_slopes
 from polish_sim.config import RealArmConfig
@@ -68,11 +68,8 @@ class ArmEstimate(NamedTuple):
     catalogue: RealArmConfig = CATALOGUE
 
     def links_at(self, q: Array, weight: Array | None) -> Array:
-        """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n,
-        6)."""
-        if weight is None:
-            return q
-        return q + np.sum(gear_columns(q, weight, self.catalogue) * self.gears, axis=2)
+        """See `links_behind`."""
+        return q if weight is None else links_behind(q, weight, self.gears, self.catalogue)
 
     def tracked(self, links: Array, noise: float, rng: np.random.Generator) -> Array:
         """Where a tracker sees the target, (n, 3) [m]: the mean of one reading with the links at each of (k,
@@ -80,10 +77,20 @@ class ArmEstimate(NamedTuple):
         seen = [self.target_at(q) + noise * rng.standard_normal((len(q), 3)) for q in links]
         return np.mean(seen, axis=0)
 
+    def left(self, tracked: TrackedArm) -> Array:
+        """Where a tracker saw the target less where it is by this arm [m], shape (n, 3)."""
+        return tracked.seen - self.target_at(tracked.q, tracked.weight)
+
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
         T = self.T_tracker_base @ link_frames(self.links_at(q, weight), self.table)[:, 6]
         return place_of(T, self.target)
+
+
+def links_behind(q: Array, weight: Array, gears: Array, catalogue: RealArmConfig) -> Array:
+    """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n, 6)
+    [N m]; ``gears`` as in `ArmEstimate`."""
+    return q + np.sum(gear_columns(q, weight, catalogue) * gears, axis=2)
 
 
 def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:
@@ -94,9 +101,9 @@ def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:
     first = np.array(catalogue.knee_1_nm)
     second = np.array(catalogue.knee_2_nm)
     parts = (np.minimum(size, first), np.clip(size, first, second) - first, np.maximum(size - second, 0.0))
-    phase = 2.0 * catalogue.gear_ratio * q
-    waves = (np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase))
-    return np.stack([*(way * part for part in parts), *waves], axis=2)
+    return np.concatenate(
+        [np.stack([way * part for part in parts], axis=2), two_waves(2.0 * catalogue.gear_ratio * q)], axis=2
+    )
 
 
 def fit_arm(tracked: TrackedArm, noise: float | None, tolerance: Tolerance = USUAL) -> ArmEstimate:
@@ -136,28 +143,26 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
 
     def residuals(arm: ArmEstimate) -> Array:
         off = np.concatenate([np.zeros(_PLACEMENT), (arm.table - NOMINAL).ravel(), arm.gears.ravel()])[free]
-        left = arm.target_at(tracked.q, tracked.weight) - tracked.seen
-        return np.concatenate([left.ravel() / noise, prior @ off])[:, None]
+        return np.concatenate([-arm.left(tracked).ravel() / noise, prior @ off])[:, None]
 
     def slopes(arm: ArmEstimate) -> Array:
-        J = _slopes(arm, tracked)[:, :, free].reshape(-1, int(free.sum()))
+        J = _slopes(arm, tracked)[:, :, free].reshape(-1, free.sum())
         return np.concatenate([J / noise, prior])[:, None]
 
     def moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
         whole = np.zeros(len(free))
         whole[free] = step
-        T = moved_frame(arm.T_tracker_base, whole[:6])
         return arm._replace(
-            table=arm.table + whole[9:33].reshape(4, 6), T_tracker_base=T, target=arm.target + whole[6:9],
+            table=arm.table + whole[9:33].reshape(4, 6),
+            T_tracker_base=moved_frame(arm.T_tracker_base, whole[:6]),
+            target=arm.target + whole[6:9],
             gears=arm.gears + whole[33:].reshape(6, 7),
-        )  # fmt: skip
+        )
 
     arm = solve(Problem(residuals, slopes, moved), _start(tracked))
     rows = slopes(arm)[:, 0]
     covariance = np.asarray(np.linalg.pinv(rows.T @ rows)[:6, :6], dtype=np.float64)
-    return arm._replace(
-        residuals=tracked.seen - arm.target_at(tracked.q, tracked.weight), base_covariance=covariance
-    )
+    return arm._replace(residuals=arm.left(tracked), base_covariance=covariance)
 
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
@@ -169,8 +174,7 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
             f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed "
             "(mm, m)?"
         )
-    T = kabsch(tracked.seen, own)
-    return ArmEstimate(NOMINAL, T, np.zeros(3), catalogue=tracked.catalogue)
+    return ArmEstimate(NOMINAL, kabsch(tracked.seen, own), np.zeros(3), catalogue=tracked.catalogue)
 
 
 def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
@@ -182,8 +186,9 @@ def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
     gears = np.zeros((len(points), 3, 6, 7))
     if tracked.weight is not None:
         gears = table[:, :, :6, None] * gear_columns(tracked.q, tracked.weight, tracked.catalogue)[:, None]
-    by_gears = gears.reshape(len(points), 3, _GEARS)
-    return np.concatenate([point_slopes(arm.T_tracker_base, points), R, table, by_gears], axis=2)
+    return np.concatenate(
+        [point_slopes(arm.T_tracker_base, points), R, table, gears.reshape(len(points), 3, _GEARS)], axis=2
+    )
 
 
 def residual_rms(arms: list[ArmEstimate]) -> float:

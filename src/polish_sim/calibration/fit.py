@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,14 +27,6 @@ _NOISE_ROUNDS = 21
 _GAUSSIAN_MEDIAN = 0.6745
 
 
-class Noise(NamedTuple):
-    """Noise that some columns of the residuals share."""
-
-    columns: slice = slice(None)
-    start: float = 1.0  #: First guess of its standard deviation; only the ratio between kinds of noise counts
-    floor: float = 2e-6  #: Nothing nearer than this is an outlier, however exact the others are
-
-
 @dataclass(frozen=True)
 class Problem(Generic[X]):
     """Measurements that follow from unknowns ``x``; n measurements of k coordinates, p unknowns."""
@@ -43,7 +35,10 @@ class Problem(Generic[X]):
     slopes: Callable[[X], Array]  #: Their derivative by a step of the unknowns, shape (n, k, p)
     moved: Callable[[X, Array], X] = lambda x, step: x + step  # type: ignore[operator]
     """The unknowns after a step, shape (p,)."""
-    noises: tuple[Noise, ...] = (Noise(),)  #: Kinds of noise, which together cover all columns
+    kinds: tuple[slice, ...] = (slice(None),)  #: Columns of the residuals that share one noise, all together
+    #: First guess of its standard deviations, one or by column; only the ratios between kinds count
+    start: Array | float = 1.0
+    floor: Array | float = 2e-6  #: Nothing nearer than this is an outlier, however exact the others are
 
 
 @dataclass(frozen=True)
@@ -65,9 +60,9 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
     measurements to use, (n,), None uses all.
     """
     x = start
-    scale = _columns(problem, start, "start")
-    scale = scale if noise is None else np.full(len(scale), noise)
-    used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
+    e = problem.residuals(x)
+    scale = np.full(e.shape[1], problem.start if noise is None else noise)
+    used = np.ones(len(e), dtype=bool) if used is None else used
     settled = False
     for _ in range(_NOISE_ROUNDS):
         x = solve(problem, x, used[:, None] / scale**2)
@@ -132,21 +127,13 @@ def _covariance(rows: Array) -> Array:
     return inverse @ inverse.T
 
 
-def _columns(problem: Problem[Any], x: Any, field: str) -> Array:
-    """A field of the kind of noise of each column, shape (k,)."""
-    values = np.ones(problem.residuals(x).shape[1])
-    for kind in problem.noises:
-        values[kind.columns] = getattr(kind, field)
-    return values
-
-
 def _noise(problem: Problem[Any], e: Array, taken: Array) -> Array:
     """Noise of each column (k,) from residuals (n, k) and the degrees of freedom taken from each column
     (k,)."""
     found = np.empty(e.shape[1])
-    for kind in problem.noises:
-        part = e[:, kind.columns]
-        found[kind.columns] = np.sqrt(np.sum(part**2) / max(part.size - taken[kind.columns].sum(), 1.0))
+    for kind in problem.kinds:
+        part = e[:, kind]
+        found[kind] = np.sqrt(np.sum(part**2) / max(part.size - taken[kind].sum(), 1.0))
     return found
 
 
@@ -178,43 +165,38 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
 
 def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
     """The fit of least absolute deviations, by reweighting, and the measurements near it."""
-    scale = _columns(problem, x, "start")
-    count, _, unknowns = problem.slopes(x).shape
+    count, k, unknowns = problem.slopes(x).shape
+    scale = np.full(k, problem.start)
     weights = np.ones(count)
-    freedom = max(count * len(scale) - unknowns, 1)
+    freedom = max(count * k - unknowns, 1)
     for _ in range(_ROUNDS):
         x = problem.moved(x, _gauss_newton(problem, x, np.sqrt(weights)[:, None] / scale))
         e = problem.residuals(x)
         # Such a fit goes through some measurements exactly: they say nothing about the noise.
         spread = np.sqrt(e.size / freedom) / _GAUSSIAN_MEDIAN
-        for kind in problem.noises:
-            scale[kind.columns] = max(spread * float(np.median(np.abs(e[:, kind.columns]))), kind.floor)
+        for kind in problem.kinds:
+            scale[kind] = spread * np.median(np.abs(e[:, kind]))
+        scale = np.maximum(scale, problem.floor)
         weights = 1.0 / np.maximum(norms(e / scale), 1e-2)
-    k = e.shape[1]
     return x, np.sum((e / scale) ** 2, axis=1) <= k * _fisher(k, freedom)
 
 
 def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     """The fit of the measurements used, and all measurements within what noise explains of the fit of the
     others."""
-    scale = _columns(problem, x, "start")
-    floors = _columns(problem, x, "floor")
     e = problem.residuals(x)
-    taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
-    scale = np.maximum(_noise(problem, e[used], taken), floors)
+    k, unknowns = problem.slopes(x).shape[1:]
+    scale = np.maximum(_noise(problem, e[used], np.full(k, unknowns / k)), problem.floor)
     x = solve(problem, x, used[:, None] / scale**2)
     e, J = problem.residuals(x) / scale, problem.slopes(x) / scale[:, None]
-    k = e.shape[1]
-    unknowns = J.shape[2]
     leverage = J @ _covariance(J[used].reshape(-1, unknowns)) @ np.swapaxes(J, 1, 2)
     expected = np.eye(k) + np.where(used, -1.0, 1.0)[:, None, None] * leverage
     distance = np.einsum("na,na->n", e, np.linalg.solve(expected + 1e-12 * np.eye(k), e[:, :, None])[:, :, 0])
     # The noise each is judged by comes from the other measurements alone.
-    total = float(np.sum(e[used] ** 2))
-    freedom = k * int(used.sum()) - unknowns
+    freedom = k * used.sum() - unknowns
     own = used.astype(float)
-    others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
-    noise = np.maximum(others, float((floors / scale).max()) ** 2)
+    others = np.maximum(np.sum(e[used] ** 2) - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
+    noise = np.maximum(others, np.max(problem.floor / scale) ** 2)
     return x, distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0))
 
 

@@ -60,17 +60,9 @@ def relative_frame(
     Covariances (6, 6) are of an origin [m] and a small rotation [rad], those given in tracker axes.
     """
     T_a_b = inverse(T_tracker_a) @ T_tracker_b
-    back = T_tracker_a[:3, :3].T
     # A turn of frame a moves what is seen from it the other way.
     by_a = -np.eye(6)
     by_a[:3, 3:] = skew(T_tracker_b[:3, 3] - T_tracker_a[:3, 3])
-    turn = np.kron(np.eye(2), back)
+    turn = np.kron(np.eye(2), T_tracker_a[:3, :3].T)
     covariance = turn @ (by_a @ covariance_a @ by_a.T + covariance_b) @ turn.T
     return T_a_b, covariance
-
-
-def point_covariance(covariance: Array, offset: Array) -> Array:
-    """Covariance (3, 3) [m^2] of a point fixed in a frame, ``offset`` (3,) [m] from its origin, outer
-    axes."""
-    J = np.concatenate([np.eye(3), -skew(offset)], axis=1)
-    return J @ covariance @ J.T

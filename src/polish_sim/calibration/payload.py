@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Uncertain, crosses, rms
-from polish_sim.calibration.fit import Noise, Problem, agreeing, fit
+from polish_sim.calibration.fit import Problem, agreeing, fit
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward
 from polish_sim.spatial import GRAVITY
@@ -35,8 +35,7 @@ LEAST_LEVER = 0.05  #: Of a weight whose moment torques are to follow [m]
 FARTHEST = 0.6  #: How far from the sensor's origin a tool's centre of mass may be [m]
 LARGEST_EXCESS = 5.0  #: How many times what noise and forces explain the torques may leave
 LEAST_TO_COMPARE = 7  #: Readings; torques that go with the pose in any way take four of them
-NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
-"""Noise of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
+FLOORS = np.repeat([2e-3, 1e-4], 3)  #: Drift and residual motion move readings by this at least [N, N m]
 
 
 def check_identifiable(up_sensor: Array) -> None:
@@ -77,7 +76,7 @@ def condition_of(regressor: Array) -> float:
     Best possible for the ten parameters: sqrt(3/2) = 1.22, from up directions spread over the whole sphere.
     """
     values = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
-    return float(values[0] / values[-1]) if values[-1] > 0.0 else float("inf")
+    return values[0] / values[-1] if values[-1] > 0.0 else float("inf")
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ class PayloadEstimate(Uncertain):
     @property
     def mass(self) -> float:
         """[kg]"""
-        return float(self.theta[MASS])
+        return self.theta[MASS]
 
     @property
     def center(self) -> Array:
@@ -139,7 +138,7 @@ class PayloadEstimate(Uncertain):
     @property
     def mass_std(self) -> float:
         """[kg]"""
-        return float(self.std[MASS])
+        return self.std[MASS]
 
     @property
     def center_std(self) -> Array:
@@ -148,16 +147,15 @@ class PayloadEstimate(Uncertain):
         return np.sqrt(np.diag(slope @ self.covariance[:4, :4] @ slope.T))
 
 
-def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: float = GRAVITY) -> Array:
+def payload_regressor(up_sensor: Array, time: Array | None = None) -> Array:
     """Derivative of the readings by theta, shape (n, 6, 10), or (n, 6, 16) with drift.
 
     ``up_sensor``: unit vectors against gravity in the sensor frame, (n, 3); ``time``: since the moment of the
-    bias [s], (n,), None without drift; ``gravity`` [m/s^2].
+    bias [s], (n,), None without drift.
     """
-    count = len(up_sensor)
-    X = np.zeros((count, 6, 10 if time is None else 16))
-    X[:, :3, MASS] = gravity * up_sensor
-    X[:, 3:, MOMENT] = crosses(gravity * up_sensor[:, None], np.eye(3))  # (m c) x u g
+    X = np.zeros((len(up_sensor), 6, 10 if time is None else 16))
+    X[:, :3, MASS] = GRAVITY * up_sensor
+    X[:, 3:, MOMENT] = crosses(GRAVITY * up_sensor[:, None], np.eye(3))  # (m c) x u g
     X[:, :, BIAS] = np.eye(6)
     if time is not None:
         X[:, :, DRIFT] = time[:, None, None] * np.eye(6)
@@ -178,15 +176,15 @@ def fit_payload(readings: PayloadReadings, drift: bool = False, used: Bools | No
     """
     chosen = np.ones(len(readings), dtype=bool) if used is None else used
     check_identifiable(readings.up_sensor[chosen])
-    zero_time = float(readings.time[chosen].mean())
+    zero_time = readings.time[chosen].mean()
     since = readings.time - zero_time
     X = payload_regressor(readings.up_sensor, since if drift else None)
-    # Times brought to about -1..1, so that the condition does not depend on how long it took.
-    unit_time = since[chosen] / max(float(np.abs(since[chosen]).max()), 1e-12)
-    condition = condition_of(payload_regressor(readings.up_sensor[chosen], unit_time if drift else None, 1.0))
+    # Gravity and the longest time are brought to 1: the condition depends on neither.
+    longest = max(np.abs(since[chosen]).max(), 1e-12)
+    condition = condition_of(X[chosen] / np.repeat([GRAVITY, 1.0, longest], [4, 6, 6])[: X.shape[2]])
     if condition > LARGEST_CONDITION or X[chosen].size < X.shape[2] ** 2:
         raise CalibrationError(
-            f"{int(chosen.sum())} readings cannot separate the drift from mass, centre and bias: visit poses "
+            f"{chosen.sum()} readings cannot separate the drift from mass, centre and bias: visit poses "
             "again later, and give each reading its time."
         )
     found = fit(_problem(X, readings.wrenches), np.zeros(X.shape[2]), None, chosen)
@@ -205,14 +203,16 @@ def fit_without_outliers(readings: PayloadReadings, drift: bool = False) -> Payl
     """`fit_payload` without readings too far off to be noise, at most a quarter; with fewer than seven all
     are used."""
     check_identifiable(readings.up_sensor)
-    since = readings.time - float(readings.time.mean())
+    since = readings.time - readings.time.mean()
     X = payload_regressor(readings.up_sensor, since if drift else None)
     used = agreeing(_problem(X, readings.wrenches), np.zeros(X.shape[2]), "readings")
     return fit_payload(readings, drift, used)
 
 
 def _problem(X: Array, wrenches: Array) -> Problem[Array]:
-    return Problem(lambda theta: X @ theta - wrenches, lambda _: X, noises=NOISES)
+    """Forces have one noise and torques another."""
+    kinds, start = (slice(3), slice(3, 6)), np.repeat([1.0, 0.05], 3)
+    return Problem(lambda theta: X @ theta - wrenches, lambda _: X, kinds=kinds, start=start, floor=FLOORS)
 
 
 def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
@@ -254,7 +254,7 @@ def _refuse_other_torques(readings: PayloadReadings, estimate: PayloadEstimate) 
     lever = max(float(np.linalg.norm(estimate.center)), LEAST_LEVER)
     rest = estimate.residuals[used]
     left = rms(rest[:, 3:])
-    expected = max(noise, lever * rms(rest[:, :3]), NOISES[1].floor)
+    expected = max(noise, lever * rms(rest[:, :3]), FLOORS[3])
     if left > LARGEST_EXCESS * expected:
         raise CalibrationError(
             f"the torques go with the pose, but not as a tool's weight: {1e3 * left:.3g} mN m rms are left, "
@@ -276,7 +276,6 @@ class PosePlan(NamedTuple):
 
     q: Array  #: Joint angles [rad], shape (n, 6)
     R_base_sensor: Array  #: Orientation of the sensor, shape (n, 3, 3)
-    condition: float  #: Condition number of the poses; 1.22 is the best possible
 
     @property
     def move_times(self) -> Array:
@@ -319,7 +318,7 @@ def plan_payload_poses(count: int) -> PosePlan:
     R = np.ascontiguousarray(forward(q)[:, :3, :3])
     for array in (q, R):
         array.flags.writeable = False
-    return PosePlan(q, R, condition_of(payload_regressor(R[:, 2, :], None, 1.0)))
+    return PosePlan(q, R)
 
 
 def _short_way(places: Array) -> Indices:
@@ -328,5 +327,5 @@ def _short_way(places: Array) -> Indices:
     left = list(range(1, len(places)))
     while left:
         ways = np.abs(places[left] - places[order[-1]]).max(axis=1)
-        order.append(left.pop(int(np.argmin(ways))))
+        order.append(left.pop(np.argmin(ways)))
     return np.array(order)

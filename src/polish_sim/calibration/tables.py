@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
@@ -15,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, norms, rms
 from polish_sim.calibration.payload import BIAS, GRAVITY, PayloadEstimate, PayloadReadings
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.spatial import ROTATION_TOLERANCE, no_rotations, rotations_from_vectors, transform
+from polish_sim.spatial import ROTATION_TOLERANCE, matrices, no_rotations, rotations_from_vectors, transform
 from polish_sim.tables import Columns, csv_text
 from polish_sim.toml_text import read_toml, toml_text
 
@@ -39,8 +40,7 @@ class Measured(Columns):
 
         Raises InputError for a missing column, or lines or columns in different units.
         """
-        given = {unit: [axis for axis in "xyz" if f"{prefix}{axis}_{unit}" in self.texts] for unit in UNITS}
-        used = [unit for unit, axes in given.items() if axes]
+        used = [unit for unit in UNITS if any(f"{prefix}{axis}_{unit}" in self.texts for axis in "xyz")]
         if len(used) > 1:
             raise InputError(
                 f"'{self.file}' mixes units: {what} is partly in {used[0]}, partly in {used[1]}. Give all in "
@@ -77,36 +77,32 @@ class Measured(Columns):
     def rotations(self, what: str) -> Array:
         """Rotations (n, 3, 3) of a unit quaternion, a rotation vector or a matrix by rows; names a wrong
         line."""
-        forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
-            QUATERNION: _from_quaternions,
-            ROTATION_VECTOR: lambda values: rotations_from_vectors(values),
-            MATRIX: lambda values: values.reshape(-1, 3, 3),
-        }
+        forms = (QUATERNION, ROTATION_VECTOR, MATRIX)
         given = next((names for names in forms if set(names) <= set(self.texts)), None)
         if given is None:
-            known = "; ".join(", ".join(names) for names in forms)
+            known = "; ".join(map(", ".join, forms))
             raise InputError(
                 f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: "
                 f"{', '.join(self.texts)}."
             )
         values = self.numbers(given)
+        size = norms(values)
+        if given == QUATERNION:
+            self.refuse(
+                np.abs(size - 1.0) >= ROTATION_TOLERANCE, lambda _: "qw to qz are not a unit quaternion."
+            )
+            return matrices(values)
         if given == ROTATION_VECTOR:
-            far = norms(values) > FULL_TURN
-            self.refuse(far, lambda _: "rx_rad to rz_rad turn by more than once round. Are they degrees?")
-        R = forms[given](values)
-        wanted = (
-            "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
+            self.refuse(
+                size > FULL_TURN, lambda _: "rx_rad to rz_rad turn by more than once round. Are they degrees?"
+            )
+            return rotations_from_vectors(values)
+        R = values.reshape(-1, 3, 3)
+        self.refuse(
+            no_rotations(R),
+            lambda _: "r11 to r33 are not a rotation matrix (orthonormal, right-handed).",
         )
-        self.refuse(no_rotations(R), lambda _: f"{given[0]} to {given[-1]} are not {wanted}.")
-        return np.asarray(R)
-
-
-def _from_quaternions(values: Array) -> Array:
-    """Rotations of quaternions wxyz; one that is not of unit length gives no rotation."""
-    length = norms(values)
-    safe = np.where((length > 0.0)[:, None], values, [1.0, 0.0, 0.0, 0.0])
-    scale = np.where(np.abs(length - 1.0) < ROTATION_TOLERANCE, 1.0, length)
-    return Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None]
+        return R
 
 
 def quaternions_of(R: Array) -> Array:
@@ -166,11 +162,10 @@ class Calibration:
 
     def numbers(self, name: str, shape: tuple[int, ...]) -> Array:
         """Finite numbers of a shape; InputError if they are not there, not finite, or of another shape."""
-        try:
+        numbers = np.array(math.nan)
+        with suppress(ValueError):
             given = np.array(self.values.get(name))
-            numbers = given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(math.nan)
-        except ValueError:
-            numbers = np.array(math.nan)
+            numbers = given.astype(np.float64) if given.dtype.kind in "iuf" else numbers
         if numbers.shape != shape or not np.isfinite(numbers).all():
             wanted = " x ".join(map(str, shape)) or "one"
             raise InputError(
@@ -213,12 +208,12 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "mass_kg": estimate.mass,
         "mass_kg_std": estimate.mass_std,
-        "center_m": estimate.center.tolist(),
-        "center_m_std": estimate.center_std.tolist(),
+        "center_m": estimate.center,
+        "center_m_std": estimate.center_std,
     }
     of_sensor = (column[BIAS.start :].reshape(-1, 3) for column in (estimate.theta, estimate.std))
     for name, value, std in zip(OF_SENSOR, *of_sensor, strict=False):
-        figures |= {name: value.tolist(), f"{name}_std": std.tolist()}
+        figures |= {name: value, f"{name}_std": std}
     if len(estimate.theta) > 10:
         figures["drift_zero_s"] = estimate.zero_time
     return figures | {
@@ -227,7 +222,7 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
         "residual_rms_n": rms(estimate.residuals[estimate.used, :3]),
         "residual_rms_nm": rms(estimate.residuals[estimate.used, 3:]),
         "readings": len(estimate.used),
-        "outliers": (np.flatnonzero(~estimate.used) + 1).tolist(),
+        "outliers": np.flatnonzero(~estimate.used) + 1,
         "condition": estimate.condition,
     }
 
@@ -236,7 +231,7 @@ def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     """Write calibration.toml."""
     figures = estimate_figures(estimate) | {
         "gravity_m_s2": GRAVITY,
-        "covariance": estimate.covariance.tolist(),
+        "covariance": estimate.covariance,
     }
     write_table(file, PAYLOAD, figures)
 
@@ -261,9 +256,8 @@ def read_readings(file: Path) -> PayloadReadings:
     """
     columns = Measured.read(file, "reading", "poses and readings")
     columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
-    R_base_sensor = columns.rotations("the sensor")
     time = columns.column(TIME) if TIME in columns.texts else np.zeros(len(columns))
-    return PayloadReadings(time, R_base_sensor, columns.numbers(WRENCH))
+    return PayloadReadings(time, columns.rotations("the sensor"), columns.numbers(WRENCH))
 
 
 def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None) -> str:
@@ -271,9 +265,10 @@ def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Arra
     known."""
     turns = quaternions_of(readings.R_base_sensor)
     names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
+    q = np.empty((len(readings), 0)) if q is None else q
     rows = []
     for k in range(len(readings)):
         numbers = [readings.time[k], *turns[k], *readings.wrenches[k], *estimate.residuals[k]]
-        joints = [] if q is None else [f"{value:.9g}" for value in q[k]]
+        joints = (f"{value:.9g}" for value in q[k])
         rows.append([k + 1, *(f"{value:.9g}" for value in numbers), int(estimate.used[k]), *joints])
-    return csv_text(names + ([] if q is None else [*JOINTS]), rows)
+    return csv_text([*names, *JOINTS[: q.shape[1]]], rows)

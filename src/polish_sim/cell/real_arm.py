@@ -13,7 +13,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, two_waves
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, with_error
 from polish_sim.cell.scene import bend_links, links_of, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
@@ -69,21 +69,21 @@ def take_arm(robot: RobotConfig) -> None:
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
-    (knees, bends), stiffness, size = _knees(real), _stiffness(real), np.abs(torque)
+    (knees, bends), stiffness, size = _knees(real), gear_stiffness(real), np.abs(torque)
     below = size / stiffness[0]
     between, above = (bends[k] + (size - knees[k]) / stiffness[k + 1] for k in range(2))
     twist = np.where(size <= knees[0], below, np.where(size <= knees[1], between, above))
     return np.copysign(twist, torque)
 
 
-def _stiffness(real: RealArmConfig) -> Array:
+def gear_stiffness(real: RealArmConfig) -> Array:
     """Of the gears below, between and above the knees, shape (3, 6) [N m/rad]."""
     return np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
 
 
 def _knees(real: RealArmConfig) -> tuple[Array, Array]:
     """Torques [N m] and twists [rad] at which the stiffness changes, each of shape (2, 6)."""
-    knees, stiffness = np.array([real.knee_1_nm, real.knee_2_nm]), _stiffness(real)
+    knees, stiffness = np.array([real.knee_1_nm, real.knee_2_nm]), gear_stiffness(real)
     first = knees[0] / stiffness[0]
     return knees, np.array([first, first + (knees[1] - knees[0]) / stiffness[1]])
 
@@ -159,12 +159,10 @@ class RestingArm(NamedTuple):
         return np.round(read / step) * step if step else read
 
     def _error(self, angle: Array) -> Array:
-        phase, a = 2.0 * self.real.gear_ratio * angle, self.errors.T
-        single = a[0] * np.sin(phase) + a[1] * np.cos(phase)
-        return single + a[2] * np.sin(2.0 * phase) + a[3] * np.cos(2.0 * phase)
+        return np.sum(two_waves(2.0 * self.real.gear_ratio * angle) * self.errors, axis=-1)
 
     def _slipped(self, q: Array, rng: np.random.Generator | None) -> Array:
-        return np.zeros_like(q) if rng is None else _lost_torque(self.real) * rng.uniform(-1.0, 1.0, q.shape)
+        return np.zeros_like(q) if rng is None else lost_torque(self.real) * rng.uniform(-1.0, 1.0, q.shape)
 
     def _hanging(self, q: Array, slipped: Array) -> Array:
         return gear_twists(self.real, weights(self.model, q, self.place) - slipped)
@@ -173,13 +171,13 @@ class RestingArm(NamedTuple):
 def slip_along(real: RealArmConfig, torques: Array, slipped: Array) -> Array:
     """Torques of the hysteresis (n, 6) [N m] after the gears carried ``torques`` (m, n, 6) one after the
     other: `gears.slip` with the twist each change makes."""
-    stiffness = _stiffness(real)
+    stiffness = gear_stiffness(real)
     (first, second), rise = _knees(real)[0], real.lost_motion_rise_rad
     spring = torques[0] - slipped
     for torque in torques[1:]:
         size, left = np.abs(spring), torque - spring - slipped
         slope = np.where(size < first, stiffness[0], np.where(size < second, stiffness[1], stiffness[2]))
-        most = np.copysign(_lost_torque(real), left)
+        most = np.copysign(lost_torque(real), left)
         twisted = left / (slope + np.abs(most - slipped) / rise)
         spring = spring + slope * twisted
         slipped = most + (slipped - most) * np.exp(-np.abs(twisted) / rise)
@@ -191,9 +189,9 @@ def resting_arm(real: RealArmConfig, seed: int, model: mujoco.MjModel, place: Ar
     return RestingArm(real, gear_errors(real, place.rng(seed, 1)), model, place)
 
 
-def _lost_torque(real: RealArmConfig) -> Array:
+def lost_torque(real: RealArmConfig) -> Array:
     """Largest torques of the hysteresis, shape (6,) [N m]."""
-    return 0.5 * np.array(real.lost_motion_rad) * _stiffness(real)[0]
+    return 0.5 * np.array(real.lost_motion_rad) * gear_stiffness(real)[0]
 
 
 def built_table(
@@ -266,10 +264,10 @@ def build_joints(
     servos = slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
         elastic=True,
-        stiffness=_stiffness(real).T,
+        stiffness=gear_stiffness(real).T,
         knees=knees.T,
         bends=bends.T,
-        lost_torque=_lost_torque(real),
+        lost_torque=lost_torque(real),
         rise=real.lost_motion_rise_rad,
         inertia=real.rotor_kg_m2,
         waves=waves,

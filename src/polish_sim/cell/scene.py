@@ -60,7 +60,6 @@ def build_scene(
     crash check are computed on their signed distance, because the engine would take the convex hull.
     """
     spec = robot_with_tool(scenario)
-    spec.option.timestep = scenario.simulation.timestep_s
     if part:
         lay_part(spec, part.mesh, part.pose, axes, fixture)
     return spec.compile()
@@ -82,6 +81,7 @@ def lay_part(
 def robot_with_tool(scenario: Scenario) -> Any:
     """The robot of the model file with a scenario's head and payload, to compile or attach elsewhere."""
     spec = arm_spec(scenario.robot.arm)
+    spec.option.timestep = scenario.simulation.timestep_s
     head = scenario.head
     body, slide, face = spec.body("head"), spec.joint("head_slide"), spec.geom("head_pad")
     body.inertia = body.inertia * (head.mass_kg / body.mass)

@@ -17,7 +17,7 @@ import numpy as np
 
 from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
-from polish_sim.calibration.arm import LEAST_POSES, Tolerance, gear_columns
+from polish_sim.calibration.arm import LEAST_POSES, Tolerance, links_behind
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import DualConfig, RealArmConfig, RobotConfig, Scenario
@@ -29,15 +29,12 @@ from polish_sim.errors import ConfigError, ReachError
 from polish_sim.experiments.beliefs import POSES, TRACKER
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import (
-    JOINT_LIMITS,
     NOMINAL,
     inverse_near,
     inverse_with_table,
     is_nominal,
 )
 from polish_sim.spatial import inverse, vectors_from_rotations
-
-COMFORTABLE = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
 
 
 class ClosedChain(NamedTuple):
@@ -89,11 +86,6 @@ def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
     return np.stack(joints[1:])
 
 
-def limit_margin(q: Array) -> float:
-    """Least distance of any joint from its limits [rad] over configurations (n, 6); negative beyond them."""
-    return float(np.minimum(q - JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1] - q).min())
-
-
 _NOMINAL = dict.fromkeys(ROBOTS, NOMINAL)
 _RIGID = dict.fromkeys(ROBOTS, np.zeros((6, 7)))
 
@@ -134,21 +126,17 @@ class PairArms(NamedTuple):
     def reading(self, robot: str, rng: np.random.Generator) -> Reading | None:
         """What the host reads when an arm is led until its flange really is where it should be; None: just
         that."""
-        true = self.true[robot]
-        believed = self.believed[robot]
-        gears = self.gears
-        if is_nominal(true) and is_nominal(believed) and not gears:
+        true, believed, arms = self.true[robot], self.believed[robot], self.gears
+        if is_nominal(true) and is_nominal(believed) and not arms:
             return None
 
         def read(T_base_flange: Array, q: Array) -> Array:
-            links = inverse_with_table(true, T_base_flange, q)
-            if gears is None:
-                return forward(links, believed)
-            read = gears[robot].encoders(links, rng)
-            weight = gears[robot].weight(read)
-            real = gears[robot].real
-            moved = gear_columns(read, weight, real) * self.known[robot]
-            return forward(read + moved.sum(axis=2), believed)
+            q = inverse_with_table(true, T_base_flange, q)
+            if arms:
+                arm = arms[robot]
+                read = arm.encoders(q, rng)
+                q = links_behind(read, arm.weight(read), self.known[robot], arm.real)
+            return forward(q, believed)
 
         return read
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, directions_at, norms
+from polish_sim.arrays import Array, directions_at
 from polish_sim.calibration.fit import slopes_of
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
@@ -28,7 +28,6 @@ from polish_sim.dual.calibration.pair import (
 )
 from polish_sim.dual.calibration.tool import TOOL_DOWN
 from polish_sim.dual.frames import (
-    PairFrames,
     Site,
     believed_chain,
     find_parts,
@@ -90,6 +89,7 @@ class Share(NamedTuple):
     drawn_axial_share: float
     predicted_across_rms_m: float  #: What the force loop does not remove
     drawn_across_rms_m: float
+    drawn_across_p95_m: float
 
     @property
     def deviation_sigma(self) -> float:
@@ -110,18 +110,16 @@ class Prediction(NamedTuple):
     @property
     def covariances(self) -> dict[str, Array]:
         """Covariances of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
-        J = self.slopes
-        found = {name: J @ C @ np.swapaxes(J, 1, 2) for name, C in self.shares.items()}
+        found = {name: self.slopes @ C @ np.swapaxes(self.slopes, 1, 2) for name, C in self.shares.items()}
         return found | {TOGETHER: np.sum(list(found.values()), axis=0)}
 
 
 def predict(trial: PairBudgetTrial) -> Prediction:
     """Noise of the instruments to the tool on the part, to first order."""
     dual = trial.dual
-    site = trial.site
     true = true_chain(trial.dual)
     adjusted = [
-        _adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k]))
+        _adjusted_exactly(dual, true, trial.site, np.random.default_rng([trial.seed, 16, k]))
         for k in range(DESIGNS)
     ]
     shares = {name: np.mean([one.share(name) for one in adjusted], axis=0) for name in SOURCES}
@@ -142,19 +140,20 @@ def draw_errors(trial: PairBudgetTrial, number: int) -> dict[str, Array]:
     dual = trial.dual
     site = trial.site
     true = true_chain(trial.dual)
-    noise = trial.dual.touch_noise_m
-    found, R_flange_tool = find_parts(dual, true, site, rng)
+    found = find_parts(dual, true, site, rng)
     exact = true_parts(found, true, site)
-    touched = touch_marks(true, site, dual.closing_touches, noise, rng)
+    touched = touch_marks(true, site, dual.closing_touches, dual.touch_noise_m, rng)
     silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
     heard = {name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES}
     heard[TOGETHER] = (found, touched)
     chains = {
-        name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
+        name: believed_chain(
+            adjust_pair(parts, site.marks_work, closing, dual.touch_noise_m), found.R_flange_tool, true
+        )
         for name, (parts, closing) in heard.items()
     }
     return {
-        name: tool_errors(PairFrames(true, chain), trial.T_master_work, trial.T_work_tool)
+        name: tool_errors(true, chain, trial.T_master_work, trial.T_work_tool)
         for name, chain in chains.items()
     }
 
@@ -168,7 +167,7 @@ def compare_shares(
 
 
 def budget_figures(
-    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, asked_rms: float
+    shares: Mapping[str, Share], errors: Array, asked_rms: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The figures of the whole, as analysis and as the draws have them: predicted ones, and the keys of
     metrics.json.
@@ -177,8 +176,6 @@ def budget_figures(
     the rim above ``asked_rms`` [m] are counted.
     """
     whole = shares[TOGETHER]
-    axes = trial.T_work_tool[:, :3, 2]
-    across = errors - np.einsum("dnk,nk->dn", errors, axes)[..., None] * axes
     each = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
     predicted = {
         "relative_error_rms_m": whole.predicted_rms_m,
@@ -189,7 +186,7 @@ def budget_figures(
         "relative_error_rms_m": whole.drawn_rms_m,
         "relative_error_p95_m": whole.drawn_p95_m,
         "across_error_rms_m": whole.drawn_across_rms_m,
-        "across_error_p95_m": np.percentile(norms(across), 95.0),
+        "across_error_p95_m": whole.drawn_across_p95_m,
         "axial_share": whole.drawn_axial_share,
         "calibrations_above_share": np.mean(each > asked_rms),
         "deviation_sigma_worst": max(abs(share.deviation_sigma) for share in shares.values()),
@@ -201,21 +198,23 @@ def budget_figures(
 def _share(covariances: Array, errors: Array, axes: Array) -> Share:
     whole = np.sum(errors**2, axis=2)
     along = np.einsum("dnk,nk->dn", errors, axes) ** 2
+    across = np.maximum(whole - along, 0.0)
     expected = np.mean(np.trace(covariances, axis1=1, axis2=2))
     expected_along = np.mean(np.einsum("nj,njk,nk->n", axes, covariances, axes))
     # The errors around one rim belong together: what is independent is the draws.
     each = whole.mean(axis=1)
-    rms = float(np.sqrt(whole.mean()))
+    rms = np.sqrt(whole.mean())
     spread = np.std(each, ddof=1) / np.sqrt(len(each))
     return Share(
-        float(np.sqrt(expected)),
+        np.sqrt(expected),
         rms,
         spread / (2.0 * rms) if rms else 0.0,
-        float(np.percentile(np.sqrt(whole), 95.0)),
+        np.percentile(np.sqrt(whole), 95.0),
         expected_along / expected if expected else 0.0,
-        float(along.mean() / whole.mean()) if rms else 0.0,
-        float(np.sqrt(expected - expected_along)),
-        float(np.sqrt(np.mean(whole - along))),
+        along.mean() / whole.mean() if rms else 0.0,
+        np.sqrt(expected - expected_along),
+        np.sqrt(np.mean(across)),
+        np.percentile(np.sqrt(across), 95.0),
     )
 
 
@@ -237,7 +236,7 @@ def _adjusted_exactly(
     dual: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator
 ) -> PairAdjustment:
     """The adjustment without any noise drawn, weighed as if there were: what its covariance needs."""
-    found, _ = find_parts(dual, true, site, rng)
+    found = find_parts(dual, true, site, rng)
     closing = touch_marks(true, site, dual.closing_touches, 0.0, rng)
     return adjust_pair(true_parts(found, true, site), site.marks_work, closing, dual.touch_noise_m)
 
@@ -249,6 +248,6 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
 
     def errors(step: Array) -> Array:
         believed = believed_chain(exact.moved(step), R_flange_tool, true)
-        return tool_errors(PairFrames(true, believed), trial.T_master_work, trial.T_work_tool)
+        return tool_errors(true, believed, trial.T_master_work, trial.T_work_tool)
 
     return slopes_of(errors, 15)

@@ -10,22 +10,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from polish_sim.arrays import Array, Figures, rms_length
 from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
-from polish_sim.calibration.matched_points import frame_offset, point_covariance
+from polish_sim.calibration.matched_points import frame_offset
 from polish_sim.cell.real_arm import RestingArm
-from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures
-from polish_sim.dual.calibration.bases import ROBOTS, AxisArcs, BaseCalibration, base_figures
+from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures, read_tracked
+from polish_sim.dual.calibration.bases import (
+    ROBOTS,
+    Arcs,
+    BaseCalibration,
+    base_figures,
+    fit_bases,
+    read_base_measurements,
+)
 from polish_sim.dual.calibration.tool import (
     TOOL_DOWN,
     ToolFrameEstimate,
     ToolMeasurements,
     fit_tool_frame,
     plan_touch_orientations,
+    read_tool_measurements,
     tool_figures,
 )
 from polish_sim.motion import forward, inverse_near
@@ -73,13 +82,14 @@ class BaseTrial:
     flanges: Flanges | None = None  #: Of arms with gears; None: of arms as their table says
 
 
-BasesFound = Calibrated[AxisArcs, BaseCalibration]
+BasesFound = Calibrated[Arcs, BaseCalibration]
 
 
-def calibrate_base_from(measured: AxisArcs) -> BasesFound:
+def calibrate_base_from(file: Path) -> BasesFound:
     """Calibrate from measurements of real robots, without a truth to compare with; CalibrationError if
     undetermined."""
-    found = measured.fit()
+    measured = read_base_measurements(file)
+    found = fit_bases(measured)
     return BasesFound(measured, found, base_figures(found) | _stated(found))
 
 
@@ -91,7 +101,7 @@ def run_base_calibration(trial: BaseTrial) -> BasesFound:
     rng = np.random.default_rng([trial.seed, 12])
     truth = planted_bases(rng)
     measured = simulate_arcs(truth, trial.points, trial.noise, rng, trial.flanges)
-    found = measured.fit(trial.noise if trial.noise > 1e-9 and trial.flanges is None else None)
+    found = fit_bases(measured, trial.noise if trial.noise > 1e-9 and trial.flanges is None else None)
     figures = base_figures(found) | _stated(found) | _errors(found, truth)
     bound = math.sqrt(trial.points) * figures["relative_origin_std_m"]
     figures |= {"relative_origin_bound_m": bound, "bound_share": figures["relative_origin_error_m"] / bound}
@@ -102,15 +112,13 @@ def planted_bases(rng: np.random.Generator) -> Bases:
     """Two robots that face each other about 1.1 m apart, seen from the side, nothing quite level."""
     small = np.array([0.05, 0.05, 0.02, 0.01, 0.01, 0.1])
     places = np.array([[2.5, -0.8, -0.4, 0.0, 0.0, 2.0], [-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]])
-    T_tracker_master, T_master_follower = (
-        from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places
-    )
+    T_tracker_master, T_master_follower = (from_pose(p + small * rng.uniform(-1.0, 1.0, 6)) for p in places)
     return dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True))
 
 
 def simulate_arcs(
     truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None
-) -> AxisArcs:
+) -> Arcs:
     """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal
     arms."""
 
@@ -121,21 +129,20 @@ def simulate_arcs(
         own = place_of(forward(q) if flanges is None else flanges(robot, q), TARGET)
         return apply(truth[robot], own) + noise * rng.standard_normal((count, 3))
 
-    return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth})
+    return {robot: (arc(robot, 0), arc(robot, 1)) for robot in truth}
 
 
 def _stated(found: BaseCalibration) -> Figures:
     """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
     squares = []
     for base in found.frames.values():
-        T, C = base.T, base.covariance
-        across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
-        offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
-        ends = np.mean([np.trace(point_covariance(C, offset)) for offset in offsets])
-        squares.append([np.trace(C[:3, :3]), np.trace(across @ C[3:, 3:] @ across), ends])
+        C, z = base.covariance, base.T[:3, 2]
+        origin, turn = np.trace(C[:3, :3]), np.trace(C[3:, 3:])
+        # Points on both sides of the origin: what its displacement and the rotation have in common cancels.
+        squares.append([origin, turn - z @ C[3:, 3:] @ z, origin + 2.0 / 3.0 * AWAY**2 * turn])
     names = ("relative_origin_std_m", "origin_std_m", "axis_std_rad", "point_std_1m_m")
     stated = np.trace(found.covariance[:3, :3]), *np.max(squares, axis=0)
-    return dict(zip(names, np.sqrt(stated).tolist(), strict=True))
+    return dict(zip(names, np.sqrt(stated), strict=True))
 
 
 def _errors(found: BaseCalibration, truth: Bases) -> Figures:
@@ -144,11 +151,11 @@ def _errors(found: BaseCalibration, truth: Bases) -> Figures:
     wanted = inverse(truth[ROBOTS[0]]) @ truth[ROBOTS[1]]
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
-    ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
-    figures["point_error_1m_m"] = rms_length(apply(T, ends) - apply(wanted, ends))
+    off = np.sum((T - wanted) ** 2, axis=0)
+    figures["point_error_1m_m"] = math.sqrt(off[3] + AWAY**2 * off[:3].mean())
     each = [_frame_error("", found.frames[robot].T, T_true) for robot, T_true in truth.items()]
     figures |= {name: max(e[name] for e in each) for name in each[0]}
-    return figures | {"true_transform": wanted.tolist()}
+    return figures | {"true_transform": wanted}
 
 
 def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
@@ -179,9 +186,10 @@ class ArmTrial:
 ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
 
 
-def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
+def calibrate_arm_from(file: Path) -> ArmsFound:
     """Calibrate from poses of real arms, without a truth to compare with; CalibrationError if
     undetermined."""
+    tracked = read_tracked(file)
     found = fit_pair(tracked, None, Tolerance())
     return ArmsFound(tracked, found, pair_figures(tracked, found, Tolerance()))
 
@@ -203,12 +211,17 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     tracked = simulate_tracked(true, trial.poses, trial.noise, rng, trial.gears)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
     resting = {robot: trial.gears[robot].links(q[robot], rng) for robot in ROBOTS} if trial.gears else q
-    there = {robot: true.arms[robot].target_at(links) for robot, links in resting.items()}
+    checks = {
+        robot: tracked_arm(
+            q[robot], true.arms[robot].target_at(links), trial.gears[robot] if trial.gears else None
+        )
+        for robot, links in resting.items()
+    }
     found = fit_pair(tracked, None if trial.gears else max(trial.noise, 1e-9), trial.tolerance)
     nominal = PairTables({robot: fit_placement(one) for robot, one in tracked.items()})
     figures = pair_figures(tracked, found, trial.tolerance) | {
-        "relative_error_nominal_m": _relative_error(nominal, there, q),
-        "relative_error_m": _relative_error(found, there, q, trial.gears),
+        "relative_error_nominal_m": _relative_error(nominal, checks),
+        "relative_error_m": _relative_error(found, checks),
         "seed": trial.seed,
     }
     return ArmsFound(tracked, found, figures, true)
@@ -235,16 +248,18 @@ def simulate_tracked(
         q = rng.uniform(LOW, HIGH, (poses, 6))
         gear = gears[robot] if gears else None
         seen = arm.tracked(gear.arrive(q, rng) if gear else q[None], noise, rng)
-        tracked[robot] = TrackedArm(q, seen, gear.weight(q), gear.real) if gear else TrackedArm(q, seen)
+        tracked[robot] = tracked_arm(q, seen, gear)
     return tracked
 
 
-def _relative_error(
-    found: PairTables, there: Mapping[str, Array], q: Mapping[str, Array], gears: RestingArms | None = None
-) -> float:
-    weight = {robot: gears[robot].weight(q[robot]) if gears else None for robot in ROBOTS}
-    off = {robot: found.arms[robot].target_at(q[robot], weight[robot]) - there[robot] for robot in ROBOTS}
-    return rms_length(off[ROBOTS[1]] - off[ROBOTS[0]])
+def tracked_arm(q: Array, seen: Array, gear: RestingArm | None) -> TrackedArm:
+    """Poses of an arm, which carries its weight on gears, or of a rigid one."""
+    return TrackedArm(q, seen, gear.weight(q), gear.real) if gear else TrackedArm(q, seen)
+
+
+def _relative_error(found: PairTables, checks: Mapping[str, TrackedArm]) -> float:
+    master, follower = (found.arms[robot].left(checks[robot]) for robot in ROBOTS)
+    return rms_length(follower - master)
 
 
 Reading = Callable[[Array, Array], Array]
@@ -272,9 +287,10 @@ class TcpTrial:
 TcpCalibration = Calibrated[ToolMeasurements, ToolFrameEstimate]
 
 
-def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
+def calibrate_tcp_from(file: Path) -> TcpCalibration:
     """Calibrate from touches of a real robot, without a truth to compare with; CalibrationError if
     undetermined."""
+    measured = read_tool_measurements(file)
     found = fit_tool_frame(measured)
     return TcpCalibration(measured, found, tool_figures(measured, found))
 
@@ -294,7 +310,7 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
     figures = tool_figures(measured, found, trial.noise)
     off, turn = frame_offset(found.T_flange_tool, T_flange_tool)
     figures |= {"position_error_m": off, "rotation_error_rad": turn}
-    figures |= {"true_position_m": T_flange_tool[:3, 3].tolist(), "seed": trial.seed}
+    figures |= {"true_position_m": T_flange_tool[:3, 3], "seed": trial.seed}
     bound = math.sqrt(trial.poses) * figures["position_std_m"]
     figures |= {"position_bound_m": bound, "bound_share": figures["position_error_m"] / bound}
     return TcpCalibration(measured, found, figures)

@@ -55,24 +55,18 @@ RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time pa
 SPAN_S = 0.01
 
 
-class MasterTime(NamedTuple):
-    """Time of the master's rows at n moments, see ``drive_master``."""
-
-    clock: Array  #: What has passed of it [s], shape (n,)
-    rate: Array  #: At which it passes [-], shape (n,)
-
-
-def time_let_go(since: Array) -> MasterTime:
-    """How the time of the master's rows passes after it was released from rest, (n,) [s]."""
+def time_let_go(since: Array) -> tuple[Array, Array]:
+    """What has passed of the time of the master's rows [s] after it was released from rest, (n,) [s], and the
+    rate at which it passes [-]; see `drive_master`."""
     ramp = np.clip(since, 0.0, RAMP_S)
-    return MasterTime(np.maximum(since - RAMP_S, 0.0) + _times(ramp), _rates(ramp))
+    return np.maximum(since - RAMP_S, 0.0) + _times(ramp), _rates(ramp)
 
 
-def time_held(let_go: float, since: Array) -> MasterTime:
+def time_held(let_go: float, since: Array) -> tuple[Array, Array]:
     """How it passes after the master is held again, (n,) [s], having been released for a time [s]."""
     before = np.array([min(let_go, RAMP_S)])
     ramp = np.clip(before - since, 0.0, RAMP_S)
-    return MasterTime(_times(before) - _times(ramp), _rates(ramp))
+    return _times(before) - _times(ramp), _rates(ramp)
 
 
 @kernel
@@ -112,14 +106,6 @@ class MasterRows(NamedTuple):
     def times(self) -> Array:
         """Of the rows [s], shape (n,)."""
         return self.spacing * np.arange(len(self.q), dtype=np.float64)
-
-
-class Encoders(NamedTuple):
-    """What an arm's encoders say at this instant."""
-
-    angles: Array  #: [rad], its six from ``first`` on
-    speeds: Array  #: [rad/s], likewise
-    first: int
 
 
 class Carrier(Record):
@@ -188,13 +174,19 @@ def build_master(
     """The master at the first of its rows, holding the part as it lies at the start; ``data``: kinematics
     done."""
     flange = data.site(f"{MASTER}flange")
-    T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
-    T_flange_part = T_flange_base @ transform(part.rotation, part.position)
-    host_arm, T_rest = _host_arm(data, rows)
+    T_flange_base = inverse(transform(flange.xmat.reshape(3, 3), flange.xpos))
+    base = data.body(f"{MASTER}base")
+    T_base = transform(base.xmat.reshape(3, 3), base.xpos)
+    host_arm = build_host_arm(rows.table, T_base, np.eye(4), rows.gears)
+    read_encoders.py_func(host_arm, rows.q[0])
     delay = round(rows.delay / model.opt.timestep)
     hold = max(round(rows.period / model.opt.timestep), 1)
     span = max(round(SPAN_S / (hold * model.opt.timestep)), 1) * hold
-    poses = {"rest": T_rest, "part": T_flange_part, "work": T_flange_base @ rows.T_base_work}
+    poses = {
+        "rest": transform(host_arm.turn, host_arm.place),
+        "part": T_flange_base @ transform(part.rotation, part.position),
+        "work": T_flange_base @ rows.T_base_work,
+    }
     poses["belief"] = rows.T_believed_true
     poses["moved"] = np.eye(4)
     state = Carrier(
@@ -216,14 +208,6 @@ def build_master(
     gap = math.ceil(robot.real.missed_s / model.opt.timestep) if robot.elastic else 0
     line = np.zeros((delay + hold + span + gap + 1, 12))
     return Master(state, np.ascontiguousarray(rows.q), np.ascontiguousarray(rows.qd), line)
-
-
-def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
-    """The master as the host computes it, and its flange at the first row so, shape (4, 4)."""
-    base = data.body(f"{MASTER}base")
-    arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4), rows.gears)
-    read_encoders.py_func(arm, rows.q[0])
-    return arm, transform(arm.turn, arm.place)
 
 
 # The master at every step: its servos driven along their rows, the part carried, what the host makes of it.
@@ -277,20 +261,22 @@ def carry_part(
     e: EngineViews,
     part: RealPart,
     motion: PartMotion,
-    said: Encoders,
+    angles: Array,
+    speeds: Array,
     heard: bool,
 ) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
-    ``said``: the master's encoders, ``heard`` unless the reading comes in a gap of the link. Written: what
-    the master notes of this instant, the part's rotation, the motion's place and angular velocity.
+    ``angles`` [rad] and ``speeds`` [rad/s], (6,): by the master's encoders, ``heard`` unless the reading
+    comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the
+    motion's place and angular velocity.
     """
     carrier = master.state
-    flange = master.state.flange_body
-    R_flange = e.xmat[flange]
-    p_flange = e.xpos[flange]
+    R_flange = e.xmat[carrier.flange_body]
+    p_flange = e.xpos[carrier.flange_body]
     w = carrier.turning
-    _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
+    anchors, axes = e.xanchor[FIRST_JOINT:], e.xaxis[FIRST_JOINT:]
+    _add_joints(p_flange, anchors, axes, e.qvel[FIRST_JOINT:], carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
     set_to(motion.place, plus(p_flange, matvec(R_flange, carrier.p_part)))
     set_to(motion.turning, w)
@@ -299,16 +285,14 @@ def carry_part(
     if carrier.unheard:
         return
     arm = carrier.host_arm
-    _hear(master, said, heard, e.dt)
+    _hear(master, angles, speeds, heard, e.dt)
     read_encoders(arm, carrier.q)
-    _add_joints(
-        arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning
-    )
+    _add_joints(arm.place, arm.anchors, arm.axes, carrier.qd, carrier.seen_velocity, carrier.seen_turning)
     _believe(carrier, arm.turn, arm.place, carrier.seen_velocity, carrier.seen_turning)
 
 
 @kernel
-def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
+def _hear(master: Master, angles: Array, speeds: Array, heard: bool, dt: float) -> None:
     """The newest reading that has come: the master's positions carried on to now, its speeds to when a
     request acts.
 
@@ -318,7 +302,7 @@ def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
     """
     carrier = master.state
     line = master.line
-    step = master.state.steps
+    step = carrier.steps
     carrier.steps += 1
     if heard:
         carrier.newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
@@ -330,8 +314,8 @@ def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
     come = newest % line.shape[0]
     last = before % line.shape[0]
     for j in range(6):
-        line[sent, j] = said.angles[said.first + j]
-        line[sent, 6 + j] = said.speeds[said.first + j]
+        line[sent, j] = angles[j]
+        line[sent, 6 + j] = speeds[j]
     for j in range(6):
         speed = line[come, 6 + j]
         acceleration = (speed - line[last, 6 + j]) / between
@@ -340,28 +324,14 @@ def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
 
 
 @kernel
-def _add_joints(
-    point: Array, anchors: Array, axes: Array, first: int, speeds: Array, first_speed: int, v: Array, w: Array
-) -> None:
-    """Add velocity and angular velocity (3,) of a point (3,) [m] that moves with the master's flange to ``v``
-    and ``w``.
-
-    The master's joints begin at row ``first`` of anchors and axes and at ``first_speed`` of the speeds
-    [rad/s].
-    """
+def _add_joints(point: Array, anchors: Array, axes: Array, speeds: Array, v: Array, w: Array) -> None:
+    """Write velocity and angular velocity (3,) of a point (3,) [m] that moves with the flange of an arm, by
+    its joints' anchors, axes and speeds [rad/s], to ``v`` and ``w``."""
     for i in range(3):
         v[i] = w[i] = 0.0
-    for k in range(6):
-        j = first + k
-        speed = speeds[first_speed + k]
-        add_to(v, scaled(speed, cross(axes[j], minus(point, anchors[j]))))
-        add_to(w, scaled(speed, axes[j]))
-
-
-@kernel
-def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
-    """Add what the flange does to the velocity of the part's origin, both (3,)."""
-    add_to(velocity, plus_cross(carrier.velocity, carrier.turning, minus(origin, p_flange)))
+    for j in range(6):
+        add_to(v, scaled(speeds[j], cross(axes[j], minus(point, anchors[j]))))
+        add_to(w, scaled(speeds[j], axes[j]))
 
 
 @kernel
@@ -402,10 +372,9 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
     """
     B = carrier.R_belief
     b = carrier.p_belief
-    work = carrier.work
     R = carrier.R_moved
-    turn = work[0:3]
-    R_B = work[3:6]
+    turn = carrier.work[0:3]
+    R_B = carrier.work[3:6]
     multiply(R_flange, carrier.R_rest.T, turn)
     shift = minus(p_flange, matvec(turn, carrier.p_rest))
     multiply(B, turn, R_B)

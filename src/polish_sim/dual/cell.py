@@ -43,10 +43,8 @@ from polish_sim.dual.carrier import (
     FOLLOWER,
     FOLLOWER_ARM,
     MASTER_ARM,
-    Encoders,
     Master,
     MasterRows,
-    add_carried_speed,
     build_master,
     carry_part,
     carry_target,
@@ -54,7 +52,7 @@ from polish_sim.dual.carrier import (
     see_tool_on_part,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel, memory_of, scaled, set_to
+from polish_sim.kernels import add_to, kernel, memory_of, minus, plus_cross, scaled, set_to
 from polish_sim.log import LOG_ROW, RunLog, with_column
 
 MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
@@ -62,23 +60,19 @@ MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
 
 SLOW = 0.5
 
-_MASTERS = {
-    "master-stop": ("the master stops itself, as its own guards would", "halted", True),
-    "master-silent": ("the host no longer receives the master's position", "unheard", True),
-    "master-slow": (f"the master moves at {SLOW:g} of its speed", "slow", 1.0 - SLOW),
-}
-
 PAIR_FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        **FAULTS,
-        **{
-            name: Fault(
-                text,
-                set_field("master.state", field, value),
-                lacking="no second robot: it is one of 'run dual'",
-            )
-            for name, (text, field, value) in _MASTERS.items()
-        },
+    dict(FAULTS)
+    | {
+        name: Fault(
+            text,
+            set_field("master.state", field, value),
+            lacking="no second robot: it is one of 'run dual'",
+        )
+        for name, text, field, value in (
+            ("master-stop", "the master stops itself, as its own guards would", "halted", True),
+            ("master-silent", "the host no longer receives the master's position", "unheard", True),
+            ("master-slow", f"the master moves at {SLOW:g} of its speed", "slow", 1.0 - SLOW),
+        )
     }
 )
 
@@ -107,19 +101,20 @@ class PairCell(Cell):
         self.host_arm = host_arm
         self.master_arm = RealArm()
         super().__init__(*cell)
-        asked = self.scenario
-        self.master = build_master(self.model, self.data, master, self.kernel.part, asked.robot, asked.safety)
+        self.master = build_master(
+            self.model, self.data, master, self.kernel.part, self.scenario.robot, self.scenario.safety
+        )
 
     def _set_joints(self, q_start: Array) -> None:
         super()._set_joints(q_start)
         self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
 
     def _build_real_arm(self, q_start: Array) -> RealArm:
-        real = self.scenario.robot.real
-        seed = self.scenario.seed
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
         self.master_arm, follower = (
-            build_joints(real, seed, self.model, self.data, q, self.host_arm, place)
+            build_joints(
+                self.scenario.robot.real, self.scenario.seed, self.model, self.data, q, self.host_arm, place
+            )
             for q, place in ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         )
         return follower
@@ -189,14 +184,15 @@ def _place_part(  # type: ignore[no-untyped-def]
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
     carrier = master.state
     if not arm.elastic:
-        carry_part(master, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True)
+        carry_part(master, e, part, state.motion, e.qpos[FIRST_JOINT:], e.qvel[FIRST_JOINT:], True)
     else:
         hear_joints(arm, e)
         compensate(arm, carrier.host_arm, e, state.measurement, -1.0)
         heard = host_hears(arm, True, state.status.steps)
-        carry_part(master, e, part, state.motion, Encoders(arm.links, arm.link_speed, 0), heard)
+        carry_part(master, e, part, state.motion, arm.links, arm.link_speed, heard)
     move_part(state.motion, t, e.dt, part.position)
-    add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)
+    away = minus(part.position, e.xpos[carrier.flange_body])
+    add_to(state.motion.velocity, plus_cross(carrier.velocity, carrier.turning, away))
     see_tool_on_part(carrier, e, part, state.motion, state.tool_on_part)
 
 

@@ -34,7 +34,7 @@ class MotionCheck(NamedTuple):
 
 def check_length(visits: Visits, motion: MasterMotion) -> None:
     """Refuse a motion that is over before the work; the InputError says by how much."""
-    needed = float(visits.clock[-1])
+    needed = visits.clock[-1]
     lasts = motion.way.lasts
     if motion.file is not None and lasts < needed:
         raise InputError(
@@ -52,9 +52,8 @@ def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> No
     """
     check_master(check, rows)
     check_carried(check)
-    q_follower = _follow(check)
     q_master = interpolate(check.visits.clock, rows.times, rows.q)
-    touching = collides(q_master, q_follower)
+    touching = collides(q_master, _follow(check))
     if touching:
         raise ReachError(
             f"{touching} would touch on the way, or come closer than dual.clearance_m or "
@@ -84,10 +83,11 @@ def check_carried(check: MotionCheck) -> None:
     moment."""
     at = check.visits
     way = check.work.way
-    T = check.reach.T_master_work
     # A file's motion has an end on either side.
     clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))
-    before, now, after = (way(T, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S))
+    before, now, after = (
+        way(check.reach.T_master_work, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S)
+    )
     places = [apply_each(P, at.points) for P in (before, now, after)]
     turns = [
         vectors_from_rotations(b[:, :3, :3] @ np.swapaxes(a[:, :3, :3], 1, 2)) / DIFFERENCE_S
@@ -99,30 +99,23 @@ def check_carried(check: MotionCheck) -> None:
     angular = norms(turns[1] - turns[0]) / DIFFERENCE_S
     linear += ramping * norms(velocity)
     angular += ramping * norms(0.5 * (turns[0] + turns[1]))
-    robot = check.robot
-    for found, most, unit, scale, key in (
-        (linear, robot.linear_acceleration_m_s2, "mm/s^2", 1e3, "robot.linear_acceleration_m_s2"),
-        (
-            angular,
-            robot.angular_acceleration_rad_s2,
-            "deg/s^2",
-            np.degrees(1.0),
-            "robot.angular_acceleration_rad_s2",
-        ),
+    for found, unit, scale, key in (
+        (linear, "mm/s^2", 1e3, "linear_acceleration_m_s2"),
+        (angular, "deg/s^2", np.degrees(1.0), "angular_acceleration_rad_s2"),
     ):
-        row = int(found.argmax())
+        most, row = getattr(check.robot, key), found.argmax()
         if found[row] > most:
             raise ReachError(
                 f"the part would carry the tool with {scale * found[row]:.0f} "
-                f"{unit}{_place(check, float(at.clock[row]))}: the follower does {scale * most:.0f} ({key}). "
-                f"{_change(check)}"
+                f"{unit}{_place(check, at.clock[row])}: the follower does {scale * most:.0f} "
+                f"(robot.{key}). {_change(check)}"
             )
 
 
 def _follow(check: MotionCheck) -> Array:
     """Joints of the follower at all visits, shape (n, 6); refused if it cannot follow or not as fast."""
     at = check.visits
-    tools = sampled(check.work, check.reach.T_master_work, check.reach.spin, at).tools
+    _, tools = sampled(check.work, check.reach.T_master_work, check.reach.spin, at)
     joints = track(tools, check.work.chain.T_flange_tool, check.reach.q_follower)
     failure = failure_of(joints, False)
     if failure is not None:
@@ -132,9 +125,8 @@ def _follow(check: MotionCheck) -> Array:
         )
     moving = (at.stroke[1:] == at.stroke[:-1]) & (at.stroke[1:] != ON_THE_WAY) & (np.diff(at.time) > 0.0)
     speed = np.abs(np.diff(joints.q, axis=0)[moving]) / np.diff(at.time)[moving, None]
-    most = check.robot.joint_speed_limit_rad_s
     places = [f" at {1e3 * s:.1f} mm of the path" for s in at.s[1:][moving]]
-    _refuse(check, speed, places, most, "follower would turn at", "deg/s")
+    _refuse(check, speed, places, check.robot.joint_speed_limit_rad_s, "follower would turn at", "deg/s")
     return joints.q
 
 
@@ -142,7 +134,7 @@ def _refuse(check: MotionCheck, found: Array, places: list[str], most: float, do
     """Refuse what is above a limit, (n, 6) at n places."""
     if not found.size or found.max() <= most:
         return
-    row, joint = np.unravel_index(int(found.argmax()), found.shape)
+    row, joint = np.unravel_index(found.argmax(), found.shape)
     raise ReachError(
         f"joint {joint + 1} of the {does} {np.degrees(found.max()):.0f} {unit}{places[row]}: "
         f"{np.degrees(most):.0f} is its most. {_change(check)}"

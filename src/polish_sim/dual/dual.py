@@ -57,9 +57,8 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     run = cell.run(observer)
     path = task.place.path
     reach = task.place.reach
-    fed = run.trace.path_s_m[run.trace.fed]
     turns = work_turns(run, task)
-    errors = pair_errors(run.trace, wanted_on_part(task.strokes, reach.T_base_work), turns, pressing)
+    errors = pair_errors(run.trace, task.strokes, reach.T_base_work, turns, pressing)
     figures: Figures = measure_pair(run.trace, errors, turns)
     log = run.log
     removal = None
@@ -72,7 +71,9 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
         figures |= {} if plan is None else areas_after(plan, removal)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
-    figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
+    figures |= common_figures(
+        run, scenario, path_done(path, run.trace.path_s_m[run.trace.fed]), reach.T_base_work
+    )
     log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
     return RunResult(scenario, log, run.trace, figures, path, removal)
 
@@ -112,16 +113,6 @@ def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array
     flanges = task.arms.flanges("master", log["master_q_rad"])
     R_base_master = task.frames.true.T_master_follower[:3, :3].T
     return R_base_master @ flanges[:, :3, :3] @ T_flange_carried[:3, :3]
-
-
-def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
-    """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
-    s = np.concatenate([stroke.start_s + stroke.motion.places for stroke in strokes])
-    points = np.concatenate([stroke.motion.positions for stroke in strokes])
-    turns = matrices(np.concatenate([stroke.motion.quaternions for stroke in strokes]))
-    T_work_base = inverse(T_base_work)
-    axes = turns[:, :, 2] @ T_work_base[:3, :3].T
-    return WantedTool(s, apply(T_work_base, points), axes)
 
 
 def work_turns(run: CellRun, task: DualTask) -> Array:
@@ -169,14 +160,6 @@ SPEED_S = 0.05  #: Speeds are averages over this long, as those of the arc [s]
 TURNS = 200  #: Turns of a run that are added up: more would add up the servos' trembling
 
 
-class WantedTool(NamedTuple):
-    """Where the tool is wanted on the part; n places along the path, in order."""
-
-    s: Array  #: Arc length of the path [m], never falling, shape (n,)
-    points: Array  #: Tool point, work frame [m], shape (n, 3)
-    axes: Array  #: Unit tool axis into the part, work frame, shape (n, 3)
-
-
 class PairErrors(NamedTuple):
     """Errors at every step of the process, work frame."""
 
@@ -185,18 +168,25 @@ class PairErrors(NamedTuple):
     relative: Array
 
 
-def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: bool) -> PairErrors:
+def pair_errors(
+    trace: Trace, strokes: list[Stroke], T_base_work: Array, R_base_work: Array, pressing: bool
+) -> PairErrors:
     """Errors of the process phase; while pressing the force decides the depth: errors along the tool axis do
     not count.
 
-    ``R_base_work``: how the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
+    ``strokes``: the part at its start, at ``T_base_work`` (4, 4); ``R_base_work``: how the work frame stands
+    in the base of the robot with the tool then, shape (n, 3, 3).
     """
     part = trace.fed
     s = trace.path_s_m[part]
+    places = np.concatenate([stroke.start_s + stroke.motion.places for stroke in strokes])
+    T_work_base = inverse(T_base_work)
+    points = apply(T_work_base, np.concatenate([stroke.motion.positions for stroke in strokes]))
     tracking = np.einsum("nij,ni->nj", R_base_work, trace.target_error_m[part])
-    relative = trace.tool_on_part_m[part] - interpolate(s, wanted.s, wanted.points)
+    relative = trace.tool_on_part_m[part] - interpolate(s, places, points)
     if pressing:
-        axes = unit(interpolate(s, wanted.s, wanted.axes))
+        turns = matrices(np.concatenate([stroke.motion.quaternions for stroke in strokes]))
+        axes = unit(interpolate(s, places, turns[:, :, 2] @ T_work_base[:3, :3].T))
         tracking, relative = (into_plane(e, axes) for e in (tracking, relative))
     return PairErrors(tracking, relative)
 
@@ -223,9 +213,8 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> Figure
         )  # fmt: skip
     tracking = np.abs(errors.tracking).max(axis=0)
     relative = norms(errors.relative)
-    process = trace.fed
-    shift = trace.part_shift_m[process]
-    speed = _speed(trace.time_s, trace.tool_on_part_m)[process]
+    shift = trace.part_shift_m[trace.fed]
+    speed = _speed(trace.time_s, trace.tool_on_part_m)[trace.fed]
     R = R_base_work[:: max(1, len(R_base_work) // TURNS)]
     turns = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:])
     return {

@@ -30,7 +30,7 @@ from polish_sim.dual.calibrate import (
     simulate_touches,
 )
 from polish_sim.dual.calibration.arm import read_arm_calibration
-from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
+from polish_sim.dual.calibration.bases import ROBOTS, fit_bases, read_base_calibration
 from polish_sim.dual.calibration.pair import (
     LEAST_NOISE,
     ClosingTouches,
@@ -106,16 +106,16 @@ def tracker_sees(T_master_follower: Array) -> Bases:
 
 def find_parts(
     config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
-) -> tuple[PairParts, Array]:
+) -> PairParts:
     """Measure bases, tool and part one by one; bases found along with the arms' tables are taken.
 
-    Returns what was found, and how the tool stands on its flange, (3, 3). Raises ReachError if the master
-    cannot touch with a mark of a part held like that.
+    Raises ReachError if the master cannot touch with a mark of a part held like that.
     """
     tracker, touch = (_noise(noise, arms) for noise in (config.tracker_noise_m, config.touch_noise_m))
-    truth = tracker_sees(true.T_master_follower)
-    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, arms.standing(rng))
-    circles = turned.fit(tracker)
+    turned = simulate_arcs(
+        tracker_sees(true.T_master_follower), ARC_POINTS, config.tracker_noise_m, rng, arms.standing(rng)
+    )
+    circles = fit_bases(turned, tracker)
     T_master_follower, covariance = arms.bases or (circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
     follower = arms.reading("follower", rng), site.q_near["follower"]
@@ -132,7 +132,8 @@ def find_parts(
         tool.tip.covariance[:3, :3],
         np.stack([mark.point for mark in marks]),
         np.stack([mark.covariance[:3, :3] for mark in marks]),
-        float(np.sqrt(tool.tip.noise[0] ** 2 + np.mean([mark.noise[0] ** 2 for mark in marks]))),
+        np.sqrt(tool.tip.noise[0] ** 2 + np.mean([mark.noise[0] ** 2 for mark in marks])),
+        tool.T_flange_tool[:3, :3],
     )
     if arms.gears and not any(gears.any() for gears in arms.known.values()):
         # Errors of gears belong together: many readings of one place are no better than one.
@@ -141,7 +142,7 @@ def find_parts(
             tip_covariance=parts.tip_covariance * trial.poses,
             marks_covariance=parts.marks_covariance * trial.poses,
         )
-    return parts, tool.T_flange_tool[:3, :3]
+    return parts
 
 
 def _noise(noise: float, arms: PairArms) -> float | None:
@@ -265,13 +266,13 @@ def calibrated_frames(
         InputError: A calibration cannot be read.
         CalibrationError: It is another pair's or another tool's, or does not fit where the robots stand.
     """
-    parts, R_flange_tool = _given(config, true, find_parts(config, true, site, rng, arms))
+    parts = _given(config, true, find_parts(config, true, site, rng, arms))
     # A calibration from a file is believed as it is.
     count = 0 if config.bases_file or config.tool_file or config.arms_file else config.closing_touches
     closing = touch_marks(true, site, count, config.touch_noise_m, rng, arms)
     noise = parts.touch_noise if arms.gears else config.touch_noise_m
     adjusted = adjust_pair(parts, site.marks_work, closing, noise)
-    return PairFrames(true, believed_chain(adjusted, R_flange_tool, true))
+    return PairFrames(true, believed_chain(adjusted, parts.R_flange_tool, true))
 
 
 def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: ClosedChain) -> ClosedChain:
@@ -284,14 +285,13 @@ def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: ClosedC
     )
 
 
-def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
+def tool_errors(true: ClosedChain, believed: ClosedChain, T_master_work: Array, T_work_tool: Array) -> Array:
     """From the tool as wanted to the tool as it is on the part [m], (n, 3), if both arms do what the believed
     chain asks for.
 
     ``T_master_work``: where the host wants the part, base of the master, (4, 4); ``T_work_tool``: the tool on
     it, (n, 4, 4). Work frame.
     """
-    true, believed = frames
     T_master_flange = believed.master_flange(T_master_work)
     T_follower_flange = believed.follower_flange(T_master_work, T_work_tool)
     T_work_master = inverse(T_master_flange @ true.T_flange_gripper @ true.T_gripper_work)
@@ -299,9 +299,8 @@ def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) ->
     return is_now[:, :3, 3] - T_work_tool[:, :3, 3]
 
 
-def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:
+def _given(config: DualConfig, true: ClosedChain, parts: PairParts) -> PairParts:
     """What was found, replaced by what files say."""
-    parts, R_flange_tool = found
     if config.bases_file:
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
         parts = parts._replace(T_master_follower=T)
@@ -315,9 +314,8 @@ def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]
         what = f"'{config.tool_file}' puts the tool"
         cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
         _check_near(what, "the cell's tool", T, true.T_flange_tool, cure)
-        parts = parts._replace(tip=T[:3, 3])
-        R_flange_tool = T[:3, :3]
-    return parts, R_flange_tool
+        parts = parts._replace(tip=T[:3, 3], R_flange_tool=T[:3, :3])
+    return parts
 
 
 def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> None:

@@ -46,7 +46,7 @@ class PartWay(NamedTuple):
         """Poses of the part at times [s], (n, 4, 4), from that at time zero, (4, 4)."""
         poses = T_base_start @ self.turn(times)
         poses[:, :3, 3] += self.shift(times)
-        return np.asarray(poses)
+        return poses
 
 
 def along_line(velocity: Array, leg: float) -> Callable[[Array], Array]:
@@ -122,8 +122,9 @@ def read_master_path(file: Path) -> MasterPath:
             "from the other. Leave one of them out."
         )
     what = "the flange" if of_flange else "the part"
-    points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
-    poses = transform(columns.rotations(what), points)
+    poses = transform(
+        columns.rotations(what), columns.points(FLANGE if of_flange else "", f"the place of {what}")
+    )
     times = columns.column(TIME)
     if len(times) < 2:
         raise InputError(f"'{file}' has one pose: a motion needs two or more.")
@@ -188,8 +189,7 @@ def master_motion(
 
 def _refuse_beside_file(config: DualConfig) -> None:
     """Refuse settings of a motion that a file says all of."""
-    usual = DualConfig()
-    idle = [name for name in WITHOUT_FILE if getattr(config, name) != getattr(usual, name)]
+    idle = [name for name in WITHOUT_FILE if getattr(config, name) != getattr(DualConfig(), name)]
     if idle:
         raise ConfigError(
             f"'{config.master_path}' (dual.master_path) says how the part moves: leave "

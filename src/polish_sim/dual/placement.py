@@ -8,12 +8,13 @@ limits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array, box_middle
-from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
+from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
 from polish_sim.dual.strokes import Visits
 from polish_sim.errors import ReachError
@@ -24,16 +25,16 @@ from polish_sim.experiments.placement import (
     spin_direction,
     starts_at,
 )
-from polish_sim.motion import JointPath, track
+from polish_sim.motion import JOINT_LIMITS, JointPath, track
 from polish_sim.spatial import apply_each, from_pose, inverse, transform
 
-UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-"""Directions of the worked side, best guess first: up, half towards the follower, towards it; see
-``_frame``."""
+UPS = ((0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
+"""Directions of the worked side, towards the follower and up, best guess first; see ``_frame``."""
 SHARES = (0.5, 0.6, 0.4)  #: Where between the bases the part is held, from the master's
 SIDES = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m]
 HEIGHTS = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
 SPINS = tuple(np.radians(range(0, 360, 45)))
+COMFORTABLE = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
 GOOD = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
 SAME_WAY = 0.1  #: Joints of one way with a chain that calibration has changed differ by less [rad]
 #: What touches what with joints of master and follower, (n, 6) each; or empty
@@ -81,13 +82,10 @@ def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterat
     ahead = between / np.linalg.norm(between)
     beside = np.array([-ahead[1], ahead[0], 0.0])
     seat_work = inverse(chain.T_gripper_work)[:3, 3]
-    for wish in UPS:
-        R = _frame(up, wish[0] * ahead + np.array([0.0, 0.0, wish[2]]))
-        for height in HEIGHTS:
-            for share in SHARES:
-                for side in SIDES:
-                    middle = share * between + side * beside + np.array([0.0, 0.0, height])
-                    yield transform(R, middle - middle_of_way - R @ seat_work)
+    for (far, high), height, share, side in product(UPS, HEIGHTS, SHARES, SIDES):
+        R = _frame(up, far * ahead + np.array([0.0, 0.0, high]))
+        middle = share * between + side * beside + np.array([0.0, 0.0, height])
+        yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
 def held_poses(pose: tuple[float, ...], work: PairWork, motion: MasterMotion, up: Array) -> Iterator[Array]:
@@ -104,24 +102,19 @@ def _frame(up: Array, wanted: Array) -> Array:
     return any_turn_about(z) @ any_turn_about(up).T
 
 
-class Sampled(NamedTuple):
-    """Both robots' work at n moments."""
-
-    parts: Array  #: Poses of the part in the master's base, shape (n, 4, 4)
-    tools: Array  #: Poses of the tool in the follower's base, shape (n, 4, 4)
-
-
-def sampled(work: PairWork, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
-    """Where part and tool are at the moments of the work, or at other visits.
+def sampled(
+    work: PairWork, T_master_work: Array, spin: float, visits: Visits | None = None
+) -> tuple[Array, Array]:
+    """Poses of the part in the master's base, and of the tool in the follower's, at the moments of the work
+    or at other visits, (n, 4, 4) each.
 
     ``T_master_work``: the part at the start; ``spin``: turn of the tool about its axis [rad].
     """
     at = work.visits if visits is None else visits
     parts = work.way(T_master_work, at.clock)
     T_follower_work = inverse(work.chain.T_master_follower) @ parts
-    points = apply_each(T_follower_work, at.points)
     turned = T_follower_work[:, :3, :3] @ _work_to_tool(work, T_master_work, spin, at.axes, at.meant)
-    return Sampled(parts, transform(turned, points))
+    return parts, transform(turned, apply_each(T_follower_work, at.points))
 
 
 def tool_on_start(work: PairWork, reach: PairReach, axes: Array, clock: Array) -> Array:
@@ -203,19 +196,20 @@ def _try_pose(
     work: PairWork, T_master_work: Array, collides: Collides, like: PairReach | None
 ) -> PairReach | Failed:
     """The best way with one pose of the part; else how far it came, and why no further."""
-    parts = work.way(T_master_work, work.visits.clock)
-    masters, failed = _configurations(parts, work.chain.T_flange_work, "master")
+    masters, failed = _configurations(
+        work.way(T_master_work, work.visits.clock), work.chain.T_flange_work, "master"
+    )
     if not masters:
         return failed
     found: list[tuple[PairReach, Array, Array]] = []
     furthest = Failed(-1.0, "")
     for spin in SPINS:
-        tools = sampled(work, T_master_work, float(spin)).tools
+        _, tools = sampled(work, T_master_work, spin)
         followers, failed = _configurations(tools, work.chain.T_flange_tool, "follower")
         furthest = max(furthest, failed, key=lambda one: one.progress)
         for value_f, q_f in followers:
             for value_m, q_m in masters[:2]:
-                reach = PairReach(T_master_work, float(spin), q_m[0], q_f[0], min(value_m, value_f))
+                reach = PairReach(T_master_work, spin, q_m[0], q_f[0], min(value_m, value_f))
                 found.append((reach, q_m, q_f))
     touching = ""
     found = [one for one in found if like is not None and one[0].is_like(like)] or found
@@ -240,7 +234,8 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
         joints = _tracked(poses, T_flange_end, q)
         failure = failure_of(joints, False)
         if failure is None:
-            value = joints.smallest_singular_value * min(1.0, limit_margin(joints.q) / COMFORTABLE)
+            margin = np.minimum(joints.q - JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1] - joints.q).min()
+            value = joints.smallest_singular_value * min(1.0, margin / COMFORTABLE)
             found.append((value, joints.q))
         elif failure.point / len(poses) >= furthest:
             furthest = failure.point / len(poses)

@@ -48,21 +48,25 @@ def plot_dual(record: RunRecord) -> Figure | None:
     """Draw the errors of the tool on the part over time, and the force if there is one; None before the
     feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    m = record.metrics
     time = _while_fed(record, "time_s")
     if len(time) < 2:
         return None
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
     panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
-    _draw_error(panels[0], time - time[0], _while_fed(record, "relative_error_m"))
+    error = _while_fed(record, "relative_error_m")
+    for k, color in enumerate(AXIS_COLORS):
+        label = f"{'xyz'[k]} of the part"
+        panels[0].plot(time - time[0], 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=label)
+    shade_band(panels[0], 0.0, BAND_MM, f"± {BAND_MM:g} mm")
+    panels[0].set_ylabel("tool off its place [mm]")
     if pressing:
         _draw_force(panels[1], time - time[0], record)
-    stop = stop_mark(m)
+    stop = stop_mark(record.metrics)
     if stop:
         mark_stop(panels, stop.time - time[0])
     panels[-1].set_xlabel("time since the start of the feed [s]")
     facts = facts_of(
-        m,
+        record.metrics,
         ("tracking, worst axis {:.3f} mm", "tracking_error_worst_m", 1e3),
         ("tool on the part, rms {:.3f} mm", "relative_error_rms_m", 1e3),
         ("95% below {:.3f} mm", "relative_error_p95_m", 1e3),
@@ -94,29 +98,21 @@ def _while_fed(record: RunRecord, name: str) -> Array:
     return values[on[0] : on[-1] + 1] if len(on) else values[:0]
 
 
-def _draw_error(axes: Axes, time: Array, error: Array) -> None:
-    for k, color in enumerate(AXIS_COLORS):
-        axes.plot(time, 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=f"{'xyz'[k]} of the part")
-    shade_band(axes, 0.0, BAND_MM, f"± {BAND_MM:g} mm")
-    axes.set_ylabel("tool off its place [mm]")
-
-
 def _draw_force(axes: Axes, time: Array, record: RunRecord) -> None:
     target = record.scenario.process.contact_force_n
     low, high = (_while_fed(record, f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(time, low, high, color=BLUE, alpha=0.25, lw=0)
     axes.plot(time, _while_fed(record, "normal_force_n"), color=BLUE, lw=0.7)
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
-    reach = max(1.6 * BAND_N, 1.1 * float(np.nanmax(np.abs([low - target, high - target]), initial=0.0)))
+    reach = max(1.6 * BAND_N, 1.1 * np.nanmax(np.abs([low - target, high - target]), initial=0.0))
     axes.set(ylabel="exact contact force [N]", ylim=(target - reach, target + reach))
 
 
 @styled
 def plot_tool(done: TcpCalibration) -> Figure:
     """Flanges round the touched point with the tool drawn in, and how far each tip was from the fit."""
-    measured = done.measured
     tip = done.found.tip
-    flanges = measured.touches
+    flanges = done.measured.touches
     figure, space, bars = _canvas()
     for k, T in enumerate(flanges):
         end = T @ done.found.T_flange_tool[:, 3]
@@ -124,18 +120,21 @@ def plot_tool(done: TcpCalibration) -> Figure:
         label = {0: "flange to tip"}.get(k)
         space.plot(*np.stack([T[:3, 3], end[:3]], axis=1), color=colour, lw=1.0, alpha=0.6, label=label)
         _draw_frame(space, T, 0.03)
-    moved = measured.T_base_flange_moves[:, :3] @ np.append(tip.point, 1.0)
+    moved = done.measured.T_base_flange_moves[:, :3] @ np.append(tip.point, 1.0)
     for k, end in enumerate(moved[1:]):
         label = {0: "moves of the tip"}.get(k)
         space.plot(*np.stack([moved[0], end], axis=1), ".--", color=PINK, lw=1.2, label=label)
     _draw_frame(space, flanges[0] @ done.found.T_flange_tool, 0.06, "xyz")
     space.plot(*tip.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
     _finish(space, "base")
-    _residual_bars(bars, [Group("touches", flanges[:, :3, 3], norms(tip.residuals), tip.used)])
+    _residual_bars(bars, [Group("touches", flanges[:, :3, 3], tip.residuals, tip.used)])
     bars.set_xlabel("touch")
     x, y, z = 1e3 * tip.point
-    facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
-    head(figure, "Calibration of the tool frame", facts)
+    head(
+        figure,
+        "Calibration of the tool frame",
+        [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"],
+    )
     return figure
 
 
@@ -143,7 +142,6 @@ def plot_tool(done: TcpCalibration) -> Figure:
 def plot_bases(done: BasesFound) -> Figure:
     """Measured points, fitted circles, axes and bases in space, and how far each point was from the fit."""
     found = done.found
-    m = done.figures
     figure, space, bars = _canvas()
     turn = np.linspace(0.0, 2.0 * np.pi, 91)
     around = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
@@ -151,10 +149,17 @@ def plot_bases(done: BasesFound) -> Figure:
         space.plot(*(circle.center + circle.radius * around @ circle.frame.T).T, color=GREY, lw=0.7)
         ends = circle.center + 0.4 * np.outer([-1.0, 1.0], circle.axis)
         space.plot(*ends.T, color=GREY, lw=0.9, ls="--")
-    _draw_bases(space, found.groups, {robot: base.T for robot, base in found.frames.items()})
+    points = {group.name: group.points for group in found.groups}
+    _draw_bases(space, points, {robot: base.T for robot, base in found.frames.items()})
     _residual_bars(bars, found.groups)
-    facts = [f"{len(m['outliers'])} left out", f"residual {1e3 * m['residual_rms_m']:.3f} mm rms"]
-    head(figure, "Calibration of the bases", facts)
+    head(
+        figure,
+        "Calibration of the bases",
+        [
+            f"{len(done.figures['outliers'])} left out",
+            f"residual {1e3 * done.figures['residual_rms_m']:.3f} mm rms",
+        ],
+    )
     return figure
 
 
@@ -163,18 +168,20 @@ def plot_arms(done: ArmsFound) -> Figure:
     """Tracked points and bases in space, and how far each point was from the fit, nominal table and table
     found."""
     figure, space, bars = _canvas()
-    everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.measured.items()}
     groups = [
-        Group(f"{robot}, {what}", one.seen, norms(arm.residuals), everything[robot])
+        Group(f"{robot}, {what}", one.seen, arm.residuals, np.ones(len(one.seen), dtype=bool))
         for robot, one in done.measured.items()
         for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
     ]
-    seen = [Group(robot, one.seen, one.seen[:, 0], everything[robot]) for robot, one in done.measured.items()]
+    seen = {robot: one.seen for robot, one in done.measured.items()}
     _draw_bases(space, seen, {robot: arm.T_tracker_base for robot, arm in done.found.arms.items()})
     _residual_bars(bars, groups)
     nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
-    facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
-    head(figure, "Calibration of the arms", facts)
+    head(
+        figure,
+        "Calibration of the arms",
+        [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"],
+    )
     return figure
 
 
@@ -224,7 +231,7 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
 
 def _draw_lengths(axes: Axes, lengths: Array, asked: tuple[float, float]) -> None:
     axes.hist(1e3 * lengths, bins=_BINS, density=True, color=ORANGE, alpha=0.4, label="drawn, together")
-    found = rms(lengths), float(np.percentile(lengths, 95.0))
+    found = rms(lengths), np.percentile(lengths, 95.0)
     for value, limit, name, style in zip(found, asked, ("rms", "95%"), ("-", "--"), strict=True):
         axes.axvline(1e3 * value, color=ORANGE, ls=style, label=f"{name} {1e3 * value:.3f} mm")
         axes.axvline(1e3 * limit, color=GREEN, ls=style, label=f"{name} asked: {1e3 * limit:.2f} mm")
@@ -257,10 +264,10 @@ def _finish(space: Any, frame: str) -> None:
     space.legend(loc="upper left", fontsize=7.5)
 
 
-def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array]) -> None:
+def _draw_bases(space: Any, seen: Mapping[str, Array], frames: Mapping[str, Array]) -> None:
     """Groups of points and bases by name, as the tracker sees them."""
-    for group, colour in zip(groups, SERIES * 2, strict=False):
-        space.scatter(*group.points.T, color=colour, s=4, label=group.name)
+    for (name, points), colour in zip(seen.items(), SERIES * 2, strict=False):
+        space.scatter(*points.T, color=colour, s=4, label=name)
     for name, T in frames.items():
         _draw_frame(space, T, 0.3, "xyz")
         below = T[:3, 3] - 0.2 * T[:3, 2]
@@ -274,13 +281,13 @@ def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:
     first = 1
     for group, colour in zip(groups, SERIES * 2, strict=False):
         number = first + np.arange(len(group.residuals))
-        height = 1e3 * group.residuals[group.used]
+        height = 1e3 * norms(group.residuals[group.used])
         axes.vlines(number[group.used], 0.0, height, color=colour, lw=1.0, label=group.name)
         for k in np.flatnonzero(~group.used):
             axes.axvspan(number[k] - 0.5, number[k] + 0.5, color=GREY, alpha=0.35, lw=0)
         first += len(group.residuals) + (len(group.residuals) > 20) * 5
     # An outlier, which is shaded, would flatten everything else.
-    kept = [group.residuals[group.used].max(initial=0.0) for group in groups]
+    kept = [norms(group.residuals[group.used]).max(initial=0.0) for group in groups]
     axes.set_ylim(0.0, max(1.25e3 * max(kept), 1e-9))
     axes.set_xlabel("measurement, group by group")
     axes.set_ylabel("distance from the fit [mm]")

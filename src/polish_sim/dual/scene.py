@@ -6,7 +6,8 @@ the single robot with its tool is true of the follower.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -92,7 +93,7 @@ def _gap_to_part(surface: Surface, T_work_gripper: Array, depth: float) -> float
     line = np.arange(-GRIPPER_RADIUS, GRIPPER_RADIUS + 0.5 * _SPACING, _SPACING)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     inside = np.hypot(x, y) <= GRIPPER_RADIUS + 1e-12
-    face = np.stack([x[inside], y[inside], np.zeros(int(inside.sum()))], axis=1)
+    face = np.stack([x[inside], y[inside], np.zeros(inside.sum())], axis=1)
     way = 0.0
     for _ in range(_STEPS):
         gap = signed_distances(surface, apply(T_work_gripper, face)).min()
@@ -133,7 +134,7 @@ def load_of(mesh: PartMesh, density: float) -> tuple[float, Array]:
 PAD = ("head_pad", "head_plate", "head_shaft")
 CAPSULES, PAD_GROUP, SHELLS, PART = 1, 2, 4, 8
 """Bits of the engine's contact types: a geom of this kind meets those that have the bit in their affinity."""
-_SUFFIXES = ("_collision", "_shell", "_seam", "_cap")
+_SUFFIX = re.compile("(_cap)?(_seam)?(_shell)?(_collision)?$")  #: Of a geom's name, none of the link's
 
 
 class Clearances(NamedTuple):
@@ -169,8 +170,8 @@ def build_pair_scene(
     scene = arm_spec(scenario.robot.arm)
     master = arm_spec(scenario.robot.arm)
     follower = robot_with_tool(scenario)
+    scene.option.timestep = scenario.simulation.timestep_s
     for spec in (scene, follower, master):
-        spec.option.timestep = scenario.simulation.timestep_s
         for key in list(spec.keys):  # a keyframe of one robot fits no scene of two
             spec.delete(key)
     scene.delete(scene.body("base"))
@@ -182,8 +183,7 @@ def build_pair_scene(
     part = _add_gripper(master, held)
     _set_contacts(follower, master, part, held.clearances)
     scene.worldbody.add_frame().attach_body(follower.body("base"), FOLLOWER, "")
-    turn = wxyz(T_follower_master[:3, :3])
-    stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=turn)
+    stand = scene.worldbody.add_frame(pos=T_follower_master[:3, 3], quat=wxyz(T_follower_master[:3, :3]))
     stand.attach_body(master.body("base"), MASTER, "")
     middle = 0.5 * T_follower_master[:3, 3]
     scene.stat.center = [middle[0], middle[1], 0.35]
@@ -252,46 +252,36 @@ def _is_solid(geom: Any) -> bool:
     return bool(geom.contype) and geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE
 
 
-class PairContacts:
+def pair_contacts(model: mujoco.MjModel, clearances: Clearances) -> Callable[[Array, Array], str]:
     """The engine's collision check of a scene of two robots, before anything moves.
 
-    The part counts as its convex hull, and the pad may come near it, as it is to touch it.
+    The part counts as its convex hull, and the pad may come near it, as it is to touch it. ``model``: a scene
+    that was built with the same clearances, see `Held`. What is returned takes joints of master and follower
+    [rad], (n, 6) each, and says the first two things too close; empty if there are none.
     """
+    data = mujoco.MjData(model)
+    names = [model.geom(g).name for g in range(model.ngeom)]
+    pad = np.array([name.endswith(PAD) for name in names])
+    part = model.geom_bodyid == model.body(f"{MASTER}part").id
+    masters = np.array([name.startswith(MASTER) for name in names])
 
-    def __init__(self, model: mujoco.MjModel, clearances: Clearances) -> None:
-        """Take a scene that was built with the same clearances, see ``Held``."""
-        self._model = model
-        self._data = mujoco.MjData(model)
-        self._clearances = clearances
-        names = [model.geom(g).name for g in range(model.ngeom)]
-        self._pad = np.array([name.endswith(PAD) for name in names])
-        self._part = model.geom_bodyid == model.body(f"{MASTER}part").id
-        self._master = np.array([name.startswith(MASTER) for name in names])
+    def least(one: int, two: int) -> float:
+        """Distance two geoms must keep [m]: links of one arm only must not run into each other."""
+        if pad[one] or pad[two]:
+            return clearances.pad
+        return clearances.arms if masters[one] != masters[two] or part[one] or part[two] else 0.0
 
-    def first(self, q_master: Array, q_follower: Array) -> str:
-        """The first two things too close with joints of both arms [rad], (n, 6) each; empty if there are
-        none."""
+    def first(q_master: Array, q_follower: Array) -> str:
         for master, follower in zip(q_master, q_follower, strict=True):
-            self._data.qpos[:6] = follower
-            self._data.qpos[FIRST_JOINT:] = master
-            mujoco.mj_kinematics(self._model, self._data)
-            mujoco.mj_collision(self._model, self._data)
-            contacts = self._data.contact
-            close = [k for k in range(self._data.ncon) if contacts.dist[k] < self._least(*contacts.geom[k])]
+            data.qpos[:6] = follower
+            data.qpos[FIRST_JOINT:] = master
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            contacts = data.contact
+            close = [k for k in range(data.ncon) if contacts.dist[k] < least(*contacts.geom[k])]
             if close:
                 pair = contacts.geom[min(close, key=lambda k: float(contacts.dist[k]))]
-                return " and ".join(self._name(int(geom)) for geom in pair)
+                return " and ".join(_SUFFIX.sub("", names[geom]) for geom in pair)
         return ""
 
-    def _least(self, one: int, two: int) -> float:
-        """Distance two geoms must keep [m]: links of one arm only must not run into each other."""
-        if self._pad[one] or self._pad[two]:
-            return self._clearances.pad
-        apart = self._master[one] != self._master[two] or self._part[one] or self._part[two]
-        return self._clearances.arms if apart else 0.0
-
-    def _name(self, geom: int) -> str:
-        name = str(self._model.geom(geom).name)
-        for suffix in _SUFFIXES:
-            name = name.removesuffix(suffix)
-        return name
+    return first

@@ -50,7 +50,7 @@ def _fed_at_most(process: ProcessConfig, path: ToolPath) -> Bools:
     """Points of a path the tool may reach in ``process.max_feed_s``, and a little beyond, mask (n,)."""
     if process.max_feed_s == 0.0:
         return np.ones(len(path.s), dtype=bool)
-    top = process.feed_m_s if path.feed is None else float(path.feed.max())
+    top = process.feed_m_s if path.feed is None else path.feed.max()
     on = path.process
     fed = running_sums(np.where(on[1:] & on[:-1], np.diff(path.s), 0.0))
     return np.r_[0.0, fed[:-1]] <= top * (process.max_feed_s + SPARE_S)
@@ -119,8 +119,8 @@ def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
                 )
             )
             time = done[-1].time[-1]
-        clock = float(done[-1].clock[-1])
-        meant = float(done[-1].meant[-1])
+        clock = done[-1].clock[-1]
+        meant = done[-1].meant[-1]
     return Visits(*joined(done))
 
 
@@ -152,25 +152,24 @@ def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[V
     level = np.clip(times - ramp, 0.0, takes - 2.0 * ramp) + ending
     risen = 0.5 * LIFT_ACCELERATION * (begun**2 - ending**2) + RETRACT_SPEED * level
     up = fed.points[-1] + np.clip(risen, 0.0, lift)[:, None] * fed.axes[-1]
-    held = time_held(float(fed.time[-1]) - touch_down, times)
-    yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), float(fed.s[-1]), times)._replace(
-        clock=fed.clock[-1] + held.clock, rate=held.rate, meant=np.full(len(times), fed.clock[-1])
+    clock, rate = time_held(fed.time[-1] - touch_down, times)
+    yield _resting(up, np.repeat(fed.axes[-1:], len(times), axis=0), fed.s[-1], times)._replace(
+        clock=fed.clock[-1] + clock, rate=rate, meant=np.full(len(times), fed.clock[-1])
     )
 
 
 def _fed(stroke: Stroke, number: int, step: float, touch_down: float) -> Visits:
     """A stroke's feed after its touch-down [s], at the largest rates its motion may be played at."""
     motion = stroke.motion
-    slowness = 1.0 / motion.rates
-    played = running_sums(midpoints(slowness) * motion.spacing)
+    played = running_sums(midpoints(1.0 / motion.rates) * motion.spacing)
     if motion.duration == 0.0:
         played *= 0.0
-    end = min(float(played[-1]), stroke.feed_time)
+    end = min(played[-1], stroke.feed_time)
     rows = np.clip(np.searchsorted(played, _times(end, step)), 0, len(played) - 1)
-    master = time_let_go(played[rows])
+    clock, rate = time_let_go(played[rows])
     return Visits(
         motion.positions[rows], _axes(motion.quaternions[rows]), stroke.start_s + motion.places[rows],
-        played[rows] + touch_down, master.clock, master.rate, master.clock,
+        played[rows] + touch_down, clock, rate, clock,
         np.full(len(rows), number),
     )  # fmt: skip
 

@@ -31,10 +31,10 @@ from polish_sim.dual.placement import (
 from polish_sim.dual.scene import (
     Clearances,
     Held,
-    PairContacts,
     Seat,
     build_pair_scene,
     load_of,
+    pair_contacts,
     seat_part,
     seat_text,
 )
@@ -111,9 +111,8 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
         made = real_arms(scenario.robot.real, scenario.seed, _scene(job, true), q_work)
         site = Site(_half_way(work, drawn.T_master_work), marks, q_work)
     observer.stage("calibrate the robots")
-    stand = tracker_sees(true.T_master_follower)
     rng = np.random.default_rng([scenario.seed, ARMS_STREAM])
-    arms = pair_arms(dual, scenario.robot.compensation, stand, rng, made)
+    arms = pair_arms(dual, scenario.robot.compensation, tracker_sees(true.T_master_follower), rng, made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(dual, true, site, rng, arms)
     work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
@@ -124,8 +123,11 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, None)
     master = _master_rows(dual, frames, arms, reach, work)
-    closely = plan_visits(loose, min(CHECK_S, CHECK_M / feed))
-    check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
+    check_motion(
+        MotionCheck(work, reach, motion, plan_visits(loose, min(CHECK_S, CHECK_M / feed)), scenario.robot),
+        master,
+        collides,
+    )
     strokes = pair_strokes(scenario, path, placed)
     return DualTask(place, frames, arms, seat, reach, work, strokes, master, _residual(work, reach, arms))
 
@@ -150,7 +152,7 @@ def _find_way(
     work, motion = _asked_of_both(job, chain)
     dual, pose = job.scenario.dual, job.scenario.part.pose
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
-    collides = PairContacts(_scene(job, chain, clearances), clearances).first
+    collides = pair_contacts(_scene(job, chain, clearances), clearances)
     held = held_poses(pose, work, motion, job.up) if like is None else iter([like.T_master_work])
     return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
 
@@ -173,8 +175,7 @@ def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh,
 
 def _asked_of_both(job: PairJob, chain: ClosedChain) -> tuple[PairWork, MasterMotion]:
     """The work of both robots with a chain, and the master's motion in it."""
-    asked = job.scenario
-    motion = master_motion(asked.dual, asked.part.pose, job.path, job.up, chain)
+    motion = master_motion(job.scenario.dual, job.scenario.part.pose, job.path, job.up, chain)
     check_length(job.visits, motion)
     return PairWork(chain, job.visits, motion.way), motion
 
@@ -192,13 +193,13 @@ def _master_rows(
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed = frames.believed
     true = frames.true
-    duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
+    duration = min(work.visits.clock[-1] + SPARE_S, work.way.lasts)
     time = evenly_to(duration, ROW_S)
     T_base_flange = believed.master_flange(work.way(reach.T_master_work, time))
     q = arms.joints("master", T_base_flange, follow_joints(T_base_flange, reach.q_master, "master"))
     T_master_work = arms.resting_flange("master", q[0]) @ true.T_flange_gripper @ true.T_gripper_work
     return MasterRows(
-        float(time[1]),
+        time[1],
         q,
         np.ascontiguousarray(CubicSpline(time, q)(time, 1)),
         inverse(true.T_master_follower) @ T_master_work,
@@ -220,7 +221,7 @@ def _residual(work: PairWork, reach: PairReach, arms: PairArms) -> float:
     for robot, T, q_near in zip(ROBOTS, wanted, (reach.q_master, reach.q_follower), strict=True):
         q = arms.joints(robot, T, follow_joints(T, q_near, robot))
         reached.append(forward(q, arms.believed[robot]))
-    return float(np.abs(work.chain.residual(reached[0], reached[1], T_work_tool)).max())
+    return np.abs(work.chain.residual(reached[0], reached[1], T_work_tool)).max()
 
 
 DEGREE = 5  #: Of the curve, which has four continuous derivatives everywhere
@@ -235,7 +236,7 @@ def fit_closed_spline(points: Array) -> BSpline:
     round_trip = np.concatenate([points, points[:1]])
     chords = chord_lengths(round_trip)
     if chords.min() <= 1e-9:
-        k = int(chords.argmin())
+        k = chords.argmin()
         raise SmoothingError(
             f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out."
         )
@@ -245,7 +246,7 @@ def fit_closed_spline(points: Array) -> BSpline:
 
 def length_of(curve: BSpline) -> float:
     """Sum of the chords of a closed curve [m]: its parameter once round."""
-    return float(curve.t[-1 - DEGREE])
+    return curve.t[-1 - DEGREE]
 
 
 SPACING = 0.001  # of the path's points [m]
@@ -274,7 +275,14 @@ def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:
     positions = curve(u)
     there = surface.closest(positions)
     bend = surface.normal_curvature(there.facets, there.barycentric, unit(curve(u, 1)))
-    return _with_way_down(positions, there.normals, bend, clearance)
+    axes = there.normals
+    above = positions + clearance * axes
+    moves = (
+        move_in(APPROACH, above[:1], axes[:1], 0),
+        move_in(PROCESS, positions, axes, 0),
+        move_in(RETRACT, above[-1:], axes[-1:], 0),
+    )
+    return path_of(Move(*joined(moves)), np.pad(bend, 1, mode="edge"))
 
 
 def _curve_between(surface: Surface, outer: Array, inner: Array) -> BSpline:
@@ -298,13 +306,3 @@ def _resampled(loop: Array, count: int) -> Array:
     """Points at equal steps along a closed polyline, its end left out, shape (count, 3)."""
     s = arc_length(loop)
     return interpolate(np.linspace(0.0, s[-1], count, endpoint=False), s, loop)
-
-
-def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float) -> ToolPath:
-    above = positions + clearance * axes
-    moves = (
-        move_in(APPROACH, above[:1], axes[:1], 0),
-        move_in(PROCESS, positions, axes, 0),
-        move_in(RETRACT, above[-1:], axes[-1:], 0),
-    )
-    return path_of(Move(*joined(moves)), np.pad(bend, 1, mode="edge"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from polish_sim.calibration.payload import (
     plan_payload_poses,
     refuse_doubtful,
 )
-from polish_sim.calibration.tables import estimate_figures
+from polish_sim.calibration.tables import estimate_figures, read_readings
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.limits import check_rates
 from polish_sim.cell.real_arm import take_arm
@@ -47,12 +48,13 @@ class PayloadCalibration:
     q: Array | None = None  #: Joint angles of the poses [rad], shape (n, 6)
 
 
-def calibrate_from(readings: PayloadReadings, drift: bool) -> PayloadCalibration:
+def calibrate_from(file: Path, drift: bool) -> PayloadCalibration:
     """Calibrate from readings of a real robot; there is no truth to compare with.
 
     Raises:
         CalibrationError: If they do not determine the tool.
     """
+    readings = read_readings(file)
     estimate = fit_without_outliers(readings, drift)
     refuse_doubtful(readings, estimate)
     return PayloadCalibration(None, readings, estimate, estimate_figures(estimate))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,24 +32,16 @@ COARSEST_RAD = 2e-5
 START_RAD = 1e-5  #: Way after which the assist takes an elastic joint for started or turned back
 
 
-class LaidPart(NamedTuple):
-    """A part that lies before the arm."""
-
-    mesh: PartMesh
-    T_base_part: Array  #: Shape (4, 4)
-
-
-def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjModel:
+def torque_arm(scenario: Scenario, part: tuple[PartMesh, Array] | None = None) -> mujoco.MjModel:
     """Compile the arm with one motor for each joint, the scenario's joint friction and unknown payload.
 
     Elastic joints have the friction of their own motors, their rotors for armature and rigid gears here.
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``:
-    what lies on the table before it, or None; its contact is not computed.
+    what lies on the table before it, and its pose there (4, 4), or None; its contact is not computed.
     """
     guide = scenario.guide
     real = scenario.robot.real
     spec = robot_with_tool(scenario)
-    spec.option.timestep = scenario.simulation.timestep_s
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
     if scenario.robot.elastic:
         friction = real.coulomb_nm, real.viscous_nm_s_rad
@@ -57,7 +49,7 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
             spec.joint(name).armature = rotor
     for body in spec.bodies:
         body.gravcomp = 0.0
-    limits = {actuator.target: float(actuator.forcerange[1]) for actuator in spec.actuators}
+    limits = {actuator.target: actuator.forcerange[1] for actuator in spec.actuators}
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for name, coulomb, viscous in zip(ARM_JOINTS, *friction, strict=True):
@@ -80,7 +72,7 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
             inertia=[0.4 * guide.payload_kg * size**2] * 3,
         )  # fmt: skip
     if part is not None:
-        lay_part(spec, part.mesh, part.T_base_part)
+        lay_part(spec, *part)
     return spec.compile()
 
 

@@ -98,8 +98,6 @@ def pull_by_hand(
     """
     grip = motion.grip[row]
     tool = e.site_xpos[e.tool_site]
-    R = e.site_xmat[e.tool_site]
-    wanted = motion.rotations[row]
     applied = e.xfrc_applied[e.mount_body]
     lag = scaled(hand.stiffness, minus(motion.positions[row], tool))
     slow = scaled(hand.damping, minus(motion.velocities[row], velocity))
@@ -107,7 +105,9 @@ def pull_by_hand(
     set_to(applied, force)
     turned = 0.0, 0.0, 0.0
     for axis in range(3):
-        turned = plus(turned, scaled(0.5, cross(R[:, axis], wanted[:, axis])))
+        turned = plus(
+            turned, scaled(0.5, cross(e.site_xmat[e.tool_site][:, axis], motion.rotations[row][:, axis]))
+        )
     slow = scaled(hand.turn_damping, e.cvel[e.mount_body])
     turning = scaled(grip, minus(scaled(hand.turn_stiffness, turned), slow))
     set_to(applied[3:6], plus_cross(turning, minus(tool, e.xipos[e.mount_body]), force))
@@ -223,9 +223,7 @@ def run_guided(
     done = int(kernel.status.step)
     code = int(kernel.status.stop)
     reason = GUARDS[code] + (f": {pair}" if pair else "") if code else None
-    return GuidingRun(
-        rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most)
-    )
+    return GuidingRun(rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, arm.limits.lent.most)
 
 
 @njit(_nrt=False)

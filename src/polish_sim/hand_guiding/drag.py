@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import splev, splprep
 from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial import cKDTree
@@ -25,7 +26,7 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.geometry.surface import ClosestPoints
-from polish_sim.hand_guiding.arm import LaidPart, believe_arm, guided_arm, hand_of, torque_arm
+from polish_sim.hand_guiding.arm import believe_arm, guided_arm, hand_of, torque_arm
 from polish_sim.hand_guiding.cell import HandMotion, run_guided
 from polish_sim.hand_guiding.teach import (
     HELD,
@@ -41,6 +42,7 @@ from polish_sim.hand_guiding.teach import (
     servos_hold,
     trace_of_move,
 )
+from polish_sim.identification.excitation import ramped
 from polish_sim.motion import forward
 from polish_sim.planning.moves.travel import move_in, path_of
 from polish_sim.planning.part_plan import load_mesh
@@ -54,13 +56,6 @@ SHORTEST_M = 0.01  #: Less way than this teaches nothing [m]
 EVEN_M = 0.0005
 
 
-class Recording(NamedTuple):
-    """Where the tool was, in the work frame."""
-
-    time: Array  #: Evenly spaced [s], shape (n,)
-    positions: Array  #: Tool point [m], shape (n, 3)
-
-
 class Taught(NamedTuple):
     """A path that was taught."""
 
@@ -70,18 +65,23 @@ class Taught(NamedTuple):
 
 
 def teach_path(
-    record: Recording, surface: Surface, filter_hz: float, tolerance: float, spacing: float
+    t: Array, positions: Array, surface: Surface, filter_hz: float, tolerance: float, spacing: float
 ) -> Taught:
     """Make a path, all of it process, from a recording.
 
     Args:
-        record: The recording; hardly moved: PlanError.
+        t: Times of the recording, evenly spaced [s], shape (n,).
+        positions: The tool point then, work frame [m], shape (n, 3); hardly moved: PlanError.
         surface: The part it was shown on: points are put on it, its normals become tool axes.
         filter_hz: Low-pass, forth and back [Hz].
         tolerance: Of the spline from the filtered way, rms [m].
         spacing: Distance of the path's points [m].
     """
-    way = _even(_moving(record, filter_hz))
+    moved = _moving(t, positions, filter_hz)
+    s = arc_length(moved)
+    rising = np.concatenate([[True], np.diff(s) > 0.0])
+    even = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / EVEN_M)))
+    way = interpolate(even, s[rising], moved[rising])
     s = arc_length(way)
     at = np.linspace(0.0, s[-1], max(2, round(s[-1] / spacing)) + 1)
     fitted, _ = splprep(way.T, u=s, k=DEGREE, s=len(way) * tolerance**2)
@@ -94,35 +94,28 @@ def teach_path(
 def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     """A path through points of a part, all of it process; the part's normals are the tool axes."""
     along = unit(np.gradient(found.positions, axis=0))
-    curvature = surface.normal_curvature(found.facets, found.barycentric, along)
     moved = np.concatenate([[True], chord_lengths(found.positions) > 1e-6])
-    return path_of(move_in(PROCESS, found.positions[moved], found.normals[moved], 0), curvature[moved])
+    return path_of(
+        move_in(PROCESS, found.positions[moved], found.normals[moved], 0),
+        surface.normal_curvature(found.facets, found.barycentric, along)[moved],
+    )
 
 
-def _moving(record: Recording, filter_hz: float) -> Array:
+def _moving(t: Array, positions: Array, filter_hz: float) -> Array:
     """The low-passed way from where the hand begins to where it ends."""
-    rate = 1.0 / np.median(np.diff(record.time))
+    rate = 1.0 / np.median(np.diff(t))
     sections = butter(2, min(filter_hz / (0.5 * rate), 0.99), output="sos")
-    positions = sosfiltfilt(sections, record.positions, axis=0)
-    speed = norms(np.gradient(positions, record.time, axis=0))
-    usual = np.percentile(speed, 75)
-    going = np.flatnonzero(speed > MOVING_SHARE * usual)
-    whole = slice(int(going[0]), int(going[-1]) + 1) if len(going) else slice(0, 0)
-    length = float(arc_length(positions[whole])[-1]) if len(going) > 1 else 0.0
+    positions = sosfiltfilt(sections, positions, axis=0)
+    speed = norms(np.gradient(positions, t, axis=0))
+    going = np.flatnonzero(speed > MOVING_SHARE * np.percentile(speed, 75))
+    whole = slice(going[0], going[-1] + 1) if len(going) else slice(0, 0)
+    length = arc_length(positions[whole])[-1] if len(going) > 1 else 0.0
     if length < SHORTEST_M:
         raise PlanError(
             f"the tool was moved by {1e3 * length:.2f} mm: too little to teach a path. Drag it further than "
             f"{1e3 * SHORTEST_M:g} mm."
         )
     return positions[whole]
-
-
-def _even(positions: Array) -> Array:
-    """The same way at even distances."""
-    s = arc_length(positions)
-    rising = np.concatenate([[True], np.diff(s) > 0.0])
-    at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / EVEN_M)))
-    return interpolate(at, s[rising], positions[rising])
 
 
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
@@ -135,13 +128,6 @@ RAMP_S = 0.8  #: The hand sets off and stops during this time [s]
 TAUGHT = "taught.csv"  #: The file of the taught path
 
 
-class DragTable(NamedTuple):
-    """What the hand does, and what it means to do."""
-
-    table: MoveTable
-    meant: HandMotion  #: Without wander, tremor and wobble
-
-
 def drag_table(
     positions: Array,
     rotations: Array,
@@ -149,14 +135,14 @@ def drag_table(
     hand: HandConfig,
     dt: float,
     rng: np.random.Generator,
-) -> DragTable:
+) -> tuple[MoveTable, HandMotion]:
     """Where the hand wants the tool at every step, along positions (m, 3), base frame, and tool frames (m, 3,
-    3)."""
+    3); and what it means to do, without wander, tremor and wobble."""
     s = arc_length(positions)
     begin = HOLD_S + RELEASE_S + hand.before_s
     end = begin + s[-1] / drag.speed_m_s + RAMP_S
     t = np.arange(round((end + hand.after_s) / dt)) * dt
-    way = np.clip(_way(t - begin, s[-1] / drag.speed_m_s) * drag.speed_m_s, 0.0, s[-1])
+    way = np.clip(ramped(t - begin, RAMP_S, end - begin).q * drag.speed_m_s, 0.0, s[-1])
     points = interpolate(way, s, positions)
     turned = RotationSpline(s, Rotation.from_matrix(rotations))(way)
     moving = (t >= begin) & (t < end)
@@ -168,23 +154,15 @@ def drag_table(
     )
     wobble = Rotation.from_rotvec(steady * _noise(rng, len(t), dt, drag.wobble_rad, 0.0, drag.wander_hz))
     grip = (t >= HOLD_S).astype(float)
-    meant = _motion(points, turned.as_matrix(), grip, dt)
     wanted = _motion(points + shake, (turned * wobble).as_matrix(), grip, dt)
-    return DragTable(MoveTable(wanted, servos_hold(t), np.where(moving, MOVING, HELD).astype(np.int8)), meant)
+    table = MoveTable(wanted, servos_hold(t), np.where(moving, MOVING, HELD).astype(np.int8))
+    return table, _motion(points, turned.as_matrix(), grip, dt)
 
 
 def _motion(positions: Array, rotations: Array, grip: Array, dt: float) -> HandMotion:
     return HandMotion(
         positions, np.gradient(positions, dt, axis=0), np.ascontiguousarray(rotations), grip.copy()
     )
-
-
-def _way(t: Array, duration: float) -> Array:
-    """Way in units of the usual speed: ramps of RAMP_S at both ends, in between one a second."""
-    u, v = np.clip(t / RAMP_S, 0.0, 1.0), np.clip((t - duration) / RAMP_S, 0.0, 1.0)
-    ramp = RAMP_S * (u**3 - 0.5 * u**4)  # integral of 3 u^2 - 2 u^3
-    back = RAMP_S * (v**3 - 0.5 * v**4)
-    return ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back
 
 
 def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: float, high: float) -> Array:
@@ -213,27 +191,22 @@ class DragTask(NamedTuple):
 
 def prepare_drag(scenario: Checked) -> DragTask:
     """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
-    part = scenario.part
     plan = scenario.plan
-    mesh = load_mesh(part)
+    mesh = load_mesh(scenario.part)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     if scenario.drag.follow == RIM:
         margin = plan.edge_margin_m or scenario.pad.radius_m
         region = select_region(surface, mesh, plan.region, plan.feature_angle_rad, margin, margin)
-        path = _rim(surface, region.components()[0].boundary_loops[0])
+        loop = region.components()[0].boundary_loops[0]
+        s = arc_length(loop)
+        at = np.linspace(0.0, s[-1], max(4, round(s[-1] / SPACING_M)) + 1)
+        path = path_through(surface, surface.closest(interpolate(at, s, loop)))
     else:
         path = read_path(Path(scenario.drag.follow))
         path = path.rows(path.segment == PROCESS)
     if len(path.s) < 2 or arc_length(path.positions_work)[-1] < SPACING_M:
         raise PlanError(f"'{scenario.drag.follow}' has no way on the part to be dragged along.")
     return DragTask(mesh, surface, path, PartPlacing(scenario, mesh, surface, path, pressed_in=False).reach())
-
-
-def _rim(surface: Surface, loop: Array) -> ToolPath:
-    """A closed border as a path with the surface's normals, a point every millimetre."""
-    s = arc_length(loop)
-    at = np.linspace(0.0, s[-1], max(4, round(s[-1] / SPACING_M)) + 1)
-    return path_through(surface, surface.closest(interpolate(at, s, loop)))
 
 
 MODE = "assist"  #: The mode a path is taught in, unless another is asked for
@@ -244,7 +217,7 @@ def run_guiding(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
 
 
-def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
+def run_drag(scenario: Checked, observer: Observer) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
     The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was
@@ -257,30 +230,30 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     grip = hand_of(scenario.hand)._replace(
         turn_stiffness=drag.turn_stiffness_nm_rad, turn_damping=drag.turn_damping_nm_s_rad
     )
-    model = torque_arm(scenario, LaidPart(task.mesh, reach.T_base_work))
+    model = torque_arm(scenario, (task.mesh, reach.T_base_work))
     arm = guided_arm(scenario, mode, model, believe_arm(scenario), grip)
-    dragged = drag_table(
+    table, meant = drag_table(
         apply(reach.T_base_work, task.path.positions_work), reach.rotations(task.path.axes_work), drag,
         scenario.hand, scenario.simulation.timestep_s, np.random.default_rng(scenario.seed),
     )  # fmt: skip
     observer.stage("drag by hand")
     started = time.perf_counter()
-    run = run_guided(arm, task.reach.q_start, dragged.table.motion, dragged.table.servos, observer)
+    run = run_guided(arm, task.reach.q_start, table.motion, table.servos, observer)
     move = TaughtMove(mode, "rim" if scenario.drag.follow == "rim" else "file", math.nan, 0.0)
-    play = PlayedMove(move, dragged.table, run)
+    play = PlayedMove(move, table, run)
     figures = figures_of_moves(scenario, [play], 1, time.perf_counter() - started)
     figures["T_base_work"] = task.reach.T_base_work.tolist()
-    meant = play._replace(table=dragged.table._replace(motion=dragged.meant))
+    asked = play._replace(table=table._replace(motion=meant))
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
-        taught, more = _teach(scenario.drag, scenario.simulation, task, dragged, run.rows["read"])
+        taught, more = _teach(scenario.drag, scenario.simulation, task, table.phase, run.rows["read"])
         path = taught.path
         figures = figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
         scenario,
-        free_log(scenario, [meant], move_columns),
-        trace_of_move(meant),
+        free_log(scenario, [asked], move_columns),
+        trace_of_move(asked),
         figures,
         path,
         files=files,
@@ -288,7 +261,7 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
 
 
 def _teach(
-    drag: DragConfig, simulation: SimulationConfig, task: DragTask, dragged: DragTable, read: Array
+    drag: DragConfig, simulation: SimulationConfig, task: DragTask, phase: NDArray[np.int8], read: Array
 ) -> tuple[Taught, Figures]:
     """The recording at the log's rate as a path, and how near it came."""
     every = simulation.log_every
@@ -296,10 +269,10 @@ def _teach(
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
     clock: Array = np.arange(len(read)) * np.float64(every * simulation.timestep_s)
-    record = Recording(clock, T_work_tool[:, :3, 3])
-    taught = teach_path(record, task.surface, drag.filter_hz, drag.fit_rms_m, drag.spacing_m)
-    moving = dragged.table.phase[::every] == MOVING
-    figures: Figures = dict(measure_taught(record.positions[moving], taught.path, task.path))
+    recorded = T_work_tool[:, :3, 3]
+    taught = teach_path(clock, recorded, task.surface, drag.filter_hz, drag.fit_rms_m, drag.spacing_m)
+    moving = phase[::every] == MOVING
+    figures: Figures = dict(measure_taught(recorded[moving], taught.path, task.path))
     counts = {
         "points_recorded": int(moving.sum()),
         "knots": taught.knots,
@@ -328,7 +301,6 @@ def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[s
     """
     raw = distance_to_line(recorded, meant.positions_work)
     off = distance_to_line(taught.positions_work, meant.positions_work)
-    missed = distance_to_line(meant.positions_work, taught.positions_work)
     near = cKDTree(meant.positions_work).query(taught.positions_work)[1]
     aligned = dots(taught.axes_work, meant.axes_work[near])
     return {
@@ -336,7 +308,7 @@ def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[s
         "recorded_deviation_rms_m": rms(raw),
         "taught_deviation_max_m": off.max(),
         "taught_deviation_rms_m": rms(off),
-        "taught_missed_max_m": missed.max(),
+        "taught_missed_max_m": distance_to_line(meant.positions_work, taught.positions_work).max(),
         "taught_axis_error_max_rad": np.arccos(np.clip(aligned, -1.0, 1.0)).max(),
         "taught_length_m": taught.length_m,
     }

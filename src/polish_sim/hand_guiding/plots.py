@@ -5,7 +5,6 @@ from __future__ import annotations
 from textwrap import wrap
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import figure_of
@@ -45,12 +44,21 @@ def plot_guiding(record: RunRecord) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for axes, (direction, pace) in zip(grid.flat, panels, strict=False):
         for case, (mode, *place) in enumerate(names):
-            if place == [direction, pace]:
-                _draw_case(axes, record, case, mode)
+            time, force = _curve(record, case) if place == [direction, pace] else ((), ())
+            if len(time):
+                peak = figure_of(record.metrics, f"{record.metrics['moves'][case]}_hand_force_peak_n")
+                label = f"{mode}: cut short" if np.isnan(peak) else f"{mode}: {peak:.3g} N"
+                dashes = DASHES[list(COLORS).index(mode)]
+                axes.plot(time, force, color=COLORS[mode], ls=dashes, lw=1.3, label=label)
         if not axes.lines:
-            _say_why(axes, record)
+            reason = record.metrics.get("protective_stop") or "no move was begun"
+            text = "\n".join(wrap(f"no force to show: {reason}", 60))
+            axes.set_axis_off()
+            axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
             continue
-        _draw_paper(axes, modes)
+        for mode, level in PAPER_N.items():
+            if mode in modes:
+                axes.axhline(level, color=COLORS[mode], lw=1.0, ls=":", alpha=0.8)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
         axes.set(
             xlabel="time from the move's start [s]",
@@ -90,40 +98,17 @@ def plot_guiding_runs(records: Records) -> Figure:
     return figure
 
 
-def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
-    time, force = _curve(record, case)
-    if len(time):
-        peak = figure_of(record.metrics, f"{record.metrics['moves'][case]}_hand_force_peak_n")
-        label = f"{mode}: cut short" if np.isnan(peak) else f"{mode}: {peak:.3g} N"
-        axes.plot(time, force, color=COLORS[mode], ls=DASHES[list(COLORS).index(mode)], lw=1.3, label=label)
-
-
-def _say_why(axes: Axes, record: RunRecord) -> None:
-    """Where no hand moved: what stopped the run, wrapped to the panel."""
-    reason = record.metrics.get("protective_stop") or "no move was begun"
-    text = "\n".join(wrap(f"no force to show: {reason}", 60))
-    axes.set_axis_off()
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
-
-
-def _draw_paper(axes: Axes, modes: set[str]) -> None:
-    for mode, level in PAPER_N.items():
-        if mode in modes:
-            axes.axhline(level, color=COLORS[mode], lw=1.0, ls=":", alpha=0.8)
-
-
 def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     """Time from the move's start and norm of the hand's force, from just before the move to just after."""
     log = record.log
     of_case = log["case"] == case
     time = log["time_s"][of_case]
-    force = norms(log["hand_force_n"][of_case])
     moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)
     first, last = time[moving][0], time[moving][-1]
     shown = (time >= first - _BEFORE_S) & (time <= last + _AFTER_S)
-    return time[shown] - first, force[shown]
+    return time[shown] - first, norms(log["hand_force_n"][of_case])[shown]
 
 
 def _words(direction: str, pace: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Figures, norms, rms
-from polish_sim.cell import SILENT, Observer
+from polish_sim.cell import Observer
 from polish_sim.config import Checked, GuideConfig, HandConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.experiments.free_space import ToolMotion, free_log
@@ -114,11 +114,10 @@ def move_table(move: TaughtMove, hand: HandConfig, T_base_home: Array, dt: float
     velocities = hand.distance_m / duration * speed[:, None] * along
     rotations = np.tile(T_base_home[:3, :3], (len(t), 1, 1))
     grip = ((t >= HOLD_S) & (t < end)).astype(float)
-    servos = servos_hold(t)
     phase = np.where((t >= begin) & (t < begin + duration), MOVING, np.where(t < end, HELD, OFF)).astype(
         np.int8
     )
-    return MoveTable(HandMotion(positions, velocities, rotations, grip), servos, phase)
+    return MoveTable(HandMotion(positions, velocities, rotations, grip), servos_hold(t), phase)
 
 
 def least_duration(direction: str, guide: GuideConfig, hand: HandConfig) -> float:
@@ -194,7 +193,7 @@ def figures_of_moves(scenario: Checked, played: Sequence[PlayedMove], asked: int
     last = played[-1].move.mode
     of_last = [measured[_name(play.move)] for play in played if play.move.mode == last]
     # An undefined figure of one move makes that of the mode undefined.
-    figures |= {name: float(np.max([values[name] for values in of_last])) for name in of_last[0]}
+    figures |= {name: np.max([values[name] for values in of_last]) for name in of_last[0]}
     let_go = _rows_in(played[-1], OFF)
     figures |= measure_drift(let_go["time"], let_go["q"])
     figures |= compare_modes(measured)
@@ -222,14 +221,14 @@ def _is_whole(play: PlayedMove) -> bool:
     """Whether neither a stop, before it or in it, nor an interrupt cut the hand's move short."""
     guided = play.run.stop_step if play.run.stop_reason else len(play.run.rows)
     moving = np.flatnonzero(play.table.phase == MOVING)
-    return len(moving) > 0 and guided > int(moving[-1])
+    return len(moving) > 0 and guided > moving[-1]
 
 
 def _name(move: TaughtMove) -> str:
     return f"{move.mode}_{move.direction}_{move.pace}"
 
 
-def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
+def run_teach(scenario: Checked, observer: Observer) -> RunResult:
     """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
 
     Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller
@@ -237,7 +236,6 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     cannot be reached.
     """
     moves = moves_of(scenario.guide, scenario.hand)
-    hand = hand_of(scenario.hand)
     observer.stage("guide by hand")
     started = time.perf_counter()
     model = torque_arm(scenario)
@@ -248,7 +246,7 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         table = move_table(move, scenario.hand, T_base_home, scenario.simulation.timestep_s)
         T_base_tool = T_base_home.copy()
         T_base_tool[:3, 3] = table.motion.positions[0]
-        arm = guided_arm(scenario, move.mode, model, belief, hand)
+        arm = guided_arm(scenario, move.mode, model, belief, hand_of(scenario.hand))
         run = run_guided(
             arm, joints_for(T_base_tool, np.array(HOME)), table.motion, table.servos,
             PartOf(observer, count, len(moves)),
@@ -316,5 +314,5 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
     for figure, some in (("none", "none_*"), ("classical", "classical_*"), ("slow", "assist_[xy]_slow")):
         forces = [moves[name]["hand_force_peak_n"] for name in fnmatch.filter(moves, some)]
         if forces:
-            figures[f"{figure}_peak_n"] = float(np.max(forces))
+            figures[f"{figure}_peak_n"] = np.max(forces)
     return figures

@@ -19,7 +19,12 @@ from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification import SCENARIO, STEP_S
 from polish_sim.identification.elastic import KnownArm, SprungHead
-from polish_sim.identification.excitation import FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.excitation import (
+    ClearanceCheck,
+    FourierMotion,
+    MotionLimits,
+    started_and_stopped,
+)
 from polish_sim.identification.log_file import LoggedGears, RobotLog, read_by
 from polish_sim.identification.model_file import RobotSource, read_robot_model
 from polish_sim.identification.physical import Drawing
@@ -27,7 +32,7 @@ from polish_sim.identification.regressor import FULL, WAVES, States, TorqueModel
 from polish_sim.identification.robot_model import (
     ARM_JOINTS,
     CarriedLoad,
-    RobotClearance,
+    clearance_of,
     own_parameters,
     read_chain,
 )
@@ -48,7 +53,7 @@ class SimulatedArm:
     truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
     carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
-    clearance: RobotClearance
+    clearance: ClearanceCheck
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
     known: KnownArm | None = None  #: What an identification of an elastic arm knows of it beforehand
 
@@ -58,11 +63,10 @@ def build_simulated_arm(
     seed: int = 0,
     load: CarriedLoad | None = None,
     warm_at: float = math.inf,
-    terms: tuple[str, ...] = FULL,
 ) -> SimulatedArm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
-    ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for
+    ``load``: what is bolted to the last link besides. Elastic joints have for
     truth their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
     """
     real = robot.real
@@ -76,17 +80,14 @@ def build_simulated_arm(
         model.dof_damping.reshape(model.nv, -1)[:6, 0] = warm * np.array(real.viscous_nm_s_rad)
     chain = read_chain(model, ARM_JOINTS)
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
-    gains = -model.actuator_biasprm[:, 2]
-    clearance = RobotClearance(model, 6, also=("head_pad",))
-    truth = TorqueModel(chain, terms)
+    clearance = clearance_of(model, 6, also=("head_pad",))
+    truth = TorqueModel(chain)
     known = KnownArm(truth, real, _head_of(model), _bent(model, real)) if robot.elastic else None
-    return SimulatedArm(robot, seed, truth, carried, gains.copy(), clearance, load, known)
+    return SimulatedArm(robot, seed, truth, carried, -model.actuator_biasprm[:, 2], clearance, load, known)
 
 
 def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
-    scenario = replace(SCENARIO, robot=robot)
-    spec = robot_with_tool(scenario)
-    spec.option.timestep = scenario.simulation.timestep_s
+    spec = robot_with_tool(replace(SCENARIO, robot=robot))
     if load is not None:
         link = spec.body("link_6")
         full = load.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -97,13 +98,12 @@ def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
 
 def _head_of(model: mujoco.MjModel) -> SprungHead:
     slide = model.joint("head_slide")
-    head = model.body("head")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     flange = data.site("flange")
     center = flange.xmat.reshape(3, 3).T @ (data.body("head").xipos - flange.xpos)
-    spring = float(model.jnt_stiffness[slide.id]), float(model.dof_damping[slide.dofadr[0]])
-    return SprungHead(float(head.mass[0]), *spring, center)
+    spring = model.jnt_stiffness[slide.id], model.dof_damping[slide.dofadr[0]]
+    return SprungHead(model.body("head").mass[0], *spring, center)
 
 
 def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ...]:
@@ -130,9 +130,8 @@ def motion_limits() -> MotionLimits:
 def believe(arm: SimulatedArm, rng: np.random.Generator) -> Drawing:
     """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool
     known."""
-    chain = arm.truth.chain
     n = 6
-    own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
+    own = (arm.truth.chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
     friction = arm.truth.truth()[10 * n :]
     guessed = friction * np.exp(_FRICTION_DOUBT * rng.normal(size=len(friction)))
     return Drawing(np.concatenate([(own + arm.carried).ravel(), guessed]), arm.carried)
@@ -146,11 +145,10 @@ def play_motion(arm: SimulatedArm, motion: FourierMotion, periods: int, rate: fl
     """
     span = periods * motion.period
     t: Array = np.arange(round((span + 2.0 * RAMP_S) / STEP_S) + 1) * np.float64(STEP_S)
-    states = started_and_stopped(motion, t, RAMP_S, float(t[-1]))
+    states = started_and_stopped(motion, t, RAMP_S, t[-1])
     log = play_states(arm, states)
     first = round(RAMP_S / STEP_S)
-    every = round(1.0 / (rate * STEP_S))
-    rows = slice(first, first + round(span / STEP_S), every)
+    rows = slice(first, first + round(span / STEP_S), round(1.0 / (rate * STEP_S)))
     return RobotLog(t[rows] - RAMP_S, log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows))
 
 
@@ -162,8 +160,9 @@ def play_states(arm: SimulatedArm, states: States) -> RobotLog:
     step's first position. The engine compensates gravity, a real servo must hold it, so it is added. Of
     elastic joints the motors' torques are logged as they are.
     """
-    servos = JointTargets(states.q, states.qd)
-    played = play_joints(_free_arm(arm.robot, arm.load), arm.robot, arm.seed, servos)
+    played = play_joints(
+        _free_arm(arm.robot, arm.load), arm.robot, arm.seed, JointTargets(states.q, states.qd)
+    )
     time: Array = np.arange(len(played.q)) * np.float64(STEP_S)
     if arm.robot.elastic:
         step = arm.robot.real.encoder_rad
@@ -174,14 +173,9 @@ def play_states(arm: SimulatedArm, states: States) -> RobotLog:
             LoggedGears(read_by(played.motor, step), read_by(played.q, step)),
         )
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
-    given = played.torque - arm.servo_damping * change
-    return RobotLog(time, played.q, given + _gravity(arm, played.q))
-
-
-def _gravity(arm: SimulatedArm, q: Array) -> Array:
-    links = np.concatenate([arm.truth.chain.parameters.ravel(), np.zeros(6 * len(arm.truth.terms))])
-    still = np.zeros_like(q)
-    return arm.truth.torque_of_base(States(q, still, still), slice(None), links)
+    links, still = replace(arm.truth, terms=()), np.zeros_like(played.q)
+    gravity = links.torque(States(played.q, still, still), links.truth())
+    return RobotLog(time, played.q, played.torque - arm.servo_damping * change + gravity)
 
 
 @dataclass(frozen=True)
@@ -218,7 +212,7 @@ def arm_of_table(name: str) -> LoggedRobot:
     return LoggedRobot(model, np.zeros_like(chain.parameters), spec)
 
 
-def robot_of_file(file: Path, joints: Sequence[str] | None = None) -> LoggedRobot:
+def robot_of_file(file: Path, joints: Sequence[str] | None) -> LoggedRobot:
     """A robot of a user's own MJCF; joints not named are held where the model starts, with None all are the
     chain's.
 

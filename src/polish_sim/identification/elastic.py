@@ -64,9 +64,9 @@ class SprungHead(NamedTuple):
 
     def torques(self, link: States, dt: float, band: float) -> Array:
         """Torques of its motion on the spring (m, 6) [N m], the arm's motion periodic."""
-        axis = link_frames(link.q)[:, 6, :3, 2]
-        J = jacobian(link.q, self.center)[:, :3]
-        place = link_frames(link.q)[:, 6, :3, 3] + self.center[2] * axis
+        T = link_frames(link.q)[:, 6]
+        axis, J = T[:, :3, 2], jacobian(link.q, self.center)[:, :3]
+        place = T[:, :3, 3] + self.center[2] * axis
         along = np.fft.rfft(dots(axis, filtered(place, dt, band, 2)))
         w = 2.0 * math.pi * np.fft.rfftfreq(len(axis), dt)
         gain = w**2 / (self.stiffness / self.mass - w**2 + 1j * w * self.damping / self.mass)
@@ -89,7 +89,7 @@ def _passed(f: Any, band: float) -> Any:
 def one_period(log: RobotLog, period: float) -> RobotLog:
     """The mean of the whole periods of a log with gears."""
     assert log.gears is not None
-    rows = round(period / float(np.mean(np.diff(log.time))))
+    rows = round(period / np.mean(np.diff(log.time)))
 
     def mean(values: Array) -> Array:
         return values[: len(values) // rows * rows].reshape(-1, rows, values.shape[1]).mean(axis=0)
@@ -146,13 +146,12 @@ class ElasticMotion:
         That needs no second derivative of encoder steps, but is no function of the links' parameters.
         """
         assert log.gears is not None
-        model = arm.model
         self.dt = float(np.mean(np.diff(log.time)))
         motor, link = (States(*(filtered(side, self.dt, band, k) for k in range(3))) for side in log.gears)
-        self.model = model
+        self.model = arm.model
         self.motor = motor
         self.head = arm.head.torques(link, self.dt, band)
-        self.Y = rigid_regressor(model.chain.geometry, *link)
+        self.Y = rigid_regressor(arm.model.chain.geometry, *link)
         links = drawn[: self.Y.shape[2]]
         bent = [(rigid_regressor(geometry, *link) - self.Y) @ links for geometry in arm.bent]
         self.bends: Array = np.stack(bent, axis=-1)

@@ -60,7 +60,7 @@ def base_of_rows(W: Array) -> BaseParameters:
     """Base parameters of stacked regressor rows (rows, p)."""
     R: Array = np.asarray(np.linalg.qr(W, mode="r"))
     size = np.linalg.norm(R, axis=0)
-    least = INDEPENDENT * float(size.max(initial=0.0))
+    least = INDEPENDENT * size.max(initial=0.0)
     kept: list[int] = []
     basis = np.zeros((R.shape[0], 0))
     for column in np.flatnonzero(size > least):
@@ -81,9 +81,7 @@ def base_of_rows(W: Array) -> BaseParameters:
 
 def base_names(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
     """Write every base parameter as a sum of the p named parameters: ``Izz2 + 0.181 m3 + ...``."""
-    return tuple(
-        _sum(row, int(column), names) for row, column in zip(base.combination, base.columns, strict=True)
-    )
+    return tuple(_sum(row, column, names) for row, column in zip(base.combination, base.columns, strict=True))
 
 
 def _sum(row: Array, own: int, names: Sequence[str]) -> str:
@@ -118,10 +116,6 @@ class JointSums(NamedTuple):
     def torque_rms(self) -> Array:
         """Rms of each joint's torque [N m], shape (n,)."""
         return np.sqrt(np.maximum(self.torque_squares, 1e-12) / np.maximum(self.samples, 1.0))
-
-    def plus(self, other: JointSums) -> JointSums:
-        """Sums over both sets of samples."""
-        return JointSums(*(a + b for a, b in zip(self, other, strict=True)))
 
 
 def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
@@ -179,9 +173,8 @@ class Estimate(Uncertain):
 def against_truth(off: Array, std: Array, bound: Array) -> dict[str, float]:
     """Figures of errors (r,) of what is estimated with standard deviations, against the bound on their
     variances."""
-    held = np.abs(off) <= INTERVAL_95 * std
     over = np.sqrt(np.mean(off**2 / bound))
-    return {"error_over_crb": over, "interval_coverage": np.mean(held)}
+    return {"error_over_crb": over, "interval_coverage": np.mean(np.abs(off) <= INTERVAL_95 * std)}
 
 
 def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
@@ -191,8 +184,7 @@ def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
     """
     noise = sums.torque_rms if sigma is None else sigma
     for _round in range(_ROUNDS):
-        H = information(sums, noise)
-        covariance = inverse_of(H)
+        covariance = inverse_of(information(sums, noise))
         theta = covariance @ np.tensordot(1.0 / noise**2, sums.products, axes=1)
         fitted = np.einsum("jrs,r,s->j", sums.squares, theta, theta)
         left = np.maximum(sums.torque_squares - 2.0 * sums.products @ theta + fitted, 0.0)
@@ -226,13 +218,10 @@ def equilibrated(H: Array) -> Array:
     return H * np.outer(scale, scale)
 
 
-def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> None:
-    """Refuse a motion that does not excite every base parameter; see `require_excited`."""
-    require_excited(sums, [model.names[column] for column in base.columns], model)
-
-
-def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -> None:
-    """Refuse samples that cannot identify all named parameters (r,).
+def require_excited(
+    sums: JointSums, base: BaseParameters, model: TorqueModel, more: Sequence[str] = ()
+) -> None:
+    """Refuse samples that cannot identify all base parameters and what ``more`` the sums are of.
 
     Raises IdentificationError, naming joints that stood still and the parameters that stay unknown.
     """
@@ -241,8 +230,8 @@ def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -
     hidden = vectors[:, values <= _HIDDEN**2 * values[-1]]
     if not hidden.size:
         return
-    share = norms(hidden)
-    unknown = [name for name, part in zip(names, share, strict=True) if part > 1e-2]
+    names = [*(model.names[column] for column in base.columns), *more]
+    unknown = [name for name, part in zip(names, norms(hidden), strict=True) if part > 1e-2]
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
     said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""
     raise IdentificationError(
@@ -274,7 +263,7 @@ def estimate_widened(
     samples are weighed by its noise and inefficiency; ``sigma`` of the estimate is the noise alone.
     """
     found = estimate(sums)
-    left = torque - model.torque_of_base(states, base.columns, found.theta)
+    left = torque - model.torque(states, found.theta, base.columns)
     g = inefficiency(left, informative(states))
     return replace(estimate(sums, found.sigma * np.sqrt(g)), sigma=found.sigma, inefficiency=g)
 
@@ -298,8 +287,8 @@ def _of_joint(residual: Array, counts: Bools, most: int) -> float:
     rho /= max(rho[0], 1e-300)
     # Sums of two neighbours fall steadily; where they are lost in the noise they are left out.
     two = rho[: most - most % 2].reshape(-1, 2).sum(axis=1)
-    end = int(np.argmax(two <= 0.0)) if np.any(two <= 0.0) else len(two)
-    return float(max(2.0 * two[:end].sum() - 1.0, 1.0))
+    end = np.argmax(two <= 0.0) if np.any(two <= 0.0) else len(two)
+    return max(2.0 * two[:end].sum() - 1.0, 1.0)
 
 
 def _autocorrelation(values: Array, most: int) -> Array:

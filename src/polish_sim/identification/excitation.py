@@ -17,6 +17,7 @@ from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize
 
 from polish_sim.arrays import Array
@@ -48,20 +49,14 @@ class FourierMotion:
     frequency: float = FREQUENCY
 
     @property
-    def harmonics(self) -> int:
-        """Number of harmonics k."""
-        return (self.coefficients.shape[1] - 1) // 2
-
-    @property
     def period(self) -> float:
         """[s]."""
         return 1.0 / self.frequency
 
     def __call__(self, t: Array) -> States:
         """States at times t [s], shape (m,)."""
-        return States(
-            *(part @ self.coefficients.T for part in fourier_basis(t, self.frequency, self.harmonics))
-        )
+        basis = fourier_basis(t, self.frequency, self.coefficients.shape[1] // 2)
+        return States(*(part @ self.coefficients.T for part in basis))
 
     def scaled(self, factor: float) -> FourierMotion:
         """The same motion with all amplitudes times a factor, about the same centre."""
@@ -88,21 +83,18 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
     The clock runs at full speed from ``ramp``, the motion's time zero, to ``end - ramp``; at ``end`` [s] it
     stands.
     """
-    up = np.clip(t / ramp, 0.0, 1.0)
-    down = np.clip((end - t) / ramp, 0.0, 1.0)
-    # The clock's speed rises as 3 x^2 - 2 x^3; its integral over the ramp is half the ramp.
-    clock = np.where(
-        t < ramp, ramp * (up**3 - 0.5 * up**4) - 0.5 * ramp,
-        np.where(t > end - ramp, end - 1.5 * ramp - ramp * (down**3 - 0.5 * down**4), t - ramp),
-    )  # fmt: skip
-    speed = (3.0 * up**2 - 2.0 * up**3) * (3.0 * down**2 - 2.0 * down**3)
-    change = (
-        np.where(t < ramp, 6.0 * (up - up**2), np.where(t > end - ramp, -6.0 * (down - down**2), 0.0)) / ramp
-    )
-    states = motion(clock)
-    rate = speed[:, None]
-    rise = change[:, None]
+    clock, rate, rise = (each[:, None] for each in ramped(t, ramp, end))
+    states = motion(clock[:, 0] - 0.5 * ramp)
     return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)
+
+
+def ramped(t: Array, ramp: float, end: float) -> States:
+    """What a clock says at times (m,) [s] that comes smoothly to full speed within ``ramp``, and to rest
+    within another at ``end`` [s], its speed [-] and the change of that [1/s], shape (m,) each."""
+    rise = CubicHermiteSpline([0.0, ramp, 2.0 * ramp], [0.0, 1.0, 1.0], np.zeros(3))
+    begun, ending = np.maximum(t, 0.0), np.maximum(t - (end - ramp), 0.0)
+    orders = rise.antiderivative(), rise, rise.derivative()
+    return States(*(order(begun) - order(ending) for order in orders))
 
 
 class Clearance(NamedTuple):
@@ -145,8 +137,11 @@ class MotionLimits:
     def excess(self, states: States) -> States:
         """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0
         inside."""
-        off = states.q - self.center
-        ratios = (off / self.half, states.qd / self.speed, states.qdd / self.acceleration)
+        ratios = (
+            (states.q - self.center) / self.half,
+            states.qd / self.speed,
+            states.qdd / self.acceleration,
+        )
         return States(*map(beyond_one, ratios))
 
     def holds(self, states: States, torque: Array) -> bool:
@@ -156,22 +151,16 @@ class MotionLimits:
         )
 
 
-class Judged(NamedTuple):
-    """Value of the objective and its gradient by the information matrix (r, r), symmetric."""
-
-    value: float
-    slope: Array
-
-
-def i_optimal(H: Array, G: Array) -> Judged:
-    """Logarithm of the mean variance predicted on the task, log trace(H^-1 G), the objective of the search.
+def i_optimal(H: Array, G: Array) -> tuple[float, Array]:
+    """Logarithm of the mean variance predicted on the task, log trace(H^-1 G), the objective of the search,
+    and its gradient by H, (r, r), symmetric.
 
     H is the information of a motion, G the task's own matrix, both (r, r).
     """
     C = inverse_of(H)
     CG = C @ G
     mean = np.trace(CG)
-    return Judged(float(np.log(mean)), -(CG @ C) / mean)
+    return np.log(mean), -(CG @ C) / mean
 
 
 GRID = 100  #: Samples of a period while searching
@@ -182,6 +171,7 @@ _PENALTY = 30.0
 _SHRINK = 0.98
 _LEAST = 0.3
 _RESTARTS = 4
+_ROOM = 0.02  #: Within this of the least clearance poses are pushed away [m]
 
 
 @dataclass(frozen=True)
@@ -199,10 +189,10 @@ class ExcitationTask:
 
 
 def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: Array) -> Array:
-    """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in
-    sigma^2."""
-    Y = model.regressor(states)[:, :, base.columns] / sigma[:, None]
-    return _mean_of_sample(Y)
+    """G of a task: its mean information at a noise ``sigma`` (n,) or (m, n) of the torques, so that trace(C
+    G) is the predicted torques' summed variance in sigma^2; shape (r, r)."""
+    flat = (model.regressor(states)[:, :, base.columns] / sigma[..., None]).reshape(-1, base.rank)
+    return flat.T @ flat / len(states.q)
 
 
 def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
@@ -255,14 +245,14 @@ def design(
     ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises
     IdentificationError if no start led to a motion within the limits.
     """
-    search = ExcitationCost(task)
+    cost = excitation_cost(task)
     best: FourierMotion | None = None
     least = np.inf
     for start in islice(allowed_motions(task, rng), starts):
-        x = search.run(start.coefficients.ravel(), iterations)
+        x = _descend(cost, start.coefficients.ravel(), iterations)
         motion = shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task)
         if motion is not None:
-            value = i_optimal(mean_information(task, motion), task.use).value
+            value, _ = i_optimal(mean_information(task, motion), task.use)
             if value < least:
                 best, least = motion, value
     if best is None:
@@ -275,103 +265,76 @@ def design(
 def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
     """Information of one sample of all torques, averaged over a period, shape (r, r)."""
     states = motion(np.arange(FINE) / FINE * motion.period)
-    Y = task.model.regressor(states)[:, :, task.base.columns] * (informative(states) / task.sigma)[:, :, None]
-    return _mean_of_sample(Y)
+    counted = np.where(informative(states), task.sigma, np.inf)
+    return use_matrix(task.model, task.base, states, counted)
 
 
-def _mean_of_sample(Y: Array) -> Array:
-    """Mean of Y^T Y over samples (m, n, r), shape (r, r)."""
-    flat = Y.reshape(-1, Y.shape[2])
-    return flat.T @ flat / len(Y)
+def excitation_cost(task: ExcitationTask) -> Callable[[Array], tuple[float, Array]]:
+    """Objective plus penalties and its gradient, shape (n (1 + 2 k),), by the coefficients in a row."""
+    basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
 
-
-class ExcitationCost:
-    """Cost and gradient by the coefficients, with the basis kept between calls."""
-
-    def __init__(self, task: ExcitationTask) -> None:
-        self.task = task
-        self.basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
-
-    def cost(self, x: Array) -> tuple[float, Array]:
-        """Objective plus penalties and its gradient, shape (n (1 + 2 k),)."""
-        task = self.task
+    def cost(x: Array) -> tuple[float, Array]:
         coefficients = x.reshape(task.model.joints, -1)
-        states = States(*(part @ coefficients.T for part in self.basis))
+        states = States(*(part @ coefficients.T for part in basis))
         slopes = task.model.regressor_slopes(states)
-        value, by_state = self._judge(states, slopes)
-        for price, slope in (
-            self._motion_price(states),
-            self._torque_price(states, slopes),
-            self._near_price(states),
-        ):
-            value += price
-            by_state = by_state + slope
-        parts = np.split(by_state, 3, axis=1)
-        gradient = sum(part.T @ basis for part, basis in zip(parts, self.basis, strict=True))
+        value, by_state = _judged(task, states, slopes)
+        limits = task.limits
+        tight = replace(limits, speed=_MARGIN * limits.speed, acceleration=_MARGIN * limits.acceleration)
+        over, sizes = tight.excess(states), (tight.half, tight.speed, tight.acceleration)
+        most = _MARGIN * limits.torque
+        heavy = beyond_one(task.model.torque(states, task.parameters) / most)
+        near = task.clearance(states.q)
+        short = np.maximum(1.0 - (near.distance - limits.clearance) / _ROOM, 0.0)
+        value += _PENALTY * sum(np.sum(part**2) for part in over)
+        value += _PENALTY * np.sum(heavy**2)
+        value += _PENALTY * np.sum(short**2)
+        pull = 2.0 * _PENALTY
+        by_state += pull * np.hstack([part / size for part, size in zip(over, sizes, strict=True)])
+        by_state += pull * np.einsum("mdj,mj->md", slopes @ task.parameters / most, heavy)
+        nearer = np.einsum("mp,mpn->mn", short, near.slope)
+        by_state[:, : task.model.joints] += -pull / _ROOM * nearer
+        parts = zip(np.split(by_state, 3, axis=1), basis, strict=True)
+        gradient = sum(part.T @ of_state for part, of_state in parts)
         return value, np.asarray(gradient).ravel()
 
-    def run(self, x: Array, iterations: int) -> Array:
-        """Descend; where a kink of the clearance stopped the search it begins anew from there."""
-        cost = np.inf
-        for _restart in range(_RESTARTS):
-            found = minimize(
-                self.cost,
-                x,
-                jac=True,
-                method="L-BFGS-B",
-                options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6},
-            )
-            x = found.x
-            gain = cost - found.fun
-            cost = float(found.fun)
-            iterations -= int(found.nit)
-            if iterations <= 0 or gain < 1e-2:
-                break
-        return x
+    return cost
 
-    def _judge(self, states: States, slopes: Array) -> tuple[float, Array]:
-        task = self.task
-        columns = task.base.columns
-        # Near standstill rows fade out smoothly; the final weight is a step.
-        u = (states.qd / STANDSTILL) ** 2
-        certainty = 1.0 / (task.sigma**2 * GRID)
-        weight = certainty * u**2 / (1.0 + u**2)
-        weight_slope = certainty * 2.0 * u / (1.0 + u**2) ** 2
-        Y = task.model.regressor(states)[:, :, columns]
-        flat = Y * np.sqrt(weight)[:, :, None]
-        H = np.tensordot(flat, flat, axes=((0, 1), (0, 1)))
-        H[np.diag_indices_from(H)] *= 1.0 + 1e-12
-        judged = i_optimal(H, task.use)
-        pull = Y @ judged.slope
-        by_state = np.einsum(
-            "mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True
+
+def _descend(cost: Callable[[Array], tuple[float, Array]], x: Array, iterations: int) -> Array:
+    """Descend; where a kink of the clearance stopped the search it begins anew from there."""
+    least = np.inf
+    for _restart in range(_RESTARTS):
+        found = minimize(
+            cost,
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6},
         )
-        of_speed = slice(task.model.joints, 2 * task.model.joints)
-        by_state[:, of_speed] += np.sum(pull * Y, axis=2) * weight_slope * 2.0 * states.qd / STANDSTILL**2
-        return judged.value, by_state
-
-    def _motion_price(self, states: States) -> tuple[float, Array]:
-        limits = self.task.limits
-        tight = replace(limits, speed=_MARGIN * limits.speed, acceleration=_MARGIN * limits.acceleration)
-        over = tight.excess(states)
-        unit = States(tight.half, tight.speed, tight.acceleration)
-        price = _PENALTY * sum(float(np.sum(part**2)) for part in over)
-        return price, 2.0 * _PENALTY * np.hstack([part / size for part, size in zip(over, unit, strict=True)])
-
-    def _torque_price(self, states: States, slopes: Array) -> tuple[float, Array]:
-        task = self.task
-        ratio = task.model.torque(states, task.parameters) / (_MARGIN * task.limits.torque)
-        over = beyond_one(ratio)
-        by_state = slopes @ task.parameters / (_MARGIN * task.limits.torque)
-        return _PENALTY * float(np.sum(over**2)), 2.0 * _PENALTY * np.einsum("mdj,mj->md", by_state, over)
-
-    def _near_price(self, states: States) -> tuple[float, Array]:
-        task = self.task
-        slope = np.zeros((GRID, 3 * task.model.joints))
-        near = task.clearance(states.q)
-        short = np.maximum(1.0 - (near.distance - task.limits.clearance) / _ROOM, 0.0)
-        slope[:, : task.model.joints] = -2.0 * _PENALTY / _ROOM * np.einsum("mp,mpn->mn", short, near.slope)
-        return _PENALTY * float(np.sum(short**2)), slope
+        x = found.x
+        gain = least - found.fun
+        least = found.fun
+        iterations -= int(found.nit)
+        if iterations <= 0 or gain < 1e-2:
+            break
+    return x
 
 
-_ROOM = 0.02  #: Within this of the least clearance poses are pushed away [m]
+def _judged(task: ExcitationTask, states: States, slopes: Array) -> tuple[float, Array]:
+    """The objective and its gradient by the states, shape (m, 3 n)."""
+    columns = task.base.columns
+    # Near standstill rows fade out smoothly; the final weight is a step.
+    u = (states.qd / STANDSTILL) ** 2
+    certainty = 1.0 / (task.sigma**2 * GRID)
+    weight = certainty * u**2 / (1.0 + u**2)
+    weight_slope = certainty * 2.0 * u / (1.0 + u**2) ** 2
+    Y = task.model.regressor(states)[:, :, columns]
+    flat = Y * np.sqrt(weight)[:, :, None]
+    H = np.tensordot(flat, flat, axes=((0, 1), (0, 1)))
+    H[np.diag_indices_from(H)] *= 1.0 + 1e-12
+    value, slope = i_optimal(H, task.use)
+    pull = Y @ slope
+    by_state = np.einsum("mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True)
+    of_speed = slice(task.model.joints, 2 * task.model.joints)
+    by_state[:, of_speed] += np.sum(pull * Y, axis=2) * weight_slope * 2.0 * states.qd / STANDSTILL**2
+    return value, by_state

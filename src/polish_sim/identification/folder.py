@@ -11,7 +11,7 @@ from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, new_figu
 from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.identify import Identification
-from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, identified_xml, write_portable
+from polish_sim.identification.model_file import RobotSource, identified_xml, write_portable
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed
 from polish_sim.identification.physical import ParameterRow, cell, parameter_rows, parameters_csv
 from polish_sim.motion.serial_chain import body_of
@@ -25,7 +25,12 @@ PAYLOAD_COLUMNS = ("name", "value", "unit", "std", "low_95", "high_95", "nearest
 def write_folder(folder: Path, found: Identification, source: RobotSource = None) -> None:
     """Write all files of an identification; ``source`` is the robot's MJCF, the shipped robot's if None."""
     put_file(folder, "parameters.csv", parameters_csv(rows_of(found)))
-    xml = identified_xml(found.model.chain.joints, _joints(found), source)
+    n = found.model.joints
+    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
+    terms = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
+    if found.gears is not None:
+        terms["load"] = found.gears.loads_known().T
+    xml = identified_xml(found.model.chain.joints, own, terms, source)
     write_portable(folder / "identified.xml", xml)
     if found.weighed is not None:
         write_payload(folder, found.weighed)
@@ -39,26 +44,18 @@ def rows_of(found: Identification) -> list[ParameterRow]:
     return rows if found.gears is None else rows + found.gears.rows()
 
 
-def _joints(found: Identification) -> IdentifiedJoints:
-    n = found.model.joints
-    friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
-    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
-    by_load = None
-    if found.gears is not None:
-        by_load = found.gears.loads_known().T
-    elif "load" in friction:  # the same driving and driven
-        by_load = np.stack([friction["load"]] * 2)
-    viscous, coulomb, armature = map(friction.get, ("viscous", "coulomb", "armature"))
-    return IdentifiedJoints(own, viscous, coulomb, armature, by_load)
-
-
 def write_payload(folder: Path, weighed: Weighed) -> None:
     """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
     payload = weighed.payload
     values, std = payload.body()
     half = INTERVAL_95 * std
-    nearest = body_of(payload.nearest_body(), payload.origin)
-    columns = zip(values - half, values + half, nearest, weighed.true_body(), strict=True)
+    columns = zip(
+        values - half,
+        values + half,
+        body_of(payload.nearest_body(), payload.origin),
+        weighed.true_body(),
+        strict=True,
+    )
     rows = [
         [name, cell(value), unit, cell(deviation, 4), *map(cell, others)]
         for name, unit, value, deviation, others in zip(
@@ -83,17 +80,22 @@ def plot_torques(found: Identification) -> Figure:
             (held.drawn, ORANGE, DASHES[1], 1.0, "drawing"),
             (held.found, BLUE, "-", 1.2, "identified"),
         ):
-            line = _broken(values[:, joint], held.time)
-            axes.plot(time, line, color=colour, ls=dashes, lw=width, label=label)
+            axes.plot(
+                time, _broken(values[:, joint], held.time), color=colour, ls=dashes, lw=width, label=label
+            )
         axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * figures['nrms_heldout'][joint]:.3f}%")
     for axes in grid[-2:]:
         axes.set_xlabel("time [s]; gaps: a joint reverses")
-    facts = [
-        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
-        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
-        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
-    ]
-    head(figure, "Torques of a motion that was not fitted", facts, legend=(grid[0],))
+    head(
+        figure,
+        "Torques of a motion that was not fitted",
+        [
+            f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
+            f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
+            f"{figures['base_parameters']} parameters from {figures['samples']} samples",
+        ],
+        legend=(grid[0],),
+    )
     return figure
 
 

@@ -12,14 +12,16 @@ acceleration asks for.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Indices, two_waves
 from polish_sim.cell.gears import slip
+from polish_sim.cell.real_arm import gear_stiffness, lost_torque
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of, spread_of_sums
 from polish_sim.identification.log_file import LoggedGears, RobotLog
@@ -30,7 +32,7 @@ LOW_PASS_HZ = 30.0  #: For the speeds that show where motors turn back, and wher
 #: Low-pass of the twists: the encoders' steps, added up, would lengthen the way of the hysteresis
 TWIST_HZ = 140.0
 SAMPLED_HZ = 100.0  #: Rate of the samples that are fitted
-BLOCK_S = 0.2  #: How long residuals may be alike
+BLOCK_S = 0.2  #: How long residuals may be alike, and from period to period
 FORGOTTEN = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
 #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
 SEEN = 0.7
@@ -75,8 +77,8 @@ class GearFit(NamedTuple):
         chosen = [k for k in range(len(_NAMES)) if not 7 <= k < _FIRST]
         return [
             ParameterRow(
-                f"{_NAMES[k]}{j + 1}", float(self.values[j, k]), _UNITS[k], float(self.std[j, k]),
-                "no" if math.isnan(self.values[j, k]) else "gear", float(self.truth[j, k]),
+                f"{_NAMES[k]}{j + 1}", self.values[j, k], _UNITS[k], self.std[j, k],
+                "no" if math.isnan(self.values[j, k]) else "gear", self.truth[j, k],
             )
             for k in chosen for j in range(len(self.values))
         ]  # fmt: skip
@@ -88,8 +90,7 @@ class GearFit(NamedTuple):
     def damping(self) -> Array:
         """Damping of the gears [N m s/rad], shape (n,), 0 where it may be none."""
         D = self.values[:, 5]
-        std = self.std[:, 5]
-        return np.where(INTERVAL_95 * std < D, D, 0.0)
+        return np.where(INTERVAL_95 * self.std[:, 5] < D, D, 0.0)
 
     def torques(self, real: RealArmConfig, sides: LoggedGears, dt: float) -> Array:
         """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is
@@ -97,20 +98,18 @@ class GearFit(NamedTuple):
         torques = np.full(sides.motor.shape, np.nan)
         for j in np.flatnonzero(np.isfinite(self.values[:, _FIRST])):
             x = self.values[j]
-            error = _error_of(2.0 * real.gear_ratio * sides.motor[:, j]) @ np.nan_to_num(x[_ERRORS])
-            twist = sides.motor[:, j] - sides.link[:, j] - x[7] + error
+            x = np.append(np.nan_to_num(x[:_FIRST]), x[_FIRST:][np.isfinite(x[_FIRST:])])
+            error = two_waves(2.0 * real.gear_ratio * sides.motor[:, j])
             knees = real.knee_1_nm[j], real.knee_2_nm[j]
-            spring = _spring(twist, x[_FIRST:][np.isfinite(x[_FIRST:])], knees)
-            slip = np.nan_to_num(x[6]) * _hysteresis(twist, real.lost_motion_rise_rad)
-            torques[:, j] = spring + slip + np.nan_to_num(x[5]) * np.gradient(twist, dt)
+            turned = sides.motor[:, j] - sides.link[:, j]
+            rest, damped = _passed_on(x, turned, error, knees, real.lost_motion_rise_rad, dt)
+            torques[:, j] = rest + damped
         return torques
 
     def with_loads(self, loads: Array, std: Array) -> GearFit:
         """The same with shares of friction by load found otherwise, shape (n, 2) each."""
-        values = self.values.copy()
-        deviations = self.std.copy()
-        values[:, _LOADS] = loads
-        deviations[:, _LOADS] = std
+        values, deviations = self.values.copy(), self.std.copy()
+        values[:, _LOADS], deviations[:, _LOADS] = loads, std
         return self._replace(values=values, std=deviations)
 
     def true_loads(self) -> Array:
@@ -132,10 +131,10 @@ class GearFit(NamedTuple):
         off = np.abs(K - true)
         found = np.isfinite(K)
         return {
-            "friction_by_load": self.values[:, _LOADS].tolist(),
-            "friction_by_load_std": self.std[:, _LOADS].tolist(),
-            "gear_stiffness_nm_rad": K.tolist(),
-            "gear_stiffness_std_nm_rad": std.tolist(),
+            "friction_by_load": self.values[:, _LOADS],
+            "friction_by_load_std": self.std[:, _LOADS],
+            "gear_stiffness_nm_rad": K,
+            "gear_stiffness_std_nm_rad": std,
             "gear_slopes_found": int(found.sum()),
             "gear_stiffness_error_max": np.nanmax(off / true) if found.any() else math.nan,
             "gear_interval_coverage": np.mean((off <= INTERVAL_95 * std)[found]) if found.any() else math.nan,
@@ -149,12 +148,9 @@ def fit_gears(log: RobotLog, real: RealArmConfig, period: float) -> GearFit:
     Slopes beyond the logged torques, and parameters that the log does not determine, are NaN.
     """
     assert log.gears is not None
-    n = log.q.shape[1]
-    values = np.full((n, len(_NAMES)), np.nan)
-    std = np.full((n, len(_NAMES)), np.nan)
-    for j in range(n):
-        gear = _Gear(log, real, period, j)
-        x, deviation = gear.fit()
+    values, std = np.full((2, log.q.shape[1], len(_NAMES)), np.nan)
+    for j in range(len(values)):
+        x, deviation = _fit_gear(log, real, period, j)
         slope = np.arange(len(x)) >= _FIRST
         known = np.isfinite(deviation) & (~slope | (deviation <= KNOWN * np.abs(x)))
         values[j, : len(x)][known] = x[known]
@@ -167,100 +163,71 @@ def _truth(real: RealArmConfig, t: float) -> Array:
     warm = 1.0 + real.cold_friction * math.exp(-t / real.warming_s)
     n = len(real.coulomb_nm)
     load = warm * np.array([real.coulomb_driving, real.coulomb_driven])
-    slopes = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     friction = warm * np.array([real.viscous_nm_s_rad, real.coulomb_nm])
-    lost = 0.5 * np.array(real.lost_motion_rad) * slopes[0]
-    unknown = np.full((n, 5), np.nan)
-    driven = [real.rotor_kg_m2, *friction, np.tile(load, (n, 1)), real.damping_nm_s_rad, lost, unknown]
-    return np.column_stack([*driven, *slopes])
+    driven = [
+        real.rotor_kg_m2,
+        *friction,
+        np.tile(load, (n, 1)),
+        real.damping_nm_s_rad,
+        lost_torque(real),
+        np.full((n, 5), np.nan),
+    ]
+    return np.column_stack([*driven, *gear_stiffness(real)])
 
 
-class _Gear:
-    """One joint's samples, and its torque as a function of the numbers to be found."""
+def _fit_gear(log: RobotLog, real: RealArmConfig, period: float, j: int) -> tuple[Array, Array]:
+    """Numbers of one gear and their standard deviations, as many as slopes are reached, shape (13,) to (15,)
+    each."""
+    assert log.gears is not None
+    dt, rise = float(np.mean(np.diff(log.time))), real.lost_motion_rise_rad
+    knees = real.knee_1_nm[j], real.knee_2_nm[j]
+    smooth = partial(sosfiltfilt, butter(2, 2.0 * LOW_PASS_HZ * dt, output="sos"))
+    angle = log.gears.motor[:, j]
+    turned = sosfiltfilt(butter(8, 2.0 * TWIST_HZ * dt, output="sos"), angle - log.gears.link[:, j])
+    speed = np.gradient(smooth(angle), dt)
+    acceleration, measured = np.gradient(speed, dt), smooth(log.torque[:, j])
+    waves = 2.0 * real.gear_ratio
+    error, error_slope = two_waves(waves * angle), waves * slope_of(waves * angle)
+    # What counts: the motor does not reverse within the low-pass's reach.
+    ends = round(_ENDS_S / dt)
+    counts = off_turns(speed, dt)
+    counts[:ends] = counts[-ends:] = False
+    counts &= np.cumsum(np.abs(np.diff(turned, prepend=turned[0]))) > FORGOTTEN * rise
+    every = max(1, round(1.0 / (SAMPLED_HZ * dt)))
+    rows = np.flatnonzero(counts[::every]) * every
 
-    def __init__(self, log: RobotLog, real: RealArmConfig, period: float, j: int) -> None:
-        assert log.gears is not None
-        self._dt = float(np.mean(np.diff(log.time)))
-        self._sos = butter(2, 2.0 * LOW_PASS_HZ * self._dt, output="sos")
-        self._rise = real.lost_motion_rise_rad
-        self._knees = (real.knee_1_nm[j], real.knee_2_nm[j])
-        angle = log.gears.motor[:, j]
-        sharp = butter(8, 2.0 * TWIST_HZ * self._dt, output="sos")
-        self._turned = sosfiltfilt(sharp, angle - log.gears.link[:, j])
-        self._speed = np.gradient(self._low(angle), self._dt)
-        self._acceleration = np.gradient(self._speed, self._dt)
-        self._torque = self._low(log.torque[:, j])
-        waves = 2.0 * real.gear_ratio
-        self._error = _error_of(waves * angle)
-        self._slope = waves * slope_of(waves * angle)
-        self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
-        self._counts = self._moving()
-        self._phase = self._sampled(log.time % period)
+    def left(x: Array) -> Array:
+        """Torque less that of the numbers, low-passed [N m], of the samples that are fitted."""
+        torque, damped = _passed_on(x, turned, error, knees, rise, dt)
+        load = np.where(torque * speed > 0.0, x[3], x[4]) * np.abs(torque)
+        passed = (1.0 + error_slope @ x[_ERRORS]) * (torque + damped)
+        given = x[0] * acceleration + x[1] * speed + smooth(np.sign(speed) * (x[2] + load) + passed)
+        return (measured - given)[rows]
 
-    def _sampled(self, values: Array) -> Array:
-        """The samples that are fitted and count."""
-        return values[:: self._every][self._counts]
+    # It starts from a linear fit, with as many equal slopes as its torques reach.
+    parts = (acceleration, speed, smooth(np.sign(speed)), smooth(turned), np.ones_like(measured))
+    columns = np.column_stack(parts)[rows]
+    inertia, viscous, dry, K, rest = np.linalg.lstsq(columns, measured[rows], rcond=None)[0]
+    K = max(K, 1e3)
+    largest = np.abs(K * columns[:, 3] + rest).max()
+    slopes = 1 + sum(largest > SEEN * knee for knee in knees)
+    start = np.array([inertia, viscous, dry, 0.0, 0.0, 0.0, 0.0, -rest / K, *[0.0] * 4, *[K] * slopes])
+    least = np.where(np.arange(len(start)) < _FIRST, -np.inf, 1.0)
+    scale = _TYPICAL[: len(start)]
+    found = least_squares(left, start, bounds=(least, np.inf), x_scale=scale, max_nfev=20)
+    blocks = (log.time[rows] % period / BLOCK_S).astype(np.int64)
+    return found.x, _deviations(found.jac, found.fun, blocks)
 
-    def _low(self, signal: Array) -> Array:
-        return sosfiltfilt(self._sos, signal)
 
-    def _moving(self) -> Bools:
-        """Which of the samples that are fitted count: the motor does not reverse within the low-pass's
-        reach."""
-        ends = round(_ENDS_S / self._dt)
-        near = off_turns(self._speed, self._dt)
-        near[:ends] = near[-ends:] = False
-        near &= np.cumsum(np.abs(np.diff(self._turned, prepend=self._turned[0]))) > FORGOTTEN * self._rise
-        return near[:: self._every]
-
-    def fit(self) -> tuple[Array, Array]:
-        """Numbers found and their standard deviations, as many as slopes are reached, shape (13,) to
-        (15,)."""
-        start = self._start()
-        least = np.where(np.arange(len(start)) < _FIRST, -np.inf, 1.0)
-        found = least_squares(
-            self._left,
-            start,
-            bounds=(least, np.inf),
-            x_scale=_TYPICAL[: len(start)],
-            max_nfev=20,
-        )
-        return found.x, self._deviations(found.jac, found.fun)
-
-    def _deviations(self, slopes: Array, left: Array) -> Array:
-        """Standard deviations of a fit whose residuals may be alike for ``BLOCK_S`` and from period to
-        period."""
-        deviations = np.full(slopes.shape[1], np.inf)
-        size = np.linalg.norm(slopes, axis=0)
-        seen = size > 0.0
-        if np.linalg.cond(slopes[:, seen] / size[seen]) > CONFOUNDED:
-            return deviations
+def _deviations(slopes: Array, left: Array, blocks: Indices) -> Array:
+    """Standard deviations of a fit whose residuals may be alike within a block."""
+    size = np.linalg.norm(slopes, axis=0)
+    deviations, seen = np.full(len(size), np.inf), size > 0.0
+    if np.linalg.cond(slopes[:, seen] / size[seen]) <= CONFOUNDED:
         slopes = slopes[:, seen]
         C = inverse_of(slopes.T @ slopes)
-        blocks = (self._phase / BLOCK_S).astype(np.int64)
         deviations[seen] = np.sqrt(np.diag(C @ spread_of_sums(slopes * left[:, None], blocks) @ C))
-        return deviations
-
-    def _start(self) -> Array:
-        """Numbers of a linear fit, with as many equal slopes as its torques reach."""
-        parts = (self._acceleration, self._speed, self._low(np.sign(self._speed)), self._low(self._turned))
-        columns = self._sampled(np.column_stack([*parts, np.ones_like(self._torque)]))
-        torque = self._sampled(self._torque)
-        inertia, viscous, dry, K, rest = np.linalg.lstsq(columns, torque, rcond=None)[0]
-        K = max(K, 1e3)
-        largest = np.abs(K * columns[:, 3] + rest).max()
-        slopes = 1 + sum(largest > SEEN * knee for knee in self._knees)
-        return np.array([inertia, viscous, dry, 0.0, 0.0, 0.0, 0.0, -rest / K, *[0.0] * 4, *[K] * slopes])
-
-    def _left(self, x: Array) -> Array:
-        """Torque less that of the numbers, low-passed [N m], of the samples that are fitted."""
-        twist = self._turned - x[7] + self._error @ x[8:_FIRST]
-        torque = _spring(twist, x[_FIRST:], self._knees) + x[6] * _hysteresis(twist, self._rise)
-        load = np.where(torque * self._speed > 0.0, x[3], x[4]) * np.abs(torque)
-        passed = (1.0 + self._slope @ x[8:_FIRST]) * (torque + x[5] * np.gradient(twist, self._dt))
-        smooth = x[0] * self._acceleration + x[1] * self._speed
-        given = smooth + self._low(np.sign(self._speed) * (x[2] + load) + passed)
-        return self._sampled(self._torque - given)
+    return deviations
 
 
 def off_turns(speed: Array, dt: float) -> Bools:
@@ -269,15 +236,20 @@ def off_turns(speed: Array, dt: float) -> Bools:
     return np.convolve(np.abs(speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
 
 
-def _error_of(phase: Array) -> Array:
-    """Columns of the gear's error at its phases (m,), shape (m, 4)."""
-    return np.stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)], axis=-1)
-
-
 def slope_of(phase: Array) -> Array:
-    """Slopes of these columns by phases of any shape (..., 4)."""
-    sin, cos, sin2, cos2 = np.moveaxis(_error_of(phase), -1, 0)
+    """Slopes of `two_waves` by phases (...), shape (..., 4)."""
+    sin, cos, sin2, cos2 = np.moveaxis(two_waves(phase), -1, 0)
     return np.stack([cos, -sin, 2.0 * cos2, -2.0 * sin2], axis=-1)
+
+
+def _passed_on(
+    x: Array, turned: Array, error: Array, knees: tuple[float, float], rise: float, dt: float
+) -> tuple[Array, Array]:
+    """What a gear's spring and hysteresis pass on, and what its damping does, (m,) [N m] each, by its numbers
+    ``x``; ``turned``: motor less link [rad]."""
+    twist = turned - x[7] + error @ x[_ERRORS]
+    torque = _spring(twist, x[_FIRST:], knees) + x[6] * _hysteresis(twist, rise)
+    return torque, x[5] * np.gradient(twist, dt)
 
 
 def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:

@@ -41,7 +41,7 @@ from polish_sim.identification.estimate import (
     information,
     informative,
     inverse_of,
-    require_rank,
+    require_excited,
     sum_samples,
     torque_error,
 )
@@ -125,13 +125,12 @@ def run_identification(
     started = time.process_time()
     states = periodic_states(log, motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
-    require_rank(sums, base, arm.truth)
+    require_excited(sums, base, arm.truth)
     held = periodic_states(other_log, other.period)
     gears: GearFit | None = None
     truth = arm.truth.truth()
     if log.gears is not None:
-        fitted = _fit_elastic(arm, log, other_log, drawing, settings)
-        base, found, full, gears, against, predicted = fitted
+        base, found, full, gears, against, predicted = _fit_elastic(arm, log, other_log, drawing, settings)
     else:
         found = estimate_widened(arm.truth, base, sums, states, log.torque)
         full = fit_consistent(arm.truth, base, found, drawing)
@@ -141,7 +140,7 @@ def run_identification(
     fit_s = time.process_time() - started
     held_out = _hold_out(other_log, held, predicted, sigma, streams[3])
     figures = measure_fit(arm.truth, base, found, full, held_out) | against
-    figures["nrms_rigid"] = _rigid_error(arm.truth, full, held_out.states).tolist()
+    figures["nrms_rigid"] = _rigid_error(arm.truth, full, held_out.states)
     if gears is not None:
         figures |= gears.figures()
     figures |= _motion_figures(task, motion)
@@ -171,7 +170,7 @@ def _design(
     if settings.payload:
         last = 10 * arm.truth.joints
         believed[last - 10 : last] += guessed_load(settings.payload, arm.truth.chain.origins[-1])
-    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.clearance.measure)
+    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.clearance)
     other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
     uses = [motion(t) for motion in motions] if use is None else [use]
@@ -199,8 +198,7 @@ def _fit_elastic(
 ) -> _FittedArm:
     """First the gears, whose error separates friction by load from the links' size; then links, rotors and
     friction."""
-    real = arm.robot.real
-    gears = fit_gears(log, real, PERIOD)
+    gears = fit_gears(log, arm.robot.real, PERIOD)
     base = elastic_base(arm.truth)
     assert arm.known is not None
     motion_of = partial(ElasticMotion, arm.known, drawing.parameters, gears)
@@ -210,8 +208,11 @@ def _fit_elastic(
     full = fit_consistent(arm.truth, base, fit.estimate, drawing)
     held = motion_of(other, PREDICTED_HZ, sprung=True)
     nothing = Found(drawing.parameters, np.zeros_like(fit.numbers.loads), np.zeros_like(fit.numbers.bends))
-    bodies = fit.numbers._replace(full=full)
-    predicted = held.torques(fit.numbers), held.torques(bodies), held.torques(nothing)
+    predicted = (
+        held.torques(fit.numbers),
+        held.torques(fit.numbers._replace(full=full)),
+        held.torques(nothing),
+    )
     gears = gears.with_loads(fit.numbers.loads, fit.loads_std)
     against = fit.against(base, arm.truth.truth(), gears.true_loads())
     return _FittedArm(base, fit.estimate, full, gears, against, predicted)
@@ -239,9 +240,8 @@ def measure_fit(
 ) -> dict[str, Any]:
     """Figures every identification has; held-out errors are rms error / range of the torque, joint by
     joint."""
-    exact = held_out.exact
     nrms, consistent, drawn = (
-        torque_error(given, exact) for given in (held_out.found, held_out.consistent, held_out.drawn)
+        torque_error(given, held_out.exact) for given in (held_out.found, held_out.consistent, held_out.drawn)
     )
     links = full[: 10 * model.joints].reshape(-1, 10)
     off = held_out.found - held_out.measured
@@ -249,23 +249,22 @@ def measure_fit(
         "base_parameters": base.rank,
         "condition": found.condition,
         "condition_scaling": "stacked regressor of the base columns, SI units, as measured",
-        "nrms_heldout": nrms.tolist(),
+        "nrms_heldout": nrms,
         "nrms_heldout_mean": nrms.mean(),
         "nrms_heldout_consistent_mean": consistent.mean(),
         "nrms_heldout_drawing_mean": drawn.mean(),
-        "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma).tolist(),
+        "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma),
         "physically_consistent": is_consistent(links),
-        "r_squared": found.r_squared.tolist(),
-        "torque_noise_nm": found.sigma.tolist(),
-        "torque_noise_inefficiency": None if found.inefficiency is None else found.inefficiency.tolist(),
+        "r_squared": found.r_squared,
+        "torque_noise_nm": found.sigma,
+        "torque_noise_inefficiency": found.inefficiency,
     }
 
 
 def _motion_figures(task: ExcitationTask, motion: FourierMotion) -> dict[str, Any]:
     """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
-    H = mean_information(task, motion)
     plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), motion)
-    spread = np.trace(np.linalg.solve(H, task.use)) / task.model.joints
+    spread = np.trace(np.linalg.solve(mean_information(task, motion), task.use)) / task.model.joints
     poses = motion(np.linspace(0.0, motion.period, 500)).q
     return {
         "predicted_error_sigma": np.sqrt(spread / 1e4),
@@ -295,9 +294,9 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
     held_out = HeldOut(log.time[rows], held, measured, measured, *fit.predicted(held, full, drawing))
     figures: dict[str, Any] = measure_fit(model, base, found, full, held_out)
     if model.load is not None:
-        rigid = fit_samples(without_gears(model), states.rows(fitted), log.torque[fitted])
+        rigid = fit_samples(replace(model, terms=FULL, load=None), states.rows(fitted), log.torque[fitted])
         plain = torque_error(rigid.torque(held_out.states), held_out.measured)
-        figures |= {"nrms_heldout_rigid": plain.tolist(), "nrms_heldout_rigid_mean": plain.mean()}
+        figures |= {"nrms_heldout_rigid": plain, "nrms_heldout_rigid_mean": plain.mean()}
     figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
     figures |= {"samples": len(log.time)}
     return Identification(model, base, found, full, drawing, held_out, figures)
@@ -312,7 +311,7 @@ class Fitted(NamedTuple):
 
     def torque(self, states: States) -> Array:
         """Torques of states [N m], shape (m, n)."""
-        return self.model.torque_of_base(states, self.base.columns, self.found.theta)
+        return self.model.torque(states, self.found.theta, self.base.columns)
 
     def predicted(self, states: States, full: Array, drawing: Drawing) -> Predictions:
         """Torques of states by the estimate, by bodies that can exist ``full`` (p,), and by the drawing."""
@@ -327,13 +326,8 @@ def fit_samples(model: TorqueModel, states: States, torque: Array) -> Fitted:
     """
     base = base_of(model)
     sums = sum_samples(model, base, states, torque)
-    require_rank(sums, base, model)
+    require_excited(sums, base, model)
     return Fitted(model, base, estimate_widened(model, base, sums, states, torque))
-
-
-def without_gears(model: TorqueModel) -> TorqueModel:
-    """The model with friction by speed alone."""
-    return replace(model, terms=FULL, load=None)
 
 
 def _require_moving(model: TorqueModel, counts: Bools) -> None:

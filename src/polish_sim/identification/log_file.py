@@ -78,9 +78,10 @@ def spline_states(log: RobotLog, knots: float | None = None) -> States:
     ``knots``: time between knots [s], by default ten samples and at least `KNOTS_S`; motion faster than about
     three of them is smoothed away.
     """
-    knots = knots or max(KNOTS_S, 10.0 * float(np.median(np.diff(log.time))))
-    span = log.time[-1] - log.time[0]
-    inner = np.linspace(log.time[0], log.time[-1], max(int(span / knots), 2) + 1)[1:-1]
+    knots = knots or max(KNOTS_S, 10.0 * np.median(np.diff(log.time)))
+    inner = np.linspace(log.time[0], log.time[-1], max(int((log.time[-1] - log.time[0]) / knots), 2) + 1)[
+        1:-1
+    ]
     t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
     spline = make_lsq_spline(log.time, log.q, t, k=5)
     return States(*(spline(log.time, nu=order) for order in range(3)))
@@ -131,7 +132,7 @@ def log_of(
             f"'{file}' holds {len(time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
             "better 10 s at 250 Hz or more."
         )
-    usual = float(np.median(np.diff(time)))
+    usual = np.median(np.diff(time))
     if period is not None:
         _check_period(file, time, period, usual)
     elif usual > 1.001 * _SLOWEST_S:
@@ -145,7 +146,7 @@ def log_of(
 
 def _check_period(file: Path, time: Array, period: float, usual: float) -> None:
     """A whole period in the log, and more samples in it than the series has coefficients."""
-    span = float(time[-1])
+    span = time[-1]
     least = (2 * HARMONICS_FITTED + 1) * usual
     if period > span + 3.0 * usual:
         raise InputError(
@@ -192,29 +193,20 @@ def use_states(source: Path) -> States:
     plan. Raises InputError if it is none of these, ReachError, naming the place, if the arm cannot follow the
     path.
     """
-    moves = [_states_of(time, q) for time, q in _moves(source)]
-    states = States(*joined(moves))
-    count = len(states.q)
-    return states.rows(np.unique(np.linspace(0, count - 1, _MOST).astype(np.int64)))
-
-
-def _moves(source: Path) -> list[tuple[Array, Array]]:
-    """Moves one after the other, each with times of its own; those a run broke off at their first pose left
-    out."""
     time, q, case = _joints_over_time(source)
     moves = [(time[case == k], q[case == k]) for k in np.unique(case)]
-    moves = [move for move in moves if len(move[0]) >= _POSES]
+    moves = [move for move in moves if len(move[0]) >= _POSES]  # not one that a run broke off at its first
     if not moves or any(np.any(np.diff(of_move) <= 0.0) for of_move, _q in moves):
         raise InputError(f"'{source}' holds no motion: wanted two poses or more, time_s increasing.")
-    return moves
+    states = States(*joined([_states_of(*move) for move in moves]))
+    return states.rows(np.unique(np.linspace(0, len(states.q) - 1, _MOST).astype(np.int64)))
 
 
 def _states_of(time: Array, q: Array) -> States:
     count = int(np.clip((time[-1] - time[0]) / _SAMPLE_S, _LEAST, _SAMPLES))
     even = np.linspace(time[0], time[-1], count)
     between = interpolate(even, time, q)
-    knots = _KNOTS * float(even[1] - even[0])
-    return spline_states(RobotLog(even, between, np.zeros_like(between)), knots)
+    return spline_states(RobotLog(even, between, np.zeros_like(between)), _KNOTS * (even[1] - even[0]))
 
 
 def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
@@ -228,8 +220,7 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
         columns = ColumnMap({}, {}, {"q_rad": columns_of((0,) * JOINTS).wanted["q_rad"]})
         log = read_robot_recording(source, ("q_rad",), columns, of_gap=None)
         return log.time, log.values["q_rad"], np.zeros(len(log.time))
-    time, q = _along_path(source)
-    return time, q, np.zeros(len(time))
+    return _along_path(source)
 
 
 def _from_npz(file: Path) -> tuple[Array, Array, Array]:
@@ -248,13 +239,13 @@ def _from_npz(file: Path) -> tuple[Array, Array, Array]:
     return time, q, case
 
 
-def _along_path(source: Path) -> tuple[Array, Array]:
+def _along_path(source: Path) -> tuple[Array, Array, Array]:
     """The arm along a path laid before it, at the path's feed or the default one."""
     points = read_way_points(source)
     rows = distinct_rows(points)
     positions = points.path.positions_work[rows]
-    placements = default_placements(positions, np.array([0.0, 0.0, 1.0]), float(positions[:, 2].min()))
+    placements = default_placements(positions, np.array([0.0, 0.0, 1.0]), positions[:, 2].min())
     _reach, way, q = follow_path(points, rows, placements, "or give a log", "Give a log instead.")
     feed = points.path.feeds(ProcessConfig().feed_m_s)[rows]
     steps = chord_lengths(way.positions) / feed[way.ends[1:]]
-    return running_sums(np.maximum(steps, _TURN_S)), q
+    return running_sums(np.maximum(steps, _TURN_S)), q, np.zeros(len(q))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 import mujoco
@@ -64,25 +64,19 @@ def _copied(source: Path, folder: Path, taken: dict[str, Path]) -> str:
     return name
 
 
-class IdentifiedJoints(NamedTuple):
-    """Numbers to be written; friction and rotors that are None stay as they are."""
-
-    parameters: Array  #: Ten parameters of each joint's own body about the joint's origin, shape (n, 10)
-    damping: Array | None = None  #: [N m s/rad], shape (n,)
-    frictionloss: Array | None = None  #: [N m], shape (n,)
-    armature: Array | None = None  #: [kg m^2], shape (n,)
-    by_load: Array | None = None  #: Friction by load, driving and driven [-], shape (2, n)
-
-
 def read_robot_model(file: Path) -> mujoco.MjModel:
     """Compile a user's MJCF; InputError if it is no file, or with what the compiler said."""
     return _compiled(_read(file), file)
 
 
-def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: RobotSource = None) -> str:
+def identified_xml(
+    joints: Sequence[str], parameters: Array, terms: Mapping[str, Array], source: RobotSource = None
+) -> str:
     """A robot's complete MJCF with identified numbers; meshes are found where the source has them.
 
-    ``found``: physically consistent, or the model would not compile; ``source``: its MJCF, the shipped
+    ``parameters``: ten of each joint's own body about the joint's origin, (n, 10), physically consistent, or
+    the model would not compile; ``terms``: friction and rotors as of `regressor.TERMS`, (n,) each, ``load``
+    also driving and driven, (2, n), those not given stay as they are; ``source``: its MJCF, the shipped
     robot's if None.
     """
     file = source if isinstance(source, Path) else robot_model_path()
@@ -93,15 +87,16 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Robot
     spec.meshdir, spec.texturedir = str(beside / spec.meshdir), str(beside / spec.texturedir)
     for number, name in enumerate(joints):
         joint = spec.joint(name)
-        _write_inertia(joint.parent, np.asarray(joint.pos), found.parameters[number])
-        if found.damping is not None:
-            joint.damping[0] = found.damping[number]
-        if found.frictionloss is not None:
-            joint.frictionloss = found.frictionloss[number]
-        if found.armature is not None:
-            joint.armature = found.armature[number]
-    if found.by_load is not None:
-        spec.add_numeric(name=BY_LOAD, data=found.by_load.ravel(), size=found.by_load.size)
+        _write_inertia(joint.parent, joint.pos, parameters[number])
+        if "viscous" in terms:
+            joint.damping[0] = terms["viscous"][number]
+        if "coulomb" in terms:
+            joint.frictionloss = terms["coulomb"][number]
+        if "armature" in terms:
+            joint.armature = terms["armature"][number]
+    if "load" in terms:
+        both = np.broadcast_to(terms["load"], (2, len(joints)))
+        spec.add_numeric(name=BY_LOAD, data=both.ravel(), size=both.size)
     _compiled(spec, file)
     return str(spec.to_xml())
 
@@ -109,11 +104,10 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Robot
 def friction_by_load(file: Path) -> Array:
     """Friction by load of an identified model's joints, driving and driven, shape (2, n); 0 where it has
     none."""
-    model = read_robot_model(file)
-    names = [model.numeric(k).name for k in range(model.nnumeric)]
-    if BY_LOAD not in names:
+    try:
+        return np.array(read_robot_model(file).numeric(BY_LOAD).data).reshape(2, -1)
+    except KeyError:
         return np.zeros((2, len(ARM_JOINTS)))
-    return np.array(model.numeric(BY_LOAD).data).reshape(2, -1)
 
 
 def _read(file: Path) -> Any:
@@ -138,7 +132,7 @@ def _no_model(file: Path, error: ValueError) -> InputError:
 
 
 def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> None:
-    mass = float(parameters[0])
+    mass = parameters[0]
     if mass <= 0.0:
         # Of several joints on one body only the last carries it.
         return

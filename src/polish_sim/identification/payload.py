@@ -38,14 +38,6 @@ BODY_NAMES = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "
 BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 
 
-class LinkBody(NamedTuple):
-    """Mass, centre and inertia about the centre in the last link's own frame, as `BODY_NAMES`; shape (10,)
-    each."""
-
-    values: Array
-    std: Array
-
-
 @dataclass(frozen=True)
 class FoundPayload(Uncertain):
     """What a robot carries, about the origin of its last joint and in the axes of its last link."""
@@ -54,12 +46,13 @@ class FoundPayload(Uncertain):
     covariance: Array  #: Shape (10, 10)
     origin: Array  #: Of the last joint, in the link's own frame [m], shape (3,)
 
-    def body(self) -> LinkBody:
-        """Mass, centre and inertia about the centre, the deviations carried over to first order."""
+    def body(self) -> tuple[Array, Array]:
+        """Mass, centre and inertia about the centre in the last link's own frame, as `BODY_NAMES`, and their
+        deviations to first order, shape (10,) each."""
         step = 1e-30
         slopes = [body_of(self.parameters + 1j * step * unit, self.origin).imag / step for unit in np.eye(10)]
         J = np.stack(slopes, axis=1)
-        return LinkBody(body_of(self.parameters, self.origin), np.sqrt(np.diag(J @ self.covariance @ J.T)))
+        return body_of(self.parameters, self.origin), np.sqrt(np.diag(J @ self.covariance @ J.T))
 
     def nearest_body(self) -> Array:
         """The nearest parameters, in the estimate's own covariance, that a body can have, shape (10,)."""
@@ -84,9 +77,9 @@ def fit_link_payload(
     # The run without it has the payload's columns, of zeros.
     squares = np.pad(empty.squares, ((0, 0), (0, 10), (0, 10)))
     widened = empty._replace(squares=squares, products=np.pad(empty.products, ((0, 0), (0, 10))))
-    sums = sum_samples(model, both, states, torque).plus(widened)
-    names = [model.names[column] for column in base.columns]
-    require_excited(sums, [*names, *(f"payload {name}" for name in LINK_PARAMETERS)], model)
+    loaded = sum_samples(model, both, states, torque)
+    sums = JointSums(*(a + b for a, b in zip(loaded, widened, strict=True)))
+    require_excited(sums, base, model, [f"payload {name}" for name in LINK_PARAMETERS])
     found = estimate(sums)
     return FoundPayload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
 
@@ -96,15 +89,35 @@ _AHEAD = 0.05  #: Of the last link's origin, where a block begins [m]
 
 
 class Weighed(NamedTuple):
-    """A payload that was found, its true ten parameters (None for a real one), and its figures."""
+    """A payload that was found, and its true ten parameters, None for a real one."""
 
     payload: FoundPayload
     truth: Array | None
-    figures: dict[str, Any]
 
     def true_body(self) -> Array:
         """Its true numbers as `BODY_NAMES`, shape (10,); NaN of a real one."""
         return np.full(10, np.nan) if self.truth is None else body_of(self.truth, self.payload.origin)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Keys of metrics.json; errors where the truth is known."""
+        payload = self.payload
+        values, std = payload.body()
+        figures: dict[str, Any] = {
+            "payload_mass_kg": values[0], "payload_mass_std_kg": std[0],
+            "payload_center_m": values[1:4], "payload_center_std_m": std[1:4],
+            "payload_inertia_kg_m2": values[4:], "payload_inertia_std_kg_m2": std[4:],
+            "payload_consistent": is_consistent(payload.nearest_body()[None]),
+            "payload_consistent_as_found": is_consistent(payload.parameters[None]),
+        }  # fmt: skip
+        if self.truth is not None:
+            off = values - self.true_body()
+            figures |= {
+                "payload_mass_error_kg": off[0],
+                "payload_center_error_m": np.linalg.norm(off[1:4]),
+                "payload_error_over_std": rms(off / std),
+            }
+        return figures
 
 
 def random_block(mass: float, rng: np.random.Generator) -> CarriedLoad:
@@ -135,12 +148,11 @@ def weigh_block(
     without it."""
     load = random_block(settings.payload, rng)
     arm = build_simulated_arm(settings.robot, settings.seed, load)
-    sigma = np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
-    log = with_noise(log, settings.encoder_step, sigma, rng)
+    log = with_noise(log, settings.encoder_step, np.array(settings.sigma), rng)
     payload = fit_link_payload(arm.truth, base, empty, periodic_states(log, motion.period), log.torque)
     truth = link_parameters(load.mass, load.center - payload.origin, load.inertia)
-    return Weighed(payload, truth, payload_figures(payload, truth))
+    return Weighed(payload, truth)
 
 
 def weigh_from_logs(
@@ -150,25 +162,4 @@ def weigh_from_logs(
     model = robot.model
     base = base_of(model)
     sums = sum_samples(model, base, empty[1], empty[0].torque)
-    payload = fit_link_payload(model, base, sums, loaded[1], loaded[0].torque)
-    return Weighed(payload, None, payload_figures(payload, None))
-
-
-def payload_figures(payload: FoundPayload, truth: Array | None) -> dict[str, Any]:
-    """Keys of metrics.json; errors where the truth is known."""
-    values, std = payload.body()
-    figures: dict[str, Any] = {
-        "payload_mass_kg": values[0], "payload_mass_std_kg": float(std[0]),
-        "payload_center_m": values[1:4].tolist(), "payload_center_std_m": std[1:4].tolist(),
-        "payload_inertia_kg_m2": values[4:].tolist(), "payload_inertia_std_kg_m2": std[4:].tolist(),
-        "payload_consistent": is_consistent(payload.nearest_body()[None]),
-        "payload_consistent_as_found": is_consistent(payload.parameters[None]),
-    }  # fmt: skip
-    if truth is not None:
-        off = values - body_of(truth, payload.origin)
-        figures |= {
-            "payload_mass_error_kg": off[0],
-            "payload_center_error_m": np.linalg.norm(off[1:4]),
-            "payload_error_over_std": rms(off / std),
-        }
-    return figures
+    return Weighed(fit_link_payload(model, base, sums, loaded[1], loaded[0].torque), None)

@@ -113,9 +113,14 @@ def nearest_bodies(
     quiet = clarabel.DefaultSettings()
     quiet.verbose = False
     cost = sparse.diags_array(np.repeat([0.0, 1.0], [free, count]), format="csc")
-    matrix = sparse.csc_array(np.vstack(blocks))
-    zero = np.zeros(free + count)
-    solved = clarabel.DefaultSolver(cost, zero, matrix, np.concatenate(limits), cones, quiet).solve()
+    solved = clarabel.DefaultSolver(
+        cost,
+        np.zeros(free + count),
+        sparse.csc_array(np.vstack(blocks)),
+        np.concatenate(limits),
+        cones,
+        quiet,
+    ).solve()
     if str(solved.status) not in ("Solved", "AlmostSolved"):
         raise IdentificationError(f"no bodies fit what was estimated: {solved.status}.")
     return size * np.array(solved.x[:free])
@@ -125,7 +130,7 @@ def _sizes(believed: Array, n: int) -> Array:
     """How far every parameter is expected from the drawing, shape (p,)."""
     sizes = np.abs(believed)
     for number, link in enumerate(believed[: 10 * n].reshape(n, 10)):
-        inertia = 0.5 * float(link[[4, 6, 9]].sum())
+        inertia = 0.5 * link[[4, 6, 9]].sum()
         arm = np.sqrt(inertia * link[0])
         sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
     # No drawing states a gear's friction: it may be as large as Coulomb's.
@@ -159,17 +164,12 @@ def parameter_rows(
         for k, name in enumerate(base_names(base, model.names))
     ]
     kinds = identifiable(base)
-    std = alone_std(base, found)
+    back = np.linalg.pinv(base.combination)
+    std = np.sqrt(np.einsum("pr,rs,ps->p", back, found.covariance, back))
     for k, name in enumerate(model.names):
         own = std[k] if kinds[k] == "alone" else np.nan
         rows.append(ParameterRow(name, full[k], model.units[k], own, kinds[k], true_full[k]))
     return rows
-
-
-def alone_std(base: BaseParameters, found: Estimate) -> Array:
-    """Standard deviation of every parameter as far as it is identifiable, shape (p,)."""
-    back = np.linalg.pinv(base.combination)
-    return np.sqrt(np.einsum("pr,rs,ps->p", back, found.covariance, back))
 
 
 def parameters_csv(rows: list[ParameterRow]) -> str:
@@ -178,8 +178,9 @@ def parameters_csv(rows: list[ParameterRow]) -> str:
     for row in rows:
         half = INTERVAL_95 * row.std
         low, high, true = map(cell, (row.value - half, row.value + half, row.true_value))
-        std = cell(row.std, 4)
-        table.append([row.name, f"{row.value:.9g}", row.unit, std, row.identifiable, low, high, true])
+        table.append(
+            [row.name, f"{row.value:.9g}", row.unit, cell(row.std, 4), row.identifiable, low, high, true]
+        )
     return csv_text(COLUMNS, table)
 
 

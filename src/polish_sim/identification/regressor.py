@@ -97,11 +97,7 @@ class JointTerm(NamedTuple):
     #: Its derivatives (m, n) by the joint's position (0), speed (1) or acceleration (2), those not given
     #: being 0; None where motions are not designed for it
     slopes: Mapping[int, Callable[[States], Array]] | None
-    truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
-
-
-def _slope_of_sign(states: States) -> Array:
-    return (1.0 - np.tanh(states.qd / SIGN_WIDTH) ** 2) / SIGN_WIDTH
+    known: str = ""  #: What the robot's model says of it: a field of `SerialChain`
 
 
 def _ones(states: States) -> Array:
@@ -112,25 +108,22 @@ def _sign(states: States) -> Array:
     return np.tanh(states.qd / SIGN_WIDTH)
 
 
-def _none(chain: SerialChain) -> Array:
-    return np.zeros_like(chain.damping)
-
-
 TERMS: dict[str, JointTerm] = {
     "coulomb": JointTerm(
-        "fc", "N m", lambda x, _load: _sign(x), {1: _slope_of_sign}, lambda chain: chain.frictionloss
+        "fc", "N m", lambda x, _load: _sign(x), {1: lambda x: (1.0 - _sign(x) ** 2) / SIGN_WIDTH},
+        "frictionloss"
     ),
     "viscous": JointTerm(
-        "fv", "N m s/rad", lambda x, _load: x.qd, {1: _ones}, lambda chain: chain.damping
+        "fv", "N m s/rad", lambda x, _load: x.qd, {1: _ones}, "damping"
     ),
     "armature": JointTerm(
-        "Ia", "kg m^2", lambda x, _load: x.qdd, {2: _ones}, lambda chain: chain.armature
+        "Ia", "kg m^2", lambda x, _load: x.qdd, {2: _ones}, "armature"
     ),
-    "offset": JointTerm("f0", "N m", lambda x, _load: _ones(x), {}, _none),
+    "offset": JointTerm("f0", "N m", lambda x, _load: _ones(x), {}),
     "root": JointTerm(
-        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), None, _none
+        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), None
     ),
-    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), None, _none),
+    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), None),
 }  # fmt: skip
 """Terms a model may have beside the rigid links."""
 
@@ -144,7 +137,7 @@ def term_of(name: str) -> JointTerm:
         return TERMS[name]
     wave = WAVES[name[:3]]
     teeth = int(name[3:])
-    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(teeth * x.q), None, _none)
+    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(teeth * x.q), None)
 
 
 FULL = ("coulomb", "viscous", "armature", "offset")
@@ -190,9 +183,9 @@ class TorqueModel:
 
     def truth(self) -> Array:
         """The parameters the chain's own model has, shape (p,)."""
-        return np.concatenate(
-            [self.chain.parameters.ravel(), *(term_of(term).truth(self.chain) for term in self.terms)]
-        )
+        fields = [term_of(term).known for term in self.terms]
+        own = (getattr(self.chain, name) if name else np.zeros(self.joints) for name in fields)
+        return np.concatenate([self.chain.parameters.ravel(), *own])
 
     def regressor(self, states: States) -> Array:
         """Regressor of all columns, shape (m, n, p)."""
@@ -219,14 +212,11 @@ class TorqueModel:
                 slopes[:, part * n + joints, joints, n * (10 + number) + joints] = slope(states)
         return slopes
 
-    def torque(self, states: States, parameters: Array) -> Array:
-        """Torques of all parameters (p,) [N m], shape (m, n)."""
-        return self.regressor(states) @ parameters
-
-    def torque_of_base(self, states: States, columns: Indices | slice, theta: Array) -> Array:
-        """Torques of parameters (r,) on some columns (r,), piece by piece [N m], shape (m, n)."""
+    def torque(self, states: States, parameters: Array, columns: Indices | slice = slice(None)) -> Array:
+        """Torques of parameters (r,) on some columns (r,), all if not given, piece by piece [N m], shape (m,
+        n)."""
         parts = (states.rows(slice(first, first + PIECE)) for first in range(0, len(states.q), PIECE))
-        return np.concatenate([self.regressor(part)[:, :, columns] @ theta for part in parts])
+        return np.concatenate([self.regressor(part)[:, :, columns] @ parameters for part in parts])
 
 
 def random_states(joints: int, count: int, rng: np.random.Generator) -> States:

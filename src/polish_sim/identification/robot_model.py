@@ -11,7 +11,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.exchange.log_sources import JOINT_NAMES
-from polish_sim.identification.excitation import Clearance
+from polish_sim.identification.excitation import Clearance, ClearanceCheck
 from polish_sim.motion.serial_chain import (
     HINGE,
     SLIDE,
@@ -33,7 +33,6 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
     the joint, if the chain branches or closes, or a joint is neither hinge nor slide.
     """
     chosen = _joint_ids(model, joints)
-    owner = _owners(model, chosen)
     _refuse_loops(model, chosen)
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[chosen]] = 0.0
@@ -42,13 +41,12 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
     dofs = model.jnt_dofadr[chosen]
     return SerialChain(
         _geometry(model, data, chosen),
-        _inertias(model, data, chosen, owner),
-        model.dof_armature[dofs].copy(),
-        model.dof_damping.reshape(model.nv, -1)[dofs, 0].copy(),
-        model.dof_frictionloss[dofs].copy(),
+        _inertias(model, data, chosen, _owners(model, chosen)),
+        model.dof_armature[dofs],
+        model.dof_damping.reshape(model.nv, -1)[dofs, 0],
+        model.dof_frictionloss[dofs],
         tuple(model.joint(j).name for j in chosen),
-        tuple(model.body(model.jnt_bodyid[j]).name for j in chosen),
-        model.jnt_pos[chosen].copy(),
+        model.jnt_pos[chosen],
     )
 
 
@@ -76,7 +74,7 @@ def _joint_ids(model: mujoco.MjModel, joints: Sequence[str] | None) -> list[int]
             raise InputError(
                 f"joint {j + 1} of the model has no name: name every joint that is to be identified."
             )
-        if int(model.jnt_type[j]) not in _KINDS:
+        if model.jnt_type[j] not in _KINDS:
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
             raise InputError(
                 f"joint '{names[j]}' is a {kind} joint: only hinges and slides can be identified."
@@ -102,8 +100,8 @@ def _owners(model: mujoco.MjModel, chosen: Sequence[int]) -> list[int]:
 
 def _refuse_loops(model: mujoco.MjModel, chosen: Sequence[int]) -> None:
     for tendon in range(model.ntendon):
-        first = int(model.tendon_adr[tendon])
-        wraps = range(first, first + int(model.tendon_num[tendon]))
+        first = model.tendon_adr[tendon]
+        wraps = range(first, first + model.tendon_num[tendon])
         ties = [
             w
             for w in wraps
@@ -130,13 +128,13 @@ def _geometry(model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int])
     axis = np.empty((n, 3))
     R_before, origin_before = np.eye(3), np.zeros(3)
     for i, joint in enumerate(chosen):
-        R = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3).copy()
-        origin = data.xanchor[joint].copy()
+        R = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3)
+        origin = data.xanchor[joint]
         position[i] = R_before.T @ (origin - origin_before)
         rotation[i] = R_before.T @ R
         axis[i] = R.T @ data.xaxis[joint]
         R_before, origin_before = R, origin
-    kind = np.array([_KINDS[int(model.jnt_type[j])] for j in chosen])
+    kind = np.array([_KINDS[model.jnt_type[j]] for j in chosen])
     return ChainGeometry(kind, position, rotation, axis, model.opt.gravity.copy())
 
 
@@ -151,7 +149,7 @@ def _inertias(
             turn = R.T @ data.ximat[body].reshape(3, 3)
             center = R.T @ (data.xipos[body] - data.xanchor[joint])
             inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
-            parameters[owner[body]] += link_parameters(float(model.body_mass[body]), center, inertia)
+            parameters[owner[body]] += link_parameters(model.body_mass[body], center, inertia)
     return parameters
 
 
@@ -161,61 +159,42 @@ FAR = 0.05  #: Larger distances count as this [m]
 _TOUCH = 1e-9
 
 
-class RobotClearance:
-    """Distances between geoms that could touch, and their derivatives by the joints."""
+def clearance_of(model: mujoco.MjModel, joints: int, also: Sequence[str] = ()) -> ClearanceCheck:
+    """Distances between geoms of a model that could touch, and their derivatives by its first joints, at most
+    `FAR`, where its slope is zero.
 
-    def __init__(self, model: mujoco.MjModel, joints: int, also: Sequence[str] = ()) -> None:
-        """Prepare for a model whose first joints the poses name.
+    ``also``: geoms that count although the engine lets them touch nothing, such as the head's pad. Joints
+    beyond those stay where the model starts.
+    """
+    data, pairs = mujoco.MjData(model), _pairs(model, also)
 
-        ``also``: geoms that count although the engine lets them touch nothing, such as the head's pad.
-        """
-        self._model = model
-        self._data = mujoco.MjData(model)
-        self._joints = joints
-        self._pairs = _pairs(model, also)
-
-    def measure(self, q: Array) -> Clearance:
-        """Clearance of poses (m, n) [rad], at most `FAR`, where its slope is zero.
-
-        Joints beyond n stay where the model starts.
-        """
-        shape = (len(q), len(self._pairs))
-        distance = np.full(shape, FAR)
-        slope = np.zeros((*shape, self._joints))
-        ends = np.empty(6)
+    def measure(q: Array) -> Clearance:
+        distance = np.full((len(q), len(pairs)), FAR)
+        slope = np.zeros((*distance.shape, joints))
+        ends = np.zeros(6)
         for row, pose in enumerate(q):
-            self._data.qpos[: self._joints] = pose
-            mujoco.mj_kinematics(self._model, self._data)
-            near = []
-            for number, pair in enumerate(self._pairs):
-                distance[row, number] = mujoco.mj_geomDistance(self._model, self._data, *pair, FAR, ends)
-                if distance[row, number] < FAR:
-                    near.append((number, ends.copy()))
-            if near:
-                mujoco.mj_comPos(self._model, self._data)
-            for number, points in near:
-                slope[row, number] = self._slope(distance[row, number], points, self._pairs[number])
+            data.qpos[:joints] = pose
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            for number, pair in enumerate(pairs):
+                distance[row, number] = mujoco.mj_geomDistance(model, data, *pair, FAR, ends)
+                way = ends[3:] - ends[:3]
+                length = np.linalg.norm(way)
+                if distance[row, number] < FAR and length >= _TOUCH:
+                    J = np.zeros((2, 3, model.nv))
+                    for jacobian, geom, point in zip(J, pair, (ends[:3], ends[3:]), strict=True):
+                        mujoco.mj_jac(model, data, jacobian, None, point, int(model.geom_bodyid[geom]))
+                    direction = way / length * np.sign(distance[row, number])
+                    slope[row, number] = direction @ (J[1] - J[0])[:, :joints]
         return Clearance(distance, slope)
 
-    def _slope(self, distance: float, ends: Array, pair: tuple[int, int]) -> Array:
-        way = ends[3:] - ends[:3]
-        length = np.linalg.norm(way)
-        if length < _TOUCH:
-            return np.zeros(self._joints)
-        jacobians = []
-        for geom, point in zip(pair, (ends[:3], ends[3:]), strict=True):
-            J = np.zeros((3, self._model.nv))
-            mujoco.mj_jac(self._model, self._data, J, None, point, int(self._model.geom_bodyid[geom]))
-            jacobians.append(J)
-        direction = way / length * np.sign(distance)
-        return direction @ (jacobians[1] - jacobians[0])[:, : self._joints]
+    return measure
 
 
 def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:
     """Pairs of geoms the engine would let touch: not on one body, not on neighbours, not excluded."""
     weld = model.body_weldid
-    parent = model.body_parentid
-    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    excluded = {(s >> 16, s & 0xFFFF) for s in model.exclude_signature}
     type_ = model.geom_contype.copy()
     affinity = model.geom_conaffinity.copy()
     for name in also:
@@ -225,9 +204,11 @@ def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:
     for one in range(model.ngeom):
         for two in range(one + 1, model.ngeom):
             meets = (type_[one] & affinity[two]) or (type_[two] & affinity[one])
-            bodies = (int(model.geom_bodyid[one]), int(model.geom_bodyid[two]))
-            a, b = (int(weld[body]) for body in bodies)
-            next_to = 0 not in (a, b) and (a == weld[parent[b]] or b == weld[parent[a]])
+            bodies = model.geom_bodyid[one], model.geom_bodyid[two]
+            a, b = (weld[body] for body in bodies)
+            next_to = 0 not in (a, b) and (
+                a == weld[model.body_parentid[b]] or b == weld[model.body_parentid[a]]
+            )
             if meets and a != b and not next_to and bodies not in excluded and bodies[::-1] not in excluded:
                 pairs.append((one, two))
     return pairs

@@ -52,7 +52,6 @@ class SerialChain(NamedTuple):
     damping: Array  #: Viscous friction [N m s/rad], shape (n,)
     frictionloss: Array  #: Coulomb friction [N m], shape (n,)
     joints: tuple[str, ...]
-    links: tuple[str, ...]
     origins: Array  #: Where each frame's origin lies in the link's own body frame [m], shape (n, 3)
 
 

@@ -13,7 +13,7 @@ from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.log import write_arrays
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation, LargestAt, measure_deviation
+from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
@@ -84,20 +84,14 @@ def stretch_times(edges: Array) -> Iterator[Array]:
     widths = widths[widths > SHORTEST_S]
     least = NODES if len(widths) <= MANY else FEWEST
     counts = np.maximum(least, np.ceil(widths / STEP_S).astype(np.int64) + 1)
-    filled = np.cumsum(counts)
-    first = 0
-    while first < len(counts):
-        past = max(int(np.searchsorted(filled, (filled[first - 1] if first else 0) + BLOCK)), first + 1)
-        yield _nodes(begins[first:past], widths[first:past], counts[first:past])
-        first = past
-
-
-def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
-    """Evenly spread times in each stretch, its ends all but included."""
-    k, place = in_groups(counts)
     # Never on the edge itself, where rounding would let pieces overlap.
-    edge = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))[k]
-    return begins[k] + edge + (widths[k] - 2.0 * edge) * place / (counts[k] - 1)
+    edges = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))
+    block = np.cumsum(counts) // BLOCK
+    for number in np.unique(block):
+        some = np.flatnonzero(block == number)
+        k, place = in_groups(counts[some])
+        k = some[k]
+        yield begins[k] + edges[k] + (widths[k] - 2.0 * edges[k]) * place / (counts[k] - 1)
 
 
 def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
@@ -126,16 +120,6 @@ class MeasuredMotion(NamedTuple):
     plan_s: float  #: Time the rule took [s]
 
 
-def measure_smoothing(
-    rule: str, motion: SmoothMotion, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
-) -> MeasuredMotion:
-    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or
-    ReachError."""
-    return MeasuredMotion(
-        rule, motion, find_peaks(motion, arm), measure_deviation(motion, raw), limits, plan_s
-    )
-
-
 def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, rows: Indices) -> Figures:
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
     segments = len(raw.lengths)
@@ -154,9 +138,8 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
         "segments_per_s": segments / measured.plan_s,
         "plan_time_s": measured.plan_s,
         "deviations": {
-            "vertex": _deviation(deviation.vertex, "m", locate),
-            "contour": _deviation(deviation.contour, "m", locate),
-            "axis": _deviation(deviation.axis, "rad", locate),
+            name: {f"value_{unit}": place.value, "time_s": place.time} | locate(place.time)
+            for name, unit, place in zip(Deviation._fields, ("m", "m", "rad"), deviation, strict=True)
         },
         "peaks": _peak_figures(measured, locate),
     }
@@ -164,12 +147,11 @@ def smoothing_figures(measured: MeasuredMotion, raw: Chain, points: WayPoints, r
 
 def _locator(motion: SmoothMotion, points: WayPoints, rows: Indices) -> Locate:
     """The tip at a time, and the way point it has left, by its place in the file."""
-    numbers = np.arange(len(rows), dtype=float)
 
     def locate(time: float) -> Figures:
         at = np.array([time])
-        left = int(motion.places_at(numbers, at)[0][0] + 1e-9)
-        return {"tip_m": motion.sample(at).tips[0, 0], "after": points.place(int(rows[left]))}
+        left = int(motion.places_at(np.arange(len(rows), dtype=float), at)[0][0] + 1e-9)
+        return {"tip_m": motion.sample(at).tips[0, 0], "after": points.place(rows[left])}
 
     return locate
 
@@ -192,14 +174,12 @@ def _peak_figures(measured: MeasuredMotion, locate: Locate) -> Figures:
     for order, name in enumerate(ORDERS):
         for part, value, time, limit in zip(PARTS, *(table[order] for table in tables), strict=False):
             unit = (TIP_UNITS if part == "tip" else TURN_UNITS)[order]
-            ratio = {"ratio": value / limit, "time_s": time}
-            sizes = {f"value_{unit}": value, f"limit_{unit}": limit}
-            figures[f"{part}_{name}"] = sizes | ratio | locate(time)
+            figures[f"{part}_{name}"] = (
+                {f"value_{unit}": value, f"limit_{unit}": limit}
+                | {"ratio": value / limit, "time_s": time}
+                | locate(time)
+            )
     return figures
-
-
-def _deviation(place: LargestAt, unit: str, locate: Locate) -> Figures:
-    return {f"value_{unit}": place.value, "time_s": place.time} | locate(place.time)
 
 
 # The motion as files: trajectory.npz and trajectory.csv, sampled evenly in time.

@@ -19,7 +19,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
+from polish_sim.motion.rules.schedule import RULES, SmoothMotion
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import from_pose
 
@@ -76,9 +76,8 @@ def distinct_rows(points: WayPoints) -> Indices:
     Raises:
         SmoothingError: As in `path_without_robot`.
     """
-    positions = points.path.positions_work
     axes = points.path.axes_work
-    moved = (chord_lengths(positions) > SAME_M) | (chord_lengths(axes) > SAME_RAD)
+    moved = (chord_lengths(points.path.positions_work) > SAME_M) | (chord_lengths(axes) > SAME_RAD)
     rows = np.flatnonzero([True, *moved])
     if len(rows) < 2:
         raise SmoothingError(
@@ -86,7 +85,7 @@ def distinct_rows(points: WayPoints) -> Indices:
         )
     half = np.flatnonzero(turns_along(axes[rows]) > HALF_TURN)
     if len(half):
-        first, second = (points.place(int(rows[half[0] + k])) for k in range(2))
+        first, second = (points.place(rows[half[0] + k]) for k in range(2))
         raise SmoothingError(
             f"'{points.file}': the tool axis turns by 180 deg between {first} and {second}: which way round "
             "is not given. Put a point between them."
@@ -113,8 +112,9 @@ def way_between(positions: Array, axes: Array) -> PlacedWay:
         The way, the first point included.
     """
     turns = turns_along(axes)
-    lengths = chord_lengths(positions)
-    counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
+    counts = np.maximum(np.ceil(np.maximum(chord_lengths(positions) / STEP_M, turns / STEP_RAD)), 1.0).astype(
+        np.int64
+    )
     k, place = in_groups(counts)
     u = (place + 1.0) / counts[k]
     on_way = positions[k] + u[:, None] * (positions[k + 1] - positions[k])
@@ -148,18 +148,18 @@ def follow_path(
     joints = reach.follow(way.positions, way.axes)
     failure = failure_of(joints, False)
     if failure is not None:
-        end = points.place(int(rows[way.ends[failure.point]]))
+        end = points.place(rows[way.ends[failure.point]])
         raise ReachError(
             f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the "
             f"path: {failure.reason}. {cure}"
         )
-    return reach, way, np.asarray(joints.q)
+    return reach, way, joints.q
 
 
 def _main_side(axes: Array) -> Array:
     """The side of the work frame most tool axes point to, shape (3,)."""
     mean = axes.mean(axis=0)
-    k = int(np.abs(mean).argmax())
+    k = np.abs(mean).argmax()
     return np.eye(3)[k] * (1.0 if mean[k] >= 0.0 else -1.0)
 
 
@@ -176,10 +176,8 @@ class SmoothingTask(NamedTuple):
 
 def smooth_path(task: SmoothingTask, rule: str) -> SmoothMotion:
     """Smooth a path by a rule of `RULES`; SmoothingError says where no motion keeps within the limits."""
-    check_rule("rule", rule, RULES)
-    chain = task.placed.chain
-    arm = task.placed.arm
-    return RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds)
+    placed = task.placed
+    return RULES[rule](placed.chain, task.limits, task.tolerance, task.axis_tolerance, placed.arm, task.feeds)
 
 
 def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:

@@ -64,12 +64,13 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name:
     turns = path_turns(raw)
     ways = [DrawnWay(each.motion, *vertex_distances(each.motion, raw)) for each in motions]
     views = [
-        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
+        view_corner(raw, task.placed.rows, ways, corner, turns[corner[0]], task.tolerance)
         for corner in chosen_corners(turns, ways[0], motions[0].deviation)
     ]
     if views:
-        labels = [curve.label for curve in curves]
-        plots["corners.png"] = plot_corners(views, labels, f"Corners of {name}", facts)
+        plots["corners.png"] = plot_corners(
+            views, [curve.label for curve in curves], f"Corners of {name}", facts
+        )
     return plots
 
 
@@ -95,7 +96,15 @@ def plot_tool_rates(curves: Sequence[Curves], limits: Array, title: str, facts: 
     for (order, column), axes in np.ndenumerate(grid):
         scale, what = ((1e3, "tip [mm"), (DEGREES, "axis [deg"))[column]
         top = _draw(axes, curves, [scale * curve.rates[order, :, column] for curve in curves], 0.9)
-        _draw_limit(axes, float(scale * limits[order, column]), top)
+        limit = float(scale * limits[order, column])
+        if top < NEAR * limit:
+            axes.set_ylim(0.0, 1.4 * top if top > 0.0 else 1.0)
+            text = f"limit {limit:.4g}" if np.isfinite(limit) else "no limit"
+            look: dict[str, Any] = {"ha": "right", "va": "top", "color": GREEN, "fontsize": 8.0}
+            axes.text(0.99, 0.97, text, transform=axes.transAxes, **look)
+        else:
+            limit_line(axes, limit, "limit")
+            axes.set_ylim(0.0, 1.12 * max(limit, top))
         axes.set_ylabel(f"{ORDERS[order]} of the {what}{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
     return figure
@@ -120,23 +129,13 @@ def _draw(axes: Axes, curves: Sequence[Curves], values: Sequence[Array], width: 
     """Draw one value of every rule, the first rule's on top; returns the largest absolute value."""
     for curve, value, (colour, dashes) in list(zip(curves, values, LOOKS, strict=False))[::-1]:
         axes.plot(curve.times, value, color=colour, ls=dashes, lw=width, label=curve.label)
-    return max(float(np.abs(value).max(initial=0.0)) for value in values)
-
-
-def _draw_limit(axes: Axes, limit: float, top: float) -> None:
-    if top < NEAR * limit:
-        axes.set_ylim(0.0, 1.4 * top if top > 0.0 else 1.0)
-        text = f"limit {limit:.4g}" if np.isfinite(limit) else "no limit"
-        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", color=GREEN, fontsize=8.0)
-        return
-    limit_line(axes, limit, "limit")
-    axes.set_ylim(0.0, 1.12 * max(limit, top))
+    return max(np.abs(value).max(initial=0.0) for value in values)
 
 
 def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, facts: Sequence[str]) -> None:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
-        axes.set_xlim(0.0, max(float(curve.times[-1]) for curve in curves))
+        axes.set_xlim(0.0, max(curve.times[-1] for curve in curves))
     head(figure, title, facts, legend=grid.flat)
 
 
@@ -180,13 +179,13 @@ def chosen_corners(turns: Array, way: DrawnWay, deviation: Deviation) -> list[tu
     corners = np.flatnonzero(turns > LEAST_TURN)
     if not len(corners):
         return []
-    nearest = int(corners[np.abs(way.times[corners] - deviation.contour.time).argmin()])
+    nearest = corners[np.abs(way.times[corners] - deviation.contour.time).argmin()]
     chosen = {nearest: "path left furthest"}
-    chosen.setdefault(int(corners[way.distances[corners].argmax()]), "corner missed furthest")
+    chosen.setdefault(corners[way.distances[corners].argmax()], "corner missed furthest")
     by_turn = corners[turns[corners].argsort(kind="stable")]
     for share in np.linspace(1.0, 0.0, SHOWN):
         if len(chosen) < SHOWN:
-            chosen.setdefault(int(by_turn[round(share * (len(by_turn) - 1))]), "corner")
+            chosen.setdefault(by_turn[round(share * (len(by_turn) - 1))], "corner")
     return list(chosen.items())
 
 
@@ -212,9 +211,9 @@ def view_corner(
     # Contour: half way to the neighbouring way points.
     before, at, after = first.times[k - 1 : k + 2]
     times = np.linspace(0.5 * (before + at), 0.5 * (at + after), SAMPLES)
-    contour = float(deviation_curve(first.motion, raw, times).tip.max())
+    contour = deviation_curve(first.motion, raw, times).tip.max()
     path = (raw.tips[near] - raw.tips[k]) @ frame.T
-    vertex = float(first.distances[k])
+    vertex = first.distances[k]
     return CornerView(f"{name}: point {rows[k] + 1}", path, tips, tolerance, vertex, contour, turn)
 
 
@@ -229,7 +228,7 @@ def _flat_frame(points: Array, corner: int) -> Array:
 
 def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:
     """The tip's way [m] within a distance of a corner, shape (m, 3)."""
-    at = float(way.times[corner])
+    at = way.times[corner]
     span = 1e-3
     place = way.motion.sample(np.array([at])).tips[0, 0]
     # The tip is slow at sharp corners: the time it takes to leave the view is found by doubling.
@@ -239,7 +238,7 @@ def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:
         ends = norms(tips[[0, -1]] - place)
         out = (ends > radius) | np.array([at - span <= 0.0, at + span >= way.motion.end])
         if out.all():
-            return np.asarray(tips)
+            return tips
         span *= 2.0
 
 
@@ -280,8 +279,9 @@ def _draw_corner(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:
         across = np.linspace(-half, half, GRID)
         grid = np.stack(np.meshgrid(across, across), axis=-1)
         off = [foot_on_chord(grid - a, b - a)[1] for a, b in pairwise(path)]
-        within = [0.0, MICRO * view.tolerance]
-        axes.contourf(across, across, np.min(off, axis=0), within, colors=[GREEN], alpha=0.13)
+        axes.contourf(
+            across, across, np.min(off, axis=0), [0.0, MICRO * view.tolerance], colors=[GREEN], alpha=0.13
+        )
         axes.fill([], [], color=GREEN, alpha=0.13, lw=0, label="tolerance")
     axes.plot(path[:, 0], path[:, 1], ".-", color=GREY, lw=1.0, ms=5, label="path")
     for way, label, (colour, dashes) in list(zip(view.ways, labels, LOOKS, strict=False))[::-1]:

@@ -56,19 +56,10 @@ DOME = 0.3  #: Radius of the dome the tool stands square to [m]
 TOP = (0.45, 0.0, 0.2)  #: Its highest point in the base frame [m]
 _LEGS = (30.0, 15.0, 25.0, 20.0, 18.0, 25.75)  # of one arm, as drawn [mm]
 _TURNS = (60.0, -45.0, 90.0, -60.0, 75.0, -30.0)  # after each leg, 90 in all [deg]
-_TOOL = transform(np.eye(3), np.array([0.0, 0.0, 0.15]))
-_HOME = np.array([0.0, -2.0, 2.0, -1.6, -1.6, 0.0])
 
 
-class TrialPath(NamedTuple):
-    """Way points in the base frame."""
-
-    tips: Array  #: [m], shape (25, 3)
-    rotations: Array  #: R_base_tool, z into the part, shape (25, 3, 3)
-
-
-def trial_path() -> TrialPath:
-    """The path, closed, on the dome, scaled to its length."""
+def trial_path() -> Chain:
+    """The path in the base frame, closed, on the dome, scaled to its length."""
     headings = np.radians(running_sums(np.tile(_TURNS, 4)))[:-1]
     legs = np.tile(_LEGS, 4)[:, None] * directions_at(headings)
     flat = np.concatenate([np.zeros((1, 2)), legs.cumsum(axis=0)])
@@ -76,25 +67,15 @@ def trial_path() -> TrialPath:
     scale = 1e-3
     for _ in range(30):
         points = _on_dome(scale * flat)
-        scale *= LENGTH / float(chord_lengths(points).sum())
+        scale *= LENGTH / chord_lengths(points).sum()
     points = _on_dome(scale * flat)
     into = -unit(points + [0.0, 0.0, DOME])
-    return TrialPath(points + TOP, rotation_to_axis(into, np.array([1.0, 0.0, 0.0])))
+    return build_chain(points + TOP, rotation_to_axis(into, np.array([1.0, 0.0, 0.0])))
 
 
 def _on_dome(flat: Array) -> Array:
     """Lift points (n, 2) onto a sphere whose top is the origin."""
     return np.column_stack([flat, np.sqrt(DOME**2 - np.sum(flat**2, axis=1)) - DOME])
-
-
-def trial_arm(T_flange_tool: Array = _TOOL, q_near: Array = _HOME) -> Arm:
-    """An arm with a tool, by default of 150 mm along the flange's axis, the path given in its base frame.
-
-    ``q_near`` (6,) [rad] says the configuration it begins in.
-    """
-    path = trial_path()
-    first = transform(path.rotations[0], path.tips[0]) @ np.linalg.inv(T_flange_tool)
-    return Arm(np.eye(4), T_flange_tool, inverse_near(first, q_near))
 
 
 AFTER_S = 0.2  #: Time at the last point [s]
@@ -120,8 +101,9 @@ def prepare_smooth(scenario: Checked) -> SmoothTask:
         assert placed.arm is not None  # place_path lays every path before the robot
         chain, arm = placed.chain, placed.arm
     else:
-        chain = build_chain(*trial_path())
-        arm = trial_arm(tool_on_flange(), _NEAR)
+        chain, T_flange_tool = trial_path(), tool_on_flange()
+        first = transform(chain.rotations[0], chain.tips[0]) @ np.linalg.inv(T_flange_tool)
+        arm = Arm(np.eye(4), T_flange_tool, inverse_near(first, _NEAR))
     # A turn on the spot counts as a nanometre, so that marks rise.
     return SmoothTask(chain, running_sums(np.maximum(chain.lengths, 1e-9)), arm, limits)
 
@@ -136,8 +118,9 @@ def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     if joints.first_unreachable is not None:
         place = place_in_mm(chain.tips[joints.first_unreachable])
         raise ReachError(f"the robot cannot be at {place} of the path. Move it with --part-pose.")
-    segment = np.full(n, PROCESS, np.int8)
-    path = ToolPath(chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), segment, np.zeros(n))
+    path = ToolPath(
+        chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n)
+    )
     return CheckedPath(path, Reach(arm.T_base_work, 0.0, arm.q_start, joints.smallest_singular_value))
 
 
@@ -216,11 +199,15 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         """Joint angles and speeds to the servos, one pair a step."""
         clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
         targets = sampled_joints(motion.sample(clock), task.arm)
-        servos = JointTargets(targets.q, targets.first)
-        played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
-        places = motion.places_at(task.marks, clock)[0]
+        played = play_joints(
+            build_scene(scenario), scenario.robot, scenario.seed, JointTargets(targets.q, targets.first)
+        )
         return RulePlay(
-            PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played
+            PlayedRule(
+                rule, clock, motion.places_at(task.marks, clock)[0], targets.q - played.read, targets.third
+            ),
+            targets,
+            played,
         )
 
     own = [by_rule(name, motion) for name, motion in made.items()]
@@ -228,7 +215,11 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     even = [by_rule(name, motion.stretched(slowest / motion.end)) for name, motion in made.items()]
     figures: Figures = {}
     for play, (name, motion) in zip(own, made.items(), strict=True):
-        figures |= _named(name, "", {"cycle_time_s": motion.end} | _peaks_over_limits(play, task.limits))
+        peaks = {
+            f"joint_{order}_ratio_max": (np.abs(rate) / limit).max()
+            for order, rate, limit in zip(ORDERS, play.targets[1:], task.limits.table[:, 2:], strict=True)
+        }
+        figures |= _named(name, "", {"cycle_time_s": motion.end} | peaks)
     for plays, when in ((own, ""), (even, "_at_equal_time")):
         figures |= _compared({play.seen.rule: play.seen for play in plays}, task.limits, when)
     figures |= {
@@ -238,16 +229,10 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     }
     plays = own + even
     wall = time.perf_counter() - started
-    simulated = sum(float(play.seen.time[-1]) for play in plays)
+    simulated = sum(play.seen.time[-1] for play in plays)
     steps = sum(len(play.seen.time) for play in plays)
     figures |= free_figures(scenario.seed, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures)
-
-
-def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
-    """Largest joint speed, acceleration and jerk by their limits."""
-    asked = zip(ORDERS, play.targets[1:], limits.table[:, 2:], strict=True)
-    return {f"joint_{name}_ratio_max": (np.abs(rate) / limit).max() for name, rate, limit in asked}
 
 
 def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) -> Figures:

@@ -78,27 +78,24 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
     reduction_max and reduction_rms: of the whole path's errors, one value a joint.
     """
     found = list(at_peaks(play, reference, jerk_limits))
-    shares = np.array([peak.reduction for peak in found])
-    best = found[int(shares.argmax())] if found else None
-    own = measure_tracking(play)
-    other = measure_tracking(reference)
+    shares = np.array([peak.reduction for peak in found] or [math.nan])
+    own, other = measure_tracking(play), measure_tracking(reference)
+
+    def less(kind: str) -> list[float]:
+        before = np.array(other[f"tracking_error_{kind}_rad"])
+        kept = own[f"tracking_error_{kind}_rad"] / np.where(before > 0.0, before, math.nan)
+        return list(1.0 - kept)
+
     return {
         "jerk_peaks": len(found),
-        "reduction_largest": best.reduction if best else math.nan,
-        "reduction_largest_joint": best.joint + 1 if best else None,
-        "reduction_median": np.median(shares) if found else math.nan,
-        "rise_largest": max(0.0, -float(shares.min())) if found else math.nan,
+        "reduction_largest": shares.max(),
+        "reduction_largest_joint": found[shares.argmax()].joint + 1 if found else None,
+        "reduction_median": np.median(shares),
+        "rise_largest": np.maximum(0.0, -shares.min()) + 0.0,  # no minus zero
         "at_peaks": [list(peak) for peak in found],
         "peaks_reduced": np.mean(shares > 0.0) if found else math.nan,
-        **{
-            f"reduction_{kind}": [
-                1.0 - a / b if b > 0.0 else math.nan
-                for a, b in zip(
-                    own[f"tracking_error_{kind}_rad"], other[f"tracking_error_{kind}_rad"], strict=True
-                )
-            ]
-            for kind in ("max", "rms")
-        },
+        "reduction_max": less("max"),
+        "reduction_rms": less("rms"),
     }
 
 
@@ -107,14 +104,14 @@ def at_peaks(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> Ite
     joint."""
     around = round(AROUND_S / _step(reference.time))
     for joint in range(reference.jerk.shape[1]):
-        for row in jerk_peaks(reference, joint, float(jerk_limits[joint])):
+        for row in jerk_peaks(reference, joint, jerk_limits[joint]):
             first, last = max(row - around, 0), min(row + around, len(reference.time) - 1)
             low, high = reference.place[first], reference.place[last]
             there = (play.place >= low) & (play.place <= high)
             known = np.abs(reference.error[first : last + 1, joint]).max()
             if there.any() and known > 0.0:
-                error = float(np.abs(play.error[there, joint]).max())
-                yield AtPeak(joint, float(reference.place[row]), float(known), error)
+                error = np.abs(play.error[there, joint]).max()
+                yield AtPeak(joint, reference.place[row], known, error)
 
 
 def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Indices:
@@ -123,11 +120,11 @@ def jerk_peaks(play: PlayedRule, joint: int, limit: float) -> Indices:
     least = limit if size.max() > limit else HIGH * size.max()
     framed = np.concatenate([[0.0], size, [0.0]])  # a peak may stand at an end
     rows, _ = find_peaks(framed, height=least, distance=max(1, round(APART_S / _step(play.time))))
-    return np.asarray(rows - 1, dtype=np.int64)
+    return rows - 1
 
 
 def _step(time: Array) -> float:
-    return float(time[1] - time[0])
+    return time[1] - time[0]
 
 
 @styled
@@ -160,18 +157,28 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
     for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
-        gains = [100.0 * peak.reduction for peak in peaks[rule]]
-        share.plot(joints, gains, mark, color=RULES[rule], ms=5, alpha=0.7, label=f"{rule}, every jerk peak")
+        share.plot(
+            joints,
+            [100.0 * peak.reduction for peak in peaks[rule]],
+            mark,
+            color=RULES[rule],
+            ms=5,
+            alpha=0.7,
+            label=f"{rule}, every jerk peak",
+        )
     share.axhline(0.0, color=RULES[REFERENCE], lw=1.0, ls=":", label=f"as {REFERENCE}")
     share.set_xticks(range(6), TICKS)
     share.set(ylabel=f"error less than with {REFERENCE} [%]")
     rows = [(f"{rule}: {{:.2f}} s", f"{_key(rule)}_cycle_time_s", 1.0) for rule in RULES]
-    less = ("{:.1f}% less error at most with spline", "spline_reduction_largest", 100.0)
-    half = ("{:.1f}% in the median", "spline_reduction_median", 100.0)
     head(
         figure,
         f"Tracking error where the jerk of {REFERENCE} peaks",
-        facts_of(record.metrics, *rows, less, half),
+        facts_of(
+            record.metrics,
+            *rows,
+            (("{:.1f}% less error at most with spline", "spline_reduction_largest", 100.0)),
+            (("{:.1f}% in the median", "spline_reduction_median", 100.0)),
+        ),
         legend=(jerk, share),
     )
     return figure
@@ -202,8 +209,7 @@ def _played(record: RunRecord) -> dict[str, PlayedRule]:
     log = record.log
     names = list(record.metrics.get("rules", RULES))
     read = log["encoder_q_rad" if "encoder_q_rad" in log.columns else "q_rad"]
-    columns = [log["time_s"], log["path_s_m"], log["target_q_rad"] - read,
-               log["target_qddd_rad_s3"]]  # fmt: skip
+    columns = [log["time_s"], log["path_s_m"], log["target_q_rad"] - read, log["target_qddd_rad_s3"]]
     rows = {rule: log["rule"] == names.index(rule) for rule in RULES if rule in names}
     return {
         rule: PlayedRule(rule, *(column[at] for column in columns)) for rule, at in rows.items() if at.any()

@@ -31,8 +31,8 @@ from polish_sim.calibration.tables import (
     write_table,
 )
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
-from polish_sim.dual.calibration.tool import LARGEST_LEFT
-from polish_sim.errors import CalibrationError, number_text
+from polish_sim.dual.calibration.tool import refuse_far_off
+from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.tables import csv_text
 
@@ -82,14 +82,12 @@ def fit_pair(tracked: Mapping[str, TrackedArm], noise: float | None, tolerance: 
     """
     arms = {robot: fit_arm(one, noise, tolerance) for robot, one in tracked.items()}
     for robot, arm in arms.items():
-        left = rms_length(arm.residuals)
-        if left > LARGEST_LEFT:
-            raise CalibrationError(
-                f"no arm near the maker's table fits the poses of the {robot}: they leave "
-                f"{number_text(1e3 * left, 2)} mm rms. Are columns swapped, is a sign lost, are units mixed, "
-                "or joints in another order? Give joint angles as the robot reads them, and where the "
-                "tracker saw the target then."
-            )
+        refuse_far_off(
+            arm.residuals,
+            f"no arm near the maker's table fits the poses of the {robot}",
+            "Are columns swapped, is a sign lost, are units mixed, or joints in another order? Give joint "
+            "angles as the robot reads them, and where the tracker saw the target then.",
+        )
     return PairTables(arms)
 
 
@@ -105,8 +103,7 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
         fold = np.arange(len(one.q)) % FOLDS
         for k in range(FOLDS):
             found = fit_arm(one.rows(fold != k), noise, tolerance)
-            left = one.rows(fold == k)
-            off.append(left.seen - found.target_at(left.q, left.weight))
+            off.append(found.left(one.rows(fold == k)))
     return rms_length(np.concatenate(off))
 
 
@@ -123,7 +120,7 @@ def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance
         "residual_rms_m": noise,
         "nominal_rms_m": rms_length(np.concatenate(nominal)),
         "heldout_rms_m": held_out_rms(tracked, noise, tolerance),
-        "transform": found.T_master_follower.tolist(),
+        "transform": found.T_master_follower,
     }
 
 
@@ -143,10 +140,10 @@ def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTa
     values: dict[str, Any] = {"pair": pair}
     for prefix, arms in (("", found), ("true_", true)):
         if arms is not None:
-            values[f"{prefix}transform"] = arms.T_master_follower.tolist()
-            values |= {f"{prefix}{robot}_table": arms.tables[robot].tolist() for robot in ROBOTS}
-    values |= {f"{robot}_gears": arm.gears.tolist() for robot, arm in found.arms.items() if arm.gears.any()}
-    write_table(file, ARM, values | {"covariance": found.bases[1].tolist()})
+            values[f"{prefix}transform"] = arms.T_master_follower
+            values |= {f"{prefix}{robot}_table": arms.tables[robot] for robot in ROBOTS}
+    values |= {f"{robot}_gears": arm.gears for robot, arm in found.arms.items() if arm.gears.any()}
+    write_table(file, ARM, values | {"covariance": found.bases[1]})
 
 
 def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
@@ -213,8 +210,9 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
 def tracked_table(tracked: Mapping[str, TrackedArm], found: PairTables) -> str:
     """The poses with what is left of each after the fit, as CSV that `read_tracked` reads."""
     names = ["robot", *JOINTS, *XYZ_MM, *(f"residual_{name}" for name in XYZ_MM)]
-    rows = []
-    for robot, one in tracked.items():
-        for q, seen, left in zip(one.q, one.seen, found.arms[robot].residuals, strict=True):
-            rows.append([robot, *(f"{value:.12g}" for value in q), *mm_texts((*seen, *left))])
+    rows = [
+        [robot, *(f"{value:.12g}" for value in q), *mm_texts((*seen, *left))]
+        for robot, one in tracked.items()
+        for q, seen, left in zip(one.q, one.seen, found.arms[robot].residuals, strict=True)
+    ]
     return csv_text(names, rows)

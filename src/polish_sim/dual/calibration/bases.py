@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -32,12 +31,11 @@ BASE = Quantity(
     "origin xyz [m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
     "true_transform: of simulated robots only.",
 )
-_NAMES: Mapping[str, str] = {
-    "1": "master",
-    "2": "follower",
-    "master": "master",
-    "follower": "follower",
-}
+_NAMES = dict(zip(("1", "2", *ROBOTS), 2 * ROBOTS, strict=True))
+
+Arcs = Mapping[str, tuple[Array, Array]]
+"""Target seen by a tracker while axis 1, then axis 2 turns alone, robot by robot: points by rising joint
+angle, tracker frame [m], (n, 3) each."""
 
 
 class Group(NamedTuple):
@@ -45,7 +43,7 @@ class Group(NamedTuple):
 
     name: str
     points: Array  #: [m], shape (n, 3)
-    residuals: Array  #: Distance of each from the fit [m], shape (n,)
+    residuals: Array  #: Of each from the fit [m], shape (n, k)
     used: Bools  #: Shape (n,)
 
 
@@ -61,51 +59,38 @@ class BaseCalibration(NamedTuple):
     frames: Mapping[str, BaseFrame]
 
 
-@dataclass(frozen=True)
-class AxisArcs:
-    """Target seen by a tracker while axis 1, then axis 2 turns alone, robot by robot."""
+def fit_bases(arcs: Arcs, noise: float | None = None) -> BaseCalibration:
+    """Both bases from four circles; ``noise`` of one coordinate [m], None: the residuals'.
 
-    arcs: Mapping[str, tuple[Array, Array]]  #: Points by rising joint angle, tracker frame [m], (n, 3) each
+    Raises CalibrationError if they are undetermined.
+    """
+    circles = {
+        robot: tuple(
+            _named(f"the {robot}'s axis {axis}", fit_circle, points, noise)
+            for axis, points in enumerate(arcs[robot], 1)
+        )
+        for robot in ROBOTS
+    }
+    frames = {robot: _named(f"the {robot}", base_from_circles, *pair) for robot, pair in circles.items()}
+    groups = [
+        Group(f"{robot}, axis {axis}", points, circle.residuals, circle.used)
+        for robot, pair in circles.items()
+        for axis, (points, circle) in enumerate(zip(arcs[robot], pair, strict=True), 1)
+    ]
+    master, follower = frames.values()
+    T, covariance = relative_frame(master.T, master.covariance, follower.T, follower.covariance)
+    found = rms([circle.noise for pair in circles.values() for circle in pair])
+    return BaseCalibration(T, covariance, found, tuple(groups), circles, frames)
 
-    def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases from four circles; ``noise`` of one coordinate [m], None: the residuals'.
 
-        Raises CalibrationError if they are undetermined.
-        """
-        circles: dict[str, tuple[SweptCircle, ...]] = {}
-        frames: dict[str, BaseFrame] = {}
-        for robot in ROBOTS:
-            circles[robot] = tuple(
-                _named(f"the {robot}'s axis {axis}", fit_circle, points, noise)
-                for axis, points in enumerate(self.arcs[robot], 1)
-            )
-            frames[robot] = _named(f"the {robot}", base_from_circles, *circles[robot])
-        groups = [
-            Group(
-                f"{robot}, axis {axis + 1}",
-                self.arcs[robot][axis],
-                norms(c.residuals),
-                c.used,
-            )
-            for robot in ROBOTS
-            for axis, c in enumerate(circles[robot])
-        ]
-        each = [c.noise for pair in circles.values() for c in pair]
-        master, follower = (frames[robot] for robot in ROBOTS)
-        T, covariance = relative_frame(master.T, master.covariance, follower.T, follower.covariance)
-        return BaseCalibration(T, covariance, rms(each), tuple(groups), circles, frames)
-
-    def table(self, found: BaseCalibration) -> str:
-        """Points, distances along the radius and the axis, and whether each was used, as CSV that reads
-        back."""
-        rows = []
-        for robot in ROBOTS:
-            for axis, (points, circle) in enumerate(
-                zip(self.arcs[robot], found.circles[robot], strict=True), 1
-            ):
-                for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
-                    rows.append([robot, axis, *mm_texts((*point, *e)), int(used)])
-        return csv_text(["robot", "axis", *XYZ_MM, "residual_radial_mm", "residual_axial_mm", "used"], rows)
+def arcs_table(found: BaseCalibration) -> str:
+    """Points, distances along the radius and the axis, and whether each was used, as CSV that reads back."""
+    rows = [
+        [*group.name.split(", axis "), *mm_texts((*point, *e)), int(used)]
+        for group in found.groups
+        for point, e, used in zip(group.points, group.residuals, group.used, strict=True)
+    ]
+    return csv_text(["robot", "axis", *XYZ_MM, "residual_radial_mm", "residual_axial_mm", "used"], rows)
 
 
 def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
@@ -126,15 +111,15 @@ class CalibratedBases(NamedTuple):
 def base_figures(found: BaseCalibration) -> Figures:
     """A calibration under the names of calibration.toml and metrics.json."""
     std = np.sqrt(np.diag(found.covariance))
-    distances = np.concatenate([group.residuals[group.used] for group in found.groups])
-    outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
+    distances = np.concatenate([norms(group.residuals[group.used]) for group in found.groups])
+    outliers = {group.name: np.flatnonzero(~group.used) + 1 for group in found.groups}
     each = found.frames.values()
     return {
         "gap_m": max(robot.gap for robot in each),
         "axes_meet": all(robot.meets for robot in each),
-        "transform": found.T_master_follower.tolist(),
-        "origin_m_std": std[:3].tolist(),
-        "rotation_rad_std": std[3:].tolist(),
+        "transform": found.T_master_follower,
+        "origin_m_std": std[:3],
+        "rotation_rad_std": std[3:],
         "noise_m": found.noise,
         "residual_rms_m": rms(distances),
         "measurements": len(distances),
@@ -142,13 +127,9 @@ def base_figures(found: BaseCalibration) -> Figures:
     }
 
 
-def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None) -> None:
-    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` is the true frame of simulated
-    ones."""
-    true = {} if T_true is None else {"true_transform": np.asarray(T_true).tolist()}
-    write_table(
-        file, BASE, {"pair": pair} | base_figures(found) | true | {"covariance": found.covariance.tolist()}
-    )
+def write_base_calibration(file: Path, found: BaseCalibration, pair: str, figures: Figures) -> None:
+    """Write calibration.toml; ``pair`` names the two robots."""
+    write_table(file, BASE, {"pair": pair} | figures | {"covariance": found.covariance})
 
 
 def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
@@ -163,7 +144,7 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
     return CalibratedBases(table.pose("transform"), T_true)
 
 
-def read_base_measurements(file: Path) -> AxisArcs:
+def read_base_measurements(file: Path) -> Arcs:
     """Read measurements of two bases; the columns are those of docs/calibration.md.
 
     Raises InputError for a missing file, column or robot, mixed units or an invalid value.
@@ -179,7 +160,7 @@ def read_base_measurements(file: Path) -> AxisArcs:
         for axis, mask in enumerate(masks, 1):
             if not mask.any():
                 raise InputError(f"'{file}' holds no arc of axis {axis} of the {robot}.")
-    return AxisArcs({robot: (points[first], points[second]) for robot, (first, second) in which.items()})
+    return {robot: (points[first], points[second]) for robot, (first, second) in which.items()}
 
 
 def robots_of(columns: Measured) -> NDArray[np.str_]:

@@ -10,19 +10,17 @@ first axis: its height follows from the robot's table, not from this measurement
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from polish_sim.arrays import Array, Bools, angles_between, crosses, unit
 from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, slopes_of, solve
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import transform
+from polish_sim.spatial import transform, vectors_from_rotations
 
 LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]
@@ -69,7 +67,7 @@ class _Shape(NamedTuple):
         n = _tilted(self.frame, step[3:5])
         u = unit(self.frame[:, 0] - (self.frame[:, 0] @ n) * n)
         frame = np.column_stack([u, crosses(n, u), n])
-        return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
+        return _Shape(self.center + self.frame @ step[:3], frame, self.radius + step[5])
 
 
 def fit_circle(points: Array, noise: float | None = None) -> SweptCircle:
@@ -101,7 +99,7 @@ def fit_circle(points: Array, noise: float | None = None) -> SweptCircle:
     turn = np.eye(6)
     turn[:3, :3] = frame
     covariance = (turn @ found.covariance @ turn.T)[:5, :5]
-    return SweptCircle(center, frame, radius, covariance, float(found.noise[0]), found.residuals, used, arc)
+    return SweptCircle(center, frame, radius, covariance, found.noise[0], found.residuals, used, arc)
 
 
 def check_arc_points(points: Array) -> None:
@@ -135,7 +133,7 @@ def _start(points: Array) -> _Shape:
     arms = points - center
     if np.sum(crosses(arms[:-1], arms[1:]) @ crosses(u, v)) < 0.0:
         v = -v
-    return _Shape(center, np.column_stack([u, v, crosses(u, v)]), float(np.sqrt(c + a * a + b * b)))
+    return _Shape(center, np.column_stack([u, v, crosses(u, v)]), np.sqrt(c + a * a + b * b))
 
 
 def _problem(points: Array) -> Problem[_Shape]:
@@ -176,67 +174,55 @@ def base_from_circles(first: SweptCircle, second: SweptCircle) -> BaseFrame:
     they are taken as they are. Raises CalibrationError for axes nearly parallel or not square, circles that
     cannot be the arm's, or axes that miss each other as those of one arm never do.
     """
+    none = np.zeros(10)
+
+    def axes(step: Array) -> tuple[Array, Array, Array, Array]:
+        """A point and the direction of both axes after a step of centre (3) and tilt (2) of both."""
+        c1, c2 = first.center + step[:3], second.center + step[5:8]
+        return c1, _tilted(first.frame, step[3:5]), c2, _tilted(second.frame, step[8:])
+
+    def off_table(step: Array) -> Array:
+        """Signed distance between both axes [m] and their angle less 90 deg [rad], shape (2,)."""
+        c1, z1, c2, z2 = axes(step)
+        return np.array([(c2 - c1) @ unit(crosses(z1, z2)), angles_between(z1, z2) - 0.5 * np.pi])
+
+    def frame(step: Array) -> Array:
+        c1, z1, c2, z2 = axes(step)
+        across = crosses(z1, z2)
+        x = unit(across)
+        # Foot of the common normal on the first axis.
+        foot = c1 + crosses(c2 - c1, z2) @ across / (across @ across) * z1
+        return transform(np.column_stack([x, crosses(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
+
     _check_axes(first, second)
-    C = block_diag(first.covariance, second.covariance)
-    off = _off_table(first, second, np.zeros(10))
-    G = slopes_of(partial(_off_table, first, second), 10)
-    S = G @ C @ G.T
-    if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
-        if abs(off[0]) > LARGEST_GAP:
-            raise CalibrationError(
-                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, here they meet: arcs of two "
-                "robots taken for one's, or a tracker, target or stand that moved in between?"
-            )
-        return _base(first, second, np.zeros(10), C, meets=False)
-    gain = C @ G.T @ np.linalg.inv(S)
-    return _base(first, second, -gain @ off, C - gain @ G @ C, meets=True)
-
-
-def _base(first: SweptCircle, second: SweptCircle, step: Array, covariance: Array, meets: bool) -> BaseFrame:
-    """The frame after a step of both axes, with the covariance of the step, shape (10, 10)."""
-    T = _frame(first, second, step)
+    _check_sense(first, second, frame(none)[:3, 3] + NOMINAL[1, 0] * first.axis)
+    C, step = block_diag(first.covariance, second.covariance), none
+    off, G = off_table(none), slopes_of(off_table, 10)
+    S, gap = G @ C @ G.T, abs(off[0])
+    meets = off @ np.linalg.solve(S, off) <= chdtri(2, CHANCE)
+    if meets:
+        gain = C @ G.T @ np.linalg.inv(S)
+        C, step = C - gain @ G @ C, -gain @ off
+    elif gap > LARGEST_GAP:
+        raise CalibrationError(
+            f"axes 1 and 2 miss each other by {1e3 * gap:.4g} mm, here they meet: arcs of two robots taken "
+            "for one's, or a tracker, target or stand that moved in between?"
+        )
+    T = frame(step)
 
     def displaced(more: Array) -> Array:
-        moved = _frame(first, second, step + more)
-        turn = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T)
-        return np.concatenate([moved[:3, 3], turn.as_rotvec()])
+        moved = frame(step + more)
+        return np.concatenate([moved[:3, 3], vectors_from_rotations(moved[:3, :3] @ T[:3, :3].T)])
 
     J = slopes_of(displaced, 10)
-    return BaseFrame(T, J @ covariance @ J.T, abs(float(_off_table(first, second, np.zeros(10))[0])), meets)
-
-
-def _off_table(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
-    """Signed distance between both axes [m] and their angle less 90 deg [rad], after a step, shape (2,)."""
-    (c1, z1), (c2, z2) = _axes(first, second, step)
-    normal = unit(crosses(z1, z2))
-    return np.array([(c2 - c1) @ normal, angles_between(z1, z2) - 0.5 * np.pi])
-
-
-def _axes(
-    first: SweptCircle, second: SweptCircle, step: Array
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Both axes, a point and a direction each, after a step of centre (3) and tilt (2) of both."""
-    c1, z1 = first.center + step[:3], _tilted(first.frame, step[3:5])
-    c2, z2 = second.center + step[5:8], _tilted(second.frame, step[8:])
-    return (c1, z1), (c2, z2)
-
-
-def _frame(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
-    """The frame from both axes, each moved by its share of a step."""
-    (c1, z1), (c2, z2) = _axes(first, second, step)
-    across = crosses(z1, z2)
-    x = unit(across)
-    # Foot of the common normal on the first axis.
-    foot = c1 + crosses(c2 - c1, z2) @ across / (across @ across) * z1
-    return transform(np.column_stack([x, crosses(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
+    return BaseFrame(T, J @ C @ J.T, gap, meets)
 
 
 def _check_axes(first: SweptCircle, second: SweptCircle) -> None:
     """Refuse circles that are not those of the arm's axes 1 and 2.
 
     Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong
-    unit is far off. On which side of the axes the circles lie shows a mirror image, and points recorded
-    backwards: with all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
+    unit is far off.
     """
     angle = angles_between(first.axis, second.axis)
     if min(angle, np.pi - angle) < LEAST_AXES_ANGLE:
@@ -258,7 +244,11 @@ def _check_axes(first: SweptCircle, second: SweptCircle) -> None:
             f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on this arm they are square: did another "
             "joint or the robot's stand move?"
         )
-    foot = _frame(first, second, np.zeros(10))[:3, 3] + NOMINAL[1, 0] * first.axis
+
+
+def _check_sense(first: SweptCircle, second: SweptCircle, foot: Array) -> None:
+    """Refuse a mirror image, and points recorded backwards, by the side of where axes 1 and 2 meet (3,) on
+    which the circles lie: with all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it."""
     backwards_2 = (second.center - foot) @ second.axis < 0.0
     backwards_1 = (first.center - foot) @ first.axis > 0.0
     if backwards_1 and backwards_2:

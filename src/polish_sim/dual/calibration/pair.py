@@ -42,6 +42,7 @@ class PairParts(NamedTuple):
     marks_flange: Array  #: Marks of the part on the master's flange [m], shape (k, 3)
     marks_covariance: Array  #: Flange axes [m^2], shape (k, 3, 3)
     touch_noise: float = 0.0  #: Of a coordinate of a touch by both arms, as the residuals say [m]
+    R_flange_tool: Array = np.eye(3)  #: How the tool stands on its flange, shape (3, 3)
 
 
 class ClosingTouches(NamedTuple):
@@ -99,8 +100,10 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
 
     def whitened(chain: PairAdjustment) -> list[tuple[Array, Array]]:
         """Derivatives (r, 15) and residuals (r,) of each source, in standard deviations."""
-        rows = _rows(chain, parts, marks_work, closing)
-        white = [(W @ J, W @ e[..., None]) for W, (J, e) in zip(whiten, rows, strict=True)]
+        white = [
+            (W @ J, W @ e[..., None])
+            for W, (J, e) in zip(whiten, _rows(chain, parts, marks_work, closing), strict=True)
+        ]
         return [(J.reshape(-1, 15), e.ravel()) for J, e in white]
 
     problem = Problem(
@@ -108,8 +111,9 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
         lambda chain: np.concatenate([J for J, _ in whitened(chain)])[:, None],
         PairAdjustment.moved,
     )
-    start = kabsch(parts.marks_flange, marks_work)
-    found = solve(problem, PairAdjustment(parts.T_master_follower, parts.tip, start))
+    found = solve(
+        problem, PairAdjustment(parts.T_master_follower, parts.tip, kabsch(parts.marks_flange, marks_work))
+    )
     informations = [J.T @ J for J, _ in whitened(found)]
     return found._replace(informations=dict(zip(SOURCES, informations, strict=True)))
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools, Figures, rms_length, unit
+from polish_sim.arrays import Array, Bools, Figures, angles_between, norms, rms_length, unit
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit, slopes_of
 from polish_sim.calibration.tables import (
     QUATERNION,
@@ -82,24 +82,19 @@ def fit_tool_point(T_base_flange: Array, noise: float | None = None, used: Bools
     return ToolPoint(**vars(fit(_problem(T_base_flange), np.zeros(6), noise, used)))
 
 
-def fit_tool_point_without_outliers(T_base_flange: Array, noise: float | None = None) -> ToolPoint:
-    """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
-
-    Raises CalibrationError, too, if more than a quarter of the touches do not fit, or, with unknown noise, no
-    tip explains them.
-    """
-    check_touches(T_base_flange[:, :3, :3])
-    agree = agreeing(_problem(T_base_flange), np.zeros(6), "touches")
-    found = fit_tool_point(T_base_flange, noise, agree)
-    if noise is None:
-        refuse_far_off(found.residuals[found.used])
-    return found
-
-
 def _problem(T_base_flange: Array) -> Problem[Array]:
     """R_i p - c = -t_i for the unknowns p, c."""
-    A = touch_rows(T_base_flange[:, :3, :3])
+    c = np.tile(-np.eye(3), (len(T_base_flange), 1, 1))
+    A = np.concatenate([T_base_flange[:, :3, :3], c], axis=2)
     return Problem(lambda x: A @ x + T_base_flange[:, :3, 3], lambda _: A)
+
+
+def refuse_far_off(residuals: Array, found: str, cure: str) -> None:
+    """Refuse measurements (n, 3) [m] that what was ``found`` leaves further off than any are; ``cure``: what
+    to look at."""
+    left = rms_length(residuals)
+    if left > LARGEST_LEFT:
+        raise CalibrationError(f"{found}: they leave {number_text(1e3 * left, 2)} mm rms. {cure}")
 
 
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
@@ -107,11 +102,6 @@ LEAST_TOUCHES = 4
 #: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
 LEAST_SPREAD = 0.05
 LARGEST_LEFT = 5e-3  #: No touches by hand, and no tracker, miss by more than this [m]
-
-
-def touch_rows(R_base_flange: Array) -> Array:
-    """R_i p - c as a matrix on tip and touched point, shape (n, 3, 6)."""
-    return np.concatenate([R_base_flange, np.tile(-np.eye(3), (len(R_base_flange), 1, 1))], axis=2)
 
 
 def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
@@ -150,18 +140,6 @@ def check_touches(R_base_flange: Array) -> None:
         )
 
 
-def refuse_far_off(residuals: Array) -> None:
-    """Refuse touches that no tip and no point explain, by the residuals of their fit [m], shape (n, 3)."""
-    left = rms_length(residuals)
-    if left > LARGEST_LEFT:
-        raise CalibrationError(
-            f"no tip fits these touches: they leave {number_text(1e3 * left, 2)} mm rms. Wanted are "
-            "positions and orientations of the flange in the base, touch by touch, of one tool and one fixed "
-            "point. Are columns swapped, is a sign lost, or are orientations in degrees or those of another "
-            "frame?"
-        )
-
-
 def plan_touch_orientations(count: int, cone: float) -> Array:
     """Orientations R_base_flange (n, 3, 3) for touches of one point.
 
@@ -195,9 +173,8 @@ def point_error_bound(R_base_flange: Array, noise: float) -> float:
     ``R_base_flange``: of the touches, (n, 3, 3); ``noise``: standard deviation of one coordinate of a touch
     [m].
     """
-    mean = R_base_flange.mean(axis=0)
-    M = np.eye(3) - mean.T @ mean
-    return float(noise * np.sqrt(np.trace(np.linalg.inv(M)) / len(R_base_flange)))
+    spread, _ = orientation_spread(R_base_flange)
+    return noise * rms_length(1.0 / (np.sqrt(len(R_base_flange)) * spread))
 
 
 class ToolOrientation(NamedTuple):
@@ -224,16 +201,14 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
     ``points``: the three tip positions, flange axes [m], (3, 3); ``noise``: of one coordinate [m]; the
     covariance is to first order. Raises CalibrationError for moves too short or both along one line.
     """
-    along, across = points[1] - points[0], points[2] - points[0]
-    lengths = np.linalg.norm([along, across], axis=1)
+    moves = points[1:] - points[0]
+    lengths = norms(moves)
     if lengths.min() < LEAST_MOVE:
         raise CalibrationError(
             f"a move of {1e3 * lengths.min():.2g} mm is too short to determine a direction: "
             f"move {1e3 * LEAST_MOVE:g} mm or more, 100 mm is good."
         )
-    x = along / lengths[0]
-    height = across - (across @ x) * x
-    if np.linalg.norm(height) < LEAST_SINE * lengths[1]:
+    if np.sin(angles_between(*moves)) < LEAST_SINE:
         raise CalibrationError(
             "the move along x and the move in the x-z plane are nearly parallel: the second must leave the x "
             "axis."
@@ -284,11 +259,21 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
     Raises CalibrationError if poses or moves cannot determine the frame, or touches do not fit each other;
     with unknown noise also for touches no tip explains.
     """
-    tip = fit_tool_point_without_outliers(measured.touches, noise)
+    touches = measured.touches
+    check_touches(touches[:, :3, :3])
+    tip = fit_tool_point(touches, noise, agreeing(_problem(touches), np.zeros(6), "touches"))
+    if noise is None:
+        refuse_far_off(
+            tip.residuals[tip.used],
+            "no tip fits these touches",
+            "Wanted are positions and orientations of the flange in the base, touch by touch, of one tool "
+            "and one fixed point. Are columns swapped, is a sign lost, or are orientations in degrees or "
+            "those of another frame?",
+        )
     if len(measured.T_base_flange_moves) == 0:
         return ToolFrameEstimate(tip, None)
     points = tip_positions_flange(measured.T_base_flange_moves, tip.point)
-    return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
+    return ToolFrameEstimate(tip, orientation_from_three_points(points, tip.noise[0]))
 
 
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> Figures:
@@ -296,28 +281,28 @@ def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: fl
     tip = found.tip
     orientation = found.orientation
     figures: Figures = {
-        "position_m": tip.point.tolist(),
-        "position_m_std": tip.std.tolist(),
-        "quaternion_wxyz": quaternions_of(found.T_flange_tool[:3, :3]).tolist(),
-        "touched_m": tip.touched.tolist(),
+        "position_m": tip.point,
+        "position_m_std": tip.std,
+        "quaternion_wxyz": quaternions_of(found.T_flange_tool[:3, :3]),
+        "touched_m": tip.touched,
         "noise_m": tip.noise[0],
         "position_std_m": np.linalg.norm(tip.std),
         "position_crb_m": point_error_bound(
-            measured.touches[tip.used, :3, :3], float(tip.noise[0]) if noise is None else noise
+            measured.touches[tip.used, :3, :3], tip.noise[0] if noise is None else noise
         ),
         "residual_rms_m": rms_length(tip.residuals[tip.used]),
         "touches": int(tip.used.sum()),
-        "outliers": (np.flatnonzero(~tip.used) + 1).tolist(),
+        "outliers": np.flatnonzero(~tip.used) + 1,
     }
     if orientation is not None:
         std = np.sqrt(np.diag(orientation.covariance))
-        figures |= {"rotation_rad_std": std.tolist(), "rotation_std_max_rad": std.max()}
+        figures |= {"rotation_rad_std": std, "rotation_std_max_rad": std.max()}
     return figures
 
 
 def write_tool_calibration(file: Path, figures: Figures, found: ToolFrameEstimate) -> None:
     """Write calibration.toml."""
-    write_table(file, TCP, figures | {"position_covariance": found.tip.covariance[:3, :3].tolist()})
+    write_table(file, TCP, figures | {"position_covariance": found.tip.covariance[:3, :3]})
 
 
 def read_tool_calibration(file: Path) -> Array:
@@ -326,8 +311,7 @@ def read_tool_calibration(file: Path) -> Array:
     quaternion = table.numbers("quaternion_wxyz", (4,))
     if abs(np.linalg.norm(quaternion) - 1.0) > 1e-6:
         raise InputError(f"'{file}': quaternion_wxyz has length {np.linalg.norm(quaternion):.4g}, wanted 1.")
-    R = matrices(quaternion)
-    return transform(R, table.numbers("position_m", (3,)))
+    return transform(matrices(quaternion), table.numbers("position_m", (3,)))
 
 
 def read_tool_measurements(file: Path) -> ToolMeasurements:
@@ -363,7 +347,7 @@ def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
             f"'{columns.file}' has {len(rows)} lines of the kind '{kind}', wanted one: the tool's axes are "
             f"found from {START}, {ALONG_X} and {IN_XZ}, one line each."
         )
-    return int(rows[0])
+    return rows[0]
 
 
 def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
