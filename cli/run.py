@@ -220,6 +220,8 @@ def run_once(
     try:
         with ExitStack() as stack:
             observer = stack.enter_context(console.progress(sinks))
+            from polish_sim.experiments.report import page_of  # matplotlib, behind what quickens it
+
             for sink in sinks:
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
@@ -231,8 +233,6 @@ def run_once(
                 raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
-            from polish_sim.experiments.report import page_of  # matplotlib is slow to import
-
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
             draw_run(record, draft)
             save_page(draft, page_of(record, model, planned.notes if planned else ()))
