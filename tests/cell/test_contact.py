@@ -192,9 +192,9 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
         with pytest.raises(ConfigError, match=key):
             run_experiment(cells.ideal("force", f"{key}={value}"))
     usual = cells.ideal("force")
-    assert limits.modelled_depth(usual, 20.0) == 0.008  # 2 x 20 N / 4000 N/m
-    soft = replace(usual, head=replace(usual.head, spring_scale=0.2))
-    assert limits.modelled_depth(soft, 20.0) == pytest.approx(0.010)
+    assert limits.modelled_depth(usual, 20.0) == 0.008  # 8 x 20 N / 20 kN/m
+    raised = replace(usual, process=replace(usual.process, changes="force_n=60@3"))  # half of it counts
+    assert limits.modelled_depth(raised, 20.0) == pytest.approx(0.012)
 
 
 def course_on(field, *strokes, T_base_work=UPRIGHT, arm="robot.arm=ur5e"):

@@ -46,6 +46,12 @@ def test_contact_lost_over_an_edge_stops_after_its_time():
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
 
 
+def test_a_pad_pressed_in_deeper_than_the_part_is_modelled_stops():
+    run = cells.on_plane("pad.stiffness_n_m=2001").run()
+    assert "deeper than the part is modelled" in str(run.stop_reason)
+    assert run.safety.protective_stop_measured == "8.0 mm"
+
+
 @pytest.mark.parametrize("grown_s", [1.0, 0.0])
 def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s):
     """Gears shake the arm at 24 Hz, up to what counts as a jump beyond the 15 N that are allowed."""

@@ -94,9 +94,9 @@ def press_pad(
     pad_turning: Array,
     force: Array,
     torque: Array,
-) -> None:
+) -> float:
     """Write force [N] and torque about the pad's centre [N m] of the part on the pad, base frame, shape (3,)
-    each.
+    each; returns the largest depth of a point [m], negative above the part.
 
     Depth and slope of the pad's points are written too. ``spin`` is the spindle's speed about pad z [rad/s],
     ``pad_center`` the centre of the face [m], ``pad_velocity`` its velocity [m/s], ``pad_turning`` the head's
@@ -113,10 +113,11 @@ def press_pad(
     if deepest <= 0.0:
         for i in range(3):
             force[i] = torque[i] = 0.0
-        return
+        return deepest
     _sum_pressure(pad.material, pad.x, pad.y, pad.depth, pad.slope, w, spin)
     set_to(force, matvec(R, w[5]))
     set_to(torque, matvec(R, w[6]))
+    return deepest
 
 
 @kernel

@@ -215,6 +215,14 @@ def planned_events(scenario: Scenario, known: Mapping[str, Fault]) -> tuple[Faul
     return parse_events(scenario.faults.events, known) + changes
 
 
+def changed_force(scenario: Scenario, force: float) -> float:
+    """The most that is asked for along a path that asks at most for a ``force`` [N], changes included."""
+    usual = scenario.process.contact_force_n
+    changes = parse_events(scenario.process.changes, SET_POINTS)
+    raised = [change.value or 0.0 for change in changes if change.name == FORCE]
+    return force / usual * max([usual, *raised])
+
+
 def check_events(
     scenario: Scenario, on_part: bool, own: Mapping[str, Fault], known: Mapping[str, Fault]
 ) -> None:

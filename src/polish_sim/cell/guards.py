@@ -22,7 +22,7 @@ from polish_sim.cell.kernel import CellKernel, CellState, CrashPoints, Guards
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
 from polish_sim.config import Scenario, SensorConfig
 from polish_sim.control.loops import low_pass_share
-from polish_sim.geometry.field_lookup import DistanceField, field_distance
+from polish_sim.geometry.field_lookup import CLIPPED, DistanceField, field_distance
 from polish_sim.kernels import dot, kernel, matvec, minus, plus
 from polish_sim.models import robot_model_path
 
@@ -31,7 +31,7 @@ FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIM
 ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(
     11, 21
 )
-FIXTURE, OVERLOAD, STROKE = range(21, 24)
+FIXTURE, OVERLOAD, STROKE, DEEP = range(21, 25)
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something "
@@ -71,6 +71,8 @@ REASONS: Mapping[int, str] = MappingProxyType(
         "or reading have drifted (process.tare)",
         STROKE: "the active flange is near the end of its stroke (safety.stroke_margin): the part may "
         "lie elsewhere than planned (--part-pose), or the arm does not follow it",
+        DEEP: "the pad was pressed in deeper than the part is modelled: it may press with its rim or on an "
+        "edge (--edge-margin, --contact-force, a larger pad.stiffness_n_m)",
         SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard "
         "(--contact-force, --spindle-rpm)",
         CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings "
@@ -96,6 +98,7 @@ MEASURED: Mapping[int, str] = MappingProxyType(
         SILENT_HOST: "{1:.0f} ms",
         SPINDLE: "{0:.0%} of the speed",
         STROKE: "{0:.0%} of the stroke",
+        DEEP: "{1:.1f} mm",
         HIGH: "{1:.2f} mm above",
         LOW: "{1:.2f} mm below",
         RISEN: "{1:.2f} mm",
@@ -277,6 +280,8 @@ def check_guards(cell: CellKernel, count: int) -> int:
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE
+    if _exceeds(state, DEEP, guards.pressed, CLIPPED * cell.part.field.band):
+        return DEEP
     moved = _check_surface(cell, dt)
     if moved != NO_STOP:
         return moved

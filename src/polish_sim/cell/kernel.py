@@ -46,7 +46,7 @@ class Status(Record):
     spread: float  #: Sum of squares of their normal force [N^2]
 
 
-CODES = 24  #: Of protective stops, see ``guards``; the first one free for what a branch adds
+CODES = 25  #: Of protective stops, see ``guards``; the first one free for what a branch adds
 
 
 class Guards(Record):
@@ -70,6 +70,7 @@ class Guards(Record):
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
     missing: float  #: Share of the force wanted that is not there, smoothed [-]
+    pressed: float  #: Depth of the pad's deepest point now [m]
     found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
     shares: Annotated[Array, (CODES,)]
     """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least

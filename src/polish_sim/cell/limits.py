@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from polish_sim.cell.faults import changed_force
 from polish_sim.cell.real_part import DEEPEST_BAND, FIELD_BAND
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
+AT_EDGE = 0.125  # of the pad, that carries all of the force on edges and corners of the part
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 
@@ -75,11 +77,14 @@ def check_contact_settings(scenario: Scenario, force: float) -> None:
 
 
 def modelled_depth(scenario: Scenario, force: float) -> float:
-    """How deep a part is modelled [m] for a pad pressed in by twice a ``force`` [N].
+    """How deep a part is modelled [m] for a path that asks at most for a ``force`` [N].
 
-    Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
+    A force changed to twice as much during the run needs no other model, so that what was changed by hand
+    gives the same bytes again. Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``; a guard stops
+    what presses deeper.
     """
-    needed = math.ceil(2e3 * force / (scenario.pad.stiffness_n_m * scenario.head.spring_scale)) * 1e-3
+    most = max(force, 0.5 * changed_force(scenario, force)) / AT_EDGE
+    needed = 1e-3 * math.ceil(1e3 * most / (scenario.pad.stiffness_n_m * scenario.head.spring_scale))
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 

@@ -126,7 +126,9 @@ def press_on_part(cell: CellKernel) -> None:
     spin = state.motion.turning
     set_to(velocity, minus(gliding, cross(spin, minus(center, part.position))))
     set_to(turning_on, minus(turning, spin))
-    press_pad(cell.pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
+    state.guards.pressed = press_pad(
+        cell.pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque
+    )
     applied = e.xfrc_applied[head]
     set_to(applied, force)
     moment_at(force, torque, center, e.xipos[head], applied[3:6])

@@ -15,8 +15,7 @@ import numpy as np
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene
 from polish_sim.cell.cell import NO_LESSON
-from polish_sim.cell.faults import check_events, parse_events
-from polish_sim.cell.kernel import FORCE, SET_POINTS
+from polish_sim.cell.faults import changed_force, check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates, modelled_depth
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields
@@ -325,9 +324,7 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else path.largest_force(usual)
-        changes = parse_events(scenario.process.changes, SET_POINTS)
-        raised = [change.value or 0.0 for change in changes if change.name == FORCE]
-        check_contact_settings(scenario, force / usual * max([usual, *raised]))
+        check_contact_settings(scenario, changed_force(scenario, force))
     if scenario.plan.removal:
         if not scenario.spindle.speed_rpm + scenario.pad.slide_m_s:
             raise InputError(

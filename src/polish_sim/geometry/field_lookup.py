@@ -15,6 +15,7 @@ from polish_sim.kernels import Bundle, kernel
 
 CELLS = 8  #: Cells of a brick along each axis
 NODES = CELLS + 1  #: Nodes of a brick along each axis; neighbouring bricks share their outer ones
+CLIPPED = 0.999  #: From this share of the band on a distance is as good as clipped
 OUTSIDE, INSIDE = -1, -2  #: Entries of the table where there is no brick
 _THREE, _SEVEN, _NODES = np.uint64(3), np.uint64(7), np.uint64(NODES)
 _X, _Y, _Z = np.uint64(NODES * NODES), np.uint64(NODES), np.uint64(1)

@@ -17,7 +17,6 @@ import numpy as np
 
 from polish_sim.analysis.metrics import errors_at_peaks
 from polish_sim.cell import CellRun
-from polish_sim.cell.limits import modelled_depth
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -78,7 +77,8 @@ def setup_key(task: Task) -> Hashable:
     return (
         place_key(scenario),
         scenario.part,
-        modelled_depth(scenario, scenario.process.contact_force_n),
+        scenario.head,
+        scenario.process,
         scenario.seed,
     )
 
