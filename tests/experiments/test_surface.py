@@ -9,6 +9,8 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.analysis.run_record import RunRecord, read_record, write_record
+from polish_sim.cell.kernel import Lesson
+from polish_sim.cell.loop import feed_learned
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.experiments import default_scenario, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import check_settings
@@ -18,6 +20,7 @@ from polish_sim.log import TOUCH_PHASE
 from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
+from tests.cell import cells
 
 
 def test_on_the_freeform_part_the_force_stays_where_the_part_stood_and_removal_is_mapped(freeform):
@@ -96,8 +99,7 @@ def test_force_and_feed_follow_the_path_s_and_the_target_is_pressed_in_by_the_lo
     depth = rising.path.force / 5000.0
     nominal = (points - depth[:, None] * axes) @ T_base_work[:3, :3].T + T_base_work[:3, 3]
     expected = np.stack([np.interp(along, rising.path.s, nominal[:, i]) for i in range(3)], axis=1)
-    targets = rising.log["target_position_m"][rows]
-    assert np.linalg.norm(targets - expected, axis=1).max() < 5e-5
+    assert np.linalg.norm(rising.log["target_position_m"][rows] - expected, axis=1).max() < 5e-5
 
 
 @pytest.mark.parametrize(
@@ -150,7 +152,7 @@ def first(tmp_path_factory):
     return kept(tmp_path_factory.mktemp("passes") / "first", scenario())
 
 
-def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_path):
+def test_the_second_pass_errs_less_with_another_noise_and_a_run_that_stopped_teaches_nothing(first, tmp_path):
     before = read_record(first)
     second = read_record(kept(tmp_path / "second", scenario(f"process.learn={first}")))
     assert second.metrics["learned_from"] == 1
@@ -163,6 +165,9 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
     assert np.allclose(air[0], air[1], atol=0.1)
     assert abs(np.corrcoef(*reading)[0, 1]) < 0.5
     assert run_short(scenario(f"process.learn={tmp_path / 'second'}")).figures["learned_from"] == 2
+    write_record(tmp_path, replace(second, metrics={**second.metrics, "protective_stop": "part gone"}))
+    with pytest.raises(InputError, match="stopped"):
+        check_settings(scenario(f"process.learn={tmp_path}"))
 
 
 @pytest.mark.parametrize(
@@ -170,6 +175,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
     [
         (run_short, "seed=932", "seed"), (run_short, "process.contact_force_n=15", "process.contact_force_n"),
         (run_experiment, "plan.stepover_m=0.04", "the path"),
+        (run_short, "faults.events=part-shift@contact+1", "faults.events"),
         (run_short, "part.displacement_m=0.002", "part.displacement_m"),
         (run_short, "part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
         (check_settings, "controller.name=hybrid-adaptive", "hybrid-adaptive"),
@@ -180,6 +186,15 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first, tmp_
 def test_another_job_is_refused_by_what_differs_and_what_cannot_learn_at_once(first, by, change, named):
     with pytest.raises(InputError, match=named):
         by(scenario(f"process.learn={first}", change))
+
+
+def test_the_slope_learned_at_the_nearest_place_is_fed_forward():
+    state, lesson = cells.on_plane().state, Lesson(np.array([0.0, 0.5]), 0.001, 0.0, 1)
+    state.target.contact, state.target.speed, state.measurement.rotation[:] = True, 0.01, np.eye(3)
+    for s, rate in ((0.0004, 0.0), (0.0006, 0.005)):
+        state.target.s, state.answer.twist[:] = s, 0.0
+        feed_learned(state, lesson)
+        assert state.answer.twist[2] == pytest.approx(rate)
 
 
 @pytest.mark.parametrize("every", [1, 2])

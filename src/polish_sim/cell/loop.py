@@ -267,7 +267,7 @@ def ask_law(cell: CellKernel, t: float) -> None:
 def feed_learned(state: CellState, lesson: Lesson) -> None:
     """Add to the law's answer the motion along the tool's axis that an earlier run found necessary here."""
     t, answer = state.target, state.answer
-    row = int((t.s + t.speed * lesson.lead) / lesson.spacing)
+    row = int((t.s + t.speed * lesson.lead) / lesson.spacing + 0.5)
     if t.contact and t.speed > 0.0 and row < lesson.slope.shape[0]:
         for i in range(3):
             answer.twist[i] += lesson.slope[row] * t.speed * state.measurement.rotation[i, 2]

@@ -18,7 +18,7 @@ from textwrap import wrap
 import numpy as np
 
 from polish_sim.analysis.claim import figure_of
-from polish_sim.analysis.run_record import differences, read_record
+from polish_sim.analysis.run_record import differences, ending, read_record
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
 from polish_sim.calibration.payload import PayloadReadings, fit_payload, plan_payload_poses
@@ -180,7 +180,7 @@ def readings_at_rest(cell: Cell, rng: np.random.Generator) -> PayloadReadings:
 
 SPACING = 0.0005  #: Of the places at which it is learned [m]
 SHORTEST_S = 0.5  #: A stretch in contact from which something is learned [s]
-SAME = ("part", "robot", "head", "pad", "process", "smoothing")
+SAME = ("part", "robot", "head", "pad", "process", "smoothing", "faults")
 """Sections that decide what repeats."""
 FREE = ("part.pose", "process.learn", "process.preston_1_pa")
 """Keys of these that may differ; where the part stands is compared by itself."""
@@ -204,6 +204,11 @@ def check_learning(folder: str, label: str, controller: Controller) -> None:
     if "host_depth_m" not in record.log.columns or record.path is None:
         raise InputError(
             f"nothing can be learned from '{folder}': it is no run of 'surface', or one of an older version."
+        )
+    if record.metrics.get("protective_stop"):
+        raise InputError(
+            f"'{folder}' {ending(record)} of its path, and a run that learned what led there would stop "
+            "sooner: learn from one that did not stop."
         )
 
 
