@@ -129,6 +129,8 @@ def plan_once(
         observer.stage("place the part")
         placing = PartPlacing(scenario, *result.standing, result.path)
         reach, unreached = find_place(placing, result, plots, given["--reach-map"])
+        if reach and not forced:
+            unreached = placing.hindered(reach)
     if unreached and not forced:
         return result, unreached
     if reach and scenario.safety.proof != "none":
@@ -191,11 +193,12 @@ def plan_setups(search: SetupSearch, folder: Path, given: Given, observer: Obser
             f"{len(setup.patches)} of {search.count} patches"
         )
         try:
-            result, unreached = plan_once(setup.scenario, folder / name, given, observer, forced=False)
+            single = len(setup.patches) == 1
+            result, unreached = plan_once(setup.scenario, folder / name, given, observer, forced=single)
         except (PlanError, ReachError) as error:
             search.refuse(setup, str(error), elsewhere=isinstance(error, ReachError))
             continue
-        lost = next((note for note in result.notes if NO_WAY in note), "") if len(setup.patches) > 1 else ""
+        lost = next((note for note in result.notes if NO_WAY in note), "") if not single else ""
         if unreached or lost:
             shutil.rmtree(folder / name, ignore_errors=True)
             search.refuse(setup, unreached or lost, elsewhere=bool(unreached))
@@ -288,7 +291,7 @@ def find_place(
     if reach_map:
         from polish_sim.experiments.reach_plot import plot_reach_map
 
-        T_base_work = reach.T_base_work if reach else None
+        T_base_work = reach and reach.T_base_work
         plots["reach_map.png"] = plot_reach_map(placing.map(), result.mesh, T_base_work)
     return reach, why
 

@@ -212,6 +212,11 @@ class PartPlacing:
                 return self._reach([T_base_work], (spin,))
         return None
 
+    def hindered(self, reach: Reach) -> str:
+        """What hinders the arm between the places `find_reach` looks at; empty if nothing does."""
+        failure = self.hindrance(reach.T_base_work, reach.follow(self.positions, self.axes))
+        return failure.reason if failure else ""
+
     def given(self) -> Reach:
         """The pose asked for.
 
@@ -219,9 +224,8 @@ class PartPlacing:
             ReachError: The part cannot stand there, or the arm does not do the path; names one that fits.
         """
         T_base_work = from_pose(self.scenario.part.pose)
-        fault = standing_fault(self.mesh, self._surface, T_base_work)
         try:
-            if fault:
+            if fault := standing_fault(self.mesh, self._surface, T_base_work):
                 raise ReachError(f"the part cannot stand at the pose asked for: {fault}.")
             return self._reach([T_base_work])
         except ReachError as error:
@@ -244,12 +248,11 @@ class PartPlacing:
         least = SINGULAR_SHARE * self.scenario.safety.singular_value_limit
         if joints.smallest_singular_value < least:
             return ReachFailure(joints.smallest_singular_index, "the arm is near a singularity")
-        fault = standing_fault(self.mesh, self._surface, T_base_work)
-        if fault:
+        if fault := standing_fault(self.mesh, self._surface, T_base_work):
             return ReachFailure(0, f"the part cannot stand there: {fault}")
         every = max(1, len(joints.q) // LOOKED_AT)
         touch = self._arm.first_touch(T_base_work, joints.q[::every])
-        return None if touch is None else ReachFailure(touch.row * every, f"{touch.names} would touch")
+        return ReachFailure(touch.row * every, f"{touch.names} would touch") if touch else None
 
     def _advice(self) -> str:
         """A pose the arm reaches, as the option takes it."""

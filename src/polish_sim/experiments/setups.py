@@ -103,6 +103,8 @@ class SetupSearch:
         self._counted_by = side_name(mesh.up)
         self._sides = [mesh.up] if scenario.part.up != "auto" else _sides(mesh, self.left)
         self._refused: list[tuple[Array | None, frozenset[int]]] = []
+        #: Whether the arm does patches with a side up, as tried so far
+        self._fitting: dict[tuple[str, frozenset[int]], bool] = {}
 
     def next(self) -> Setup | None:
         """The side that shows most of what is left; None if nothing is left or no side shows any of it."""
@@ -173,9 +175,13 @@ class SetupSearch:
         numbers = {patch.number for patch in patches}
         if any((side is None or side is up) and refused <= numbers for side, refused in self._refused):
             return False
-        mesh, surface = self._standing
-        way = _way_over(mesh, patches, self._scenario.plan.clearance_m)
-        return PartPlacing(self._scenario, replace(mesh, up=up), surface, way).on_map(POSES) is not None
+        asked = side_name(up), frozenset(numbers)
+        if asked not in self._fitting:
+            mesh, surface = self._standing
+            way = _way_over(mesh, patches, self._scenario.plan.clearance_m)
+            placing = PartPlacing(self._scenario, replace(mesh, up=up), surface, way)
+            self._fitting[asked] = placing.on_map(POSES) is not None
+        return self._fitting[asked]
 
 
 def _patch(number: int, surface: Surface) -> Patch:
