@@ -70,7 +70,7 @@ def smooth_file(
     figures = smoothing_figures(motions[0], task.placed.chain, points, task.placed.rows)
     figures |= {"tolerance_m": task.tolerance, "axis_tolerance_rad": task.axis_tolerance}
     figures["cycle_time_by_rule_s"] = _times_by_rule(task, motions, observer, notes)
-    figures["T_base_work"] = None if task.placed.arm is None else task.placed.arm.T_base_work
+    figures["T_base_work"] = task.placed.arm and task.placed.arm.T_base_work
     for other in motions[1:]:
         figures["against"] = smoothing_figures(other, task.placed.chain, points, task.placed.rows)
     observer.stage("write")

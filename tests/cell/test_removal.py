@@ -74,8 +74,7 @@ def test_a_straight_pass_leaves_the_profile_of_the_chords(spin):
 def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face():
     radius, depth = 0.1, 0.0015
     grid = level_nodes(FINE, 0.03).positions[:, :2]
-    height = np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius
-    places = np.column_stack([grid, height])
+    places = np.column_stack([grid, np.sqrt(radius**2 - (grid**2).sum(axis=1)) - radius])
     normals = (places + [0.0, 0.0, radius]) / radius
     nodes = removal.PressedNodes(places, normals, FINE**2 / normals[:, 2])
     motion = steps(np.array([[0.0, 0.0, -depth]]), np.zeros(3), 1.0, 1.0)

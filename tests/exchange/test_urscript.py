@@ -146,8 +146,7 @@ def test_moves_in_contact_run_through_the_unpressed_path_in_force_mode_and_nothi
     path = sphere().path
     corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
     planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
-    gap = np.linalg.norm(corners[:, None] - planned, axis=2)
-    assert gap.min(axis=1).max() < PRINTED_M
+    assert np.linalg.norm(corners[:, None] - planned, axis=2).min(axis=1).max() < PRINTED_M
     assert (np.linalg.norm(corners - MIDDLE, axis=1) > 0.1 - 1e-5).all()
     assert to_polyline(path.positions_work[path.process], corners).max() < 5.2e-5
     # x keeps its direction over all turns of the spiral; along the feed it would go round once per turn.

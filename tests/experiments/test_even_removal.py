@@ -85,8 +85,7 @@ def test_no_feed_nearby_is_better_and_force_by_turns_does_not_make_it_worse(plan
     rng = np.random.default_rng(7)
     low, high = (1.0 / (share * EVEN.process.feed_m_s) for share in EVEN.plan.removal_feed[::-1])
     for _ in range(20):
-        other = np.clip(slowness * rng.uniform(0.9, 1.1, len(slowness)), low, high)
-        assert distance(other) > best
+        assert distance(np.clip(slowness * rng.uniform(0.9, 1.1, len(slowness)), low, high)) > best
     both = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal_force=0.3)))
     assert both.figures["planned_removal_cv"] < plan.figures["planned_removal_cv"] + 1e-3
 
@@ -158,8 +157,7 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     gained += 2.0 * problem.quick @ (stale - found)
     slope = 2.0 * (missed @ columns + problem.quick)
     # The problem is convex: along its slope no dwell within the limits gains more than this.
-    left = slope @ (found - np.where(slope > 0.0, low, high))
-    assert left < 0.05 * gained
+    assert slope @ (found - np.where(slope > 0.0, low, high)) < 0.05 * gained
     assert sum(note.startswith("removal planned") for note in again.notes) == 1
 
 

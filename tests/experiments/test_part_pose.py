@@ -156,8 +156,7 @@ def bend(radius):
 
 
 def follow(rule, radius, **smoothing):
-    asked = SmoothingConfig(rule=rule, **smoothing)
-    return stroke_motion(asked, bend(radius), None)
+    return stroke_motion(SmoothingConfig(rule=rule, **smoothing), bend(radius), None)
 
 
 def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows():

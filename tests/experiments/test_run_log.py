@@ -137,8 +137,7 @@ SHORT = (
 
 def cell(*changes):
     scenario = override(default_scenario("surface"), [*SHORT, *changes])
-    place = prepare_surface(*planned(scenario))
-    return build_cell(scenario, place)
+    return build_cell(scenario, prepare_surface(*planned(scenario)))
 
 
 def played(one, before, piece):

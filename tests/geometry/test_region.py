@@ -96,8 +96,7 @@ def test_boxes_polygons_points_and_listed_facets_take_what_they_name_cut_along_s
     assert region_of(BLOCK, f"faces:{listed('0')}", margin=0.002).area_m2 < one.area_m2
     dome = trimesh.intersections.slice_mesh_plane(BALL, [0.0, 0.0, 1.0], [0.0, 0.0, 15.0])
     # 72.5 deg of polar angle, more than the 46 deg auto takes.
-    area = region_of(dome, "point:0,0,50").area_m2
-    assert area == pytest.approx(2.0 * np.pi * 0.05 * 0.035, rel=2e-3)
+    assert region_of(dome, "point:0,0,50").area_m2 == pytest.approx(2.0 * np.pi * 0.05 * 0.035, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -129,8 +128,7 @@ def test_choices_that_cannot_be_met_are_refused_with_the_reason(listed, choice, 
 
 def test_a_box_over_two_steps_takes_both_the_larger_first_and_leaves_out_slivers():
     # 60 x 40 mm and, 10 mm lower, 80 x 40 mm.
-    outline = np.array([[0, 0], [140, 0], [140, 20], [60, 20], [60, 30], [0, 30.0]])
-    steps = prism(outline, 40.0)
+    steps = prism(np.array([[0, 0], [140, 0], [140, 20], [60, 20], [60, 30], [0, 30.0]]), 40.0)
     region = region_of(steps, "box:10,5,1,130,35,100")
     whole = fit_surface(part_of(steps))
     assert region.area_m2 == pytest.approx((70.0 + 50.0) * 30.0 * 1e-6)
@@ -227,8 +225,7 @@ def test_a_rectangle_stays_a_rectangle(margin):
 
 def test_on_a_ball_the_distance_is_that_along_the_great_circle():
     margin = 0.015
-    region = region_of(FINE_BALL, margin=margin)
-    (loop,) = region.boundary_loops
+    (loop,) = region_of(FINE_BALL, margin=margin).boundary_loops
     angle = np.arctan2(np.hypot(loop[:, 0], loop[:, 1]), loop[:, 2])
     # The border it starts from is a circle up to 0.2 mm where the cone cuts the facets of the ball.
     assert angle.mean() * 0.05 == pytest.approx(UP_CONE * 0.05 - margin, abs=2e-5)

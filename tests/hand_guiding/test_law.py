@@ -183,8 +183,7 @@ def test_the_wrist_sensor_feels_the_hand():
     pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
     np.testing.assert_allclose(pulled.rows["force"][0], [8.0, 0.0, 0.0], atol=1e-6)
     assert np.abs(free.rows["q"][-1] - arm.HOME).max() < 1e-6  # the believed weight carries the arm
-    R = pulled.rows["R_base_tool"][-1]
-    change = R @ (pulled.rows["raw"][-1, :3] - free.rows["raw"][-1, :3])
+    change = pulled.rows["R_base_tool"][-1] @ (pulled.rows["raw"][-1, :3] - free.rows["raw"][-1, :3])
     np.testing.assert_allclose(change, -pulled.rows["force"][-1], atol=0.05)
 
 

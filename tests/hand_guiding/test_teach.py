@@ -110,8 +110,7 @@ def cut(rows, stop_step=0, interrupted=False, direction="x"):
     reason = "links touch" if stop_step else None
     recorded = np.zeros(rows, GuidingRow.dtype)
     recorded["R_base_tool"] = np.eye(3)
-    run = GuidingRun(recorded, reason, stop_step, interrupted, 0.0)
-    return teach.PlayedMove(move, table, run)
+    return teach.PlayedMove(move, table, GuidingRun(recorded, reason, stop_step, interrupted, 0.0))
 
 
 def test_only_a_whole_move_has_a_force_and_one_cut_short_leaves_its_mode_without_a_peak():

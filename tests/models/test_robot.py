@@ -175,5 +175,4 @@ def test_friction_at_reversals_costs_less_than_a_twentieth_of_a_millimetre_and_a
     for _ in range(400):
         mujoco.mj_step(model, data)
         speeds.append(data.qvel[joint])
-    late = np.abs(speeds[200:])
-    assert late.max() < 0.02 * np.abs(speeds).max()
+    assert np.abs(speeds[200:]).max() < 0.02 * np.abs(speeds).max()

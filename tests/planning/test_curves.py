@@ -115,8 +115,7 @@ def test_edges_are_short_borders_closed_vertices_on_the_surface_and_a_flood_is_r
     assert geometry.enclosed(border.positions, UP) == pytest.approx(0.16**2, rel=1e-9)
     with pytest.raises(PlanError, match="too large for so fine a step-over"):
         triangulate(COARSE.surface, 2e-5)
-    region = region_of("sphere_50")
-    mesh = triangulate(region.surface, 0.001)
+    mesh = triangulate(region_of("sphere_50").surface, 0.001)
     middle = np.array([0.0, 0.0, mesh.vertices[:, 2].max() - 0.05])
     assert np.linalg.norm(mesh.vertices - middle, axis=1) == pytest.approx(0.05, abs=2e-6)
     assert (mesh.normals * (mesh.vertices - middle)).sum(axis=1).min() > 0.05 * (1.0 - 1e-4)

@@ -45,8 +45,7 @@ def test_a_full_raster_covers_the_plate_half_of_one_covers_half_of_it_and_its_st
     assert inspected.figures["overlap"] == pytest.approx(0.8)
     assert any(note.startswith("step-over taken from the path: 10 mm") for note in inspected.notes)
     full = raster()
-    half = full.rows(full.positions_work[:, 1] < 0.0)
-    found = inspect_path(half, PLATE, PlanConfig(stepover_m=0.01))
+    found = inspect_path(full.rows(full.positions_work[:, 1] < 0.0), PLATE, PlanConfig(stepover_m=0.01))
     # Ten lines of 10 mm, 0.05 step-overs more on the open side.
     assert found.figures["coverage_stepover"] == pytest.approx(0.5 * 1.005, abs=0.002)
     assert found.figures["coverage"] == pytest.approx((0.095 + 0.025) / 0.2, abs=0.01)

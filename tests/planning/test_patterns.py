@@ -67,8 +67,7 @@ def test_the_spiral_becomes_archimedean_turn_by_turn():
 
 def test_a_fermat_spiral_ends_beside_its_beginning_and_its_turns_have_no_tails():
     path = shipped_plan("freeform", "fermat").path
-    stroke = path.positions_work[path.process]
-    radius = np.linalg.norm(stroke[:, :2], axis=1)
+    radius = np.linalg.norm(path.positions_work[path.process][:, :2], axis=1)
     assert radius[0] == pytest.approx(0.1 - 0.5 * STEP, abs=1e-3)
     assert radius[-1] == pytest.approx(0.1 - 1.5 * STEP, abs=1e-3)
     assert 0.4 < radius.argmin() / len(radius) < 0.6

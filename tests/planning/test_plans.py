@@ -135,8 +135,7 @@ def test_a_path_begins_near_its_start_and_says_where_if_two_step_overs_off(patte
     plan = PlanConfig(pattern=pattern, stepover_m=0.012, start=start, raster_direction=(0.0, 1.0, 0.0))
     result = plan_part(PartConfig(name), plan)
     away = result.path.positions_work[result.path.process][0] - start
-    flat = np.linalg.norm(away[:2])
-    assert flat < within * STEP
+    assert np.linalg.norm(away[:2]) < within * STEP
     assert bool(told(result)) == (np.linalg.norm(away) > 2.0 * STEP)
 
 

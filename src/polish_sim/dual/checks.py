@@ -36,7 +36,7 @@ def check_length(visits: Visits, motion: MasterMotion) -> None:
     """Refuse a motion that is over before the work; the InputError says by how much."""
     needed = visits.clock[-1]
     lasts = motion.way.lasts
-    if motion.file is not None and lasts < needed:
+    if motion.file and lasts < needed:
         raise InputError(
             f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
             f"s: {needed - lasts:.2f} s are missing. Extend the file, raise --feed, or stop early with --set "
@@ -143,11 +143,11 @@ def _refuse(check: MotionCheck, found: Array, places: list[str], most: float, do
 
 def _place(check: MotionCheck, clock: float) -> str:
     file = check.motion.file
-    return f" {clock:.2f} s into its motion" + (f" ({file.place(clock)})" if file is not None else "")
+    return f" {clock:.2f} s into its motion" + (f" ({file.place(clock)})" if file else "")
 
 
 def _change(check: MotionCheck) -> str:
-    if check.motion.file is not None:
+    if check.motion.file:
         return (
             "Give it more time. Rows of a robot's own log are noisy or dense, and the motion goes through "
             "all of them: smooth them or leave most of them out first; more time would not help there."

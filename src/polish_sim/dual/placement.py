@@ -168,7 +168,7 @@ def find_pair_reach(
             furthest = max(furthest, found, key=lambda failed: failed.progress)
         elif best is None or found.value > best.value:
             best = found
-        if best is not None and best.value > GOOD:
+        if best and best.value > GOOD:
             break
     if best is None:
         raise ReachError(

@@ -131,9 +131,9 @@ def placed_strokes(
         along = stroke_path(path, during, pressed_in, rotations, process.feed_m_s, air or CELL_LIMITS)
         if path.feed is not None:
             table = with_feed_share(table, s, along.feed / process.feed_m_s)
-        motion = stroke_motion(scenario.smoothing, along, placed.arm)
-        if motion is None:
-            motion = time_path(table, feed_pace(process.feed_m_s))
+        motion = stroke_motion(scenario.smoothing, along, placed.arm) or time_path(
+            table, feed_pace(process.feed_m_s)
+        )
         strokes.append(
             Stroke(
                 travel=travel_to(strokes, nominal[through], rotations[through]),

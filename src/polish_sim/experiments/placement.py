@@ -142,24 +142,24 @@ def find_reach(
                     some = smallest_singular_values(joints.q[::8], joints.point_flange)
                     if some.min() <= bar or joints.smallest_singular_value <= bar:
                         continue
-                    if hindrance is not None:
+                    if hindrance:
                         failure = hindrance(T_base_work, joints)
                 if failure is None:
                     best = Reach(T_base_work, spin, np.array(joints.q[0]), joints.smallest_singular_value)
                     bar = best.smallest_singular_value + _CLEARLY_BETTER
                 elif failure.point > furthest.point:
                     furthest = failure
-        if best is not None and best.smallest_singular_value > GOOD_SINGULAR_VALUE:
+        if best and best.smallest_singular_value > GOOD_SINGULAR_VALUE:
             break
-    if best is None and furthest.point < 0 and unturnable is not None:
+    if best:
+        return best
+    if furthest.point < 0 and unturnable:
         raise unturnable
-    if best is None:
-        raise ReachError(
-            f"the robot cannot do this path: at {place_in_mm(positions[samples[max(furthest.point, 0)]])} of "
-            f"the part {furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose "
-            f"X,Y,Z,RX,RY,RZ (mm, deg) {otherwise}."
-        )
-    return best
+    raise ReachError(
+        f"the robot cannot do this path: at {place_in_mm(positions[samples[max(furthest.point, 0)]])} of "
+        f"the part {furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose "
+        f"X,Y,Z,RX,RY,RZ (mm, deg) {otherwise}."
+    )
 
 
 def check_whole_path(reach: Reach, positions: Array, axes: Array) -> JointPath:
@@ -170,8 +170,7 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array) -> JointPath:
             range.
     """
     joints = reach.follow(positions, axes)
-    failure = failure_of(joints, False)
-    if failure is not None:
+    if failure := failure_of(joints, False):
         raise ReachError(
             f"point {failure.point} of the path, {place_in_mm(positions[failure.point])} of the part: "
             f"{failure.reason}. Move the part with --part-pose."

@@ -213,8 +213,7 @@ def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMoti
 def allowed_motions(task: ExcitationTask, rng: np.random.Generator) -> Iterator[FourierMotion]:
     """Random motions that respect every limit, one after the other."""
     while True:
-        motion = shrunk(random_motion(task.limits, rng), task)
-        if motion is not None:
+        if motion := shrunk(random_motion(task.limits, rng), task):
             yield motion
 
 

@@ -73,7 +73,7 @@ def sample_in_blocks(
     for block in times:
         seen = motion_at(motion, block, arm)
         yield seen
-        arm = None if arm is None else arm._replace(q_start=seen.q[0, -1])
+        arm = arm and arm._replace(q_start=seen.q[0, -1])
 
 
 def stretch_times(edges: Array) -> Iterator[Array]:

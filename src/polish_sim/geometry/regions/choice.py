@@ -373,8 +373,7 @@ def _check_polygon(flat: Array, argument: str) -> None:
             f"the corners of region 'polygon:{argument}' lie on a line seen from above. "
             "Give corners around an area, or set --up to the side it is seen from."
         )
-    crossing = _first_crossing(flat)
-    if crossing is not None:
+    if crossing := _first_crossing(flat):
         one, other = (f"from corner {side + 1} to {(side + 1) % len(flat) + 1}" for side in crossing)
         raise InputError(
             f"the outline of region 'polygon:{argument}' crosses itself: its sides {one} and {other}. "

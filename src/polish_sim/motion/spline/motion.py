@@ -217,7 +217,7 @@ class SplineTask(NamedTuple):
 
     def arm_near(self, q: Array) -> Arm | None:
         """The arm in its configuration at some way point."""
-        return None if self.arm is None else self.arm._replace(q_start=q)
+        return self.arm and self.arm._replace(q_start=q)
 
 
 MOST_ROUNDS = 12  #: Of stops added

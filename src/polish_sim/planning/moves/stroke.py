@@ -130,7 +130,7 @@ def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leani
     tangents = unit(np.gradient(run.positions, axis=0))
     normals = soften_creases(run.points.normals, s, CREASE_REACH * plan.stepover_m)
     leaned = lean(normals, tangents, plan.lead_angle_rad, plan.tilt_angle_rad)
-    if leaning is not None:
+    if leaning:
         leaned = leaning.lean(run.positions, leaned)
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
     passes = run.pass_index - run.pass_index.min() + first_pass
@@ -286,8 +286,7 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
             stroke = move_in(PROCESS, rows.positions, rows.axes, rows.pass_index)
             if arc_length(stroke.positions)[-1] <= plan.stepover_m:
                 continue
-            found = place(stroke, moves[-1] if moves else None, plan, air)
-            if found is not None:
+            if found := place(stroke, moves[-1] if moves else None, plan, air):
                 sources.append(low + found.source)
                 moves.append(found.move)
         begin = end + 1
