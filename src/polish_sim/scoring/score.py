@@ -77,8 +77,7 @@ def setup_key(task: Task) -> Hashable:
     return (
         place_key(scenario),
         scenario.part,
-        scenario.head,
-        scenario.process,
+        scenario.head.spring_scale,
         scenario.seed,
     )
 
