@@ -132,7 +132,7 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
 
     estimate, readings = found.estimate, found.readings
     write_calibration(folder / CALIBRATION, estimate)
-    if found.scenario is not None:
+    if found.scenario:
         put_file(folder, CONFIG, to_toml(found.scenario))
     left = estimate.residuals, estimate.noise, estimate.used
     write_found(

@@ -252,7 +252,7 @@ def _keys(table: Any, section: str) -> Iterator[Key]:
         value = getattr(table, f.name)
         if is_dataclass(value) and not section:
             yield from _keys(value, f.name)
-        elif f.metadata.get("option") is not None:
+        elif f.metadata.get("option"):
             yield Key(section, f.name, value, f.metadata, f.metadata["option"])
 
 
@@ -433,7 +433,7 @@ SWITCHES = {"--allow-contact": "safety.tool_in_part=allow", "--even-removal": "p
 def with_options(scenario: Scenario, given: Given) -> Scenario:
     """A scenario with a tool, then the options, then --set on top of it. Raises as `build_scenario`."""
     tool = None
-    if given.get("--tool") is not None:
+    if given.get("--tool"):
         from polish_sim.job.tools import choose_tool  # only this option reads the library
 
         tool = choose_tool(given["--tool"])

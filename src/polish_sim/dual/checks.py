@@ -117,8 +117,7 @@ def _follow(check: MotionCheck) -> Array:
     at = check.visits
     _, tools = sampled(check.work, check.reach.T_master_work, check.reach.spin, at)
     joints = track(tools, check.work.chain.T_flange_tool, check.reach.q_follower)
-    failure = failure_of(joints, False)
-    if failure is not None:
+    if failure := failure_of(joints, False):
         raise ReachError(
             f"the follower cannot do this: at {1e3 * at.s[failure.point]:.1f} mm of the path "
             f"{failure.reason}."

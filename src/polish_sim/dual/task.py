@@ -165,7 +165,7 @@ def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = Non
 
 def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
     """The path that was given, else once around the part's rim; and what it is on."""
-    if plan is not None:
+    if plan:
         return plan.mesh, plan.surface, plan.region, plan.path
     mesh, asked = load_mesh(scenario.part), scenario.plan
     surface = fit_surface(mesh, asked.feature_angle_rad)

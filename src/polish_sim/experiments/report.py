@@ -56,8 +56,7 @@ def draw_plots(record: RunRecord) -> dict[str, Figure]:
         return {}
     plots = _drawn(experiment(record.scenario.experiment).plots(record), record)
     plots |= _removal([record]) if removed_something(record) else {}
-    stop = stop_mark(record.metrics)
-    if stop:
+    if stop := stop_mark(record.metrics):
         for figure in plots.values():
             say_stop(figure, stop.text)
     return plots

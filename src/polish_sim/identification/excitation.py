@@ -249,8 +249,7 @@ def design(
     least = np.inf
     for start in islice(allowed_motions(task, rng), starts):
         x = _descend(cost, start.coefficients.ravel(), iterations)
-        motion = shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task)
-        if motion is not None:
+        if motion := shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task):
             value, _ = i_optimal(mean_information(task, motion), task.use)
             if value < least:
                 best, least = motion, value

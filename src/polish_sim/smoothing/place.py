@@ -146,8 +146,7 @@ def follow_path(
     way = way_between(points.path.positions_work[rows], points.path.axes_work[rows])
     reach = find_reach(way.positions, way.axes, placements, above_table=True, otherwise=otherwise)
     joints = reach.follow(way.positions, way.axes)
-    failure = failure_of(joints, False)
-    if failure is not None:
+    if failure := failure_of(joints, False):
         end = points.place(rows[way.ends[failure.point]])
         raise ReachError(
             f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the "

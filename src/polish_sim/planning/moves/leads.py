@@ -124,7 +124,7 @@ def _is_clear(process: Move, tried: Landing, air: AirSpace) -> bool:
     up = np.abs(dots(way.positions - foot.positions, foot.axes))
     if (signed_distances(air.part, way.positions) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
-    if air.tool is not None:
+    if air.tool:
         under = ground_under(air.part, air.part.closest(foot.positions))
         pressed = pressed_places(foot.positions, foot.axes, under, air.tool.pad, air.tool.force)
         if not air.has_room(way.positions, way.axes, pressed):

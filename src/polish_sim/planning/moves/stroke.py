@@ -156,7 +156,7 @@ def place(stroke: Move, previous: Move | None, plan: PlanConfig, air: AirSpace) 
         return None
     first, last = (end.row for end in chosen)
     move = with_leads(stroke.rows(np.s_[first : last + 1]), *chosen)
-    if previous is not None:
+    if previous:
         between = travel(previous, move, air)
         if between is None:
             return None
