@@ -35,6 +35,7 @@ PASSES = 2  #: Searches for places: what the first loops leave may be a place of
 WIDER = 0.12
 TAIL = 0.3  #: Where a turn runs back along itself nearer than this many step-overs, a loop replaces its tail
 SLIVER = 0.1  #: A turn is a sliver if its mean width, area by length, is below this [step-overs]
+SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
 FURTHEST = 3.0  #: Distances are measured up to this many step-overs
 
 
@@ -203,8 +204,8 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
             continue
         edge = np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover)
         for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
-            if line.closed:
-                curve = _loop(line, stepover)
+            curve = _loop(line, stepover) if line.closed else None
+            if curve is not None and curve.length > SHORTEST * stepover:
                 nearest = np.bincount(CurveSet(curves).nearest(curve.positions).curve).argmax()
                 loops.append(Turn(curve, np.flatnonzero(place)))
                 turns[int(nearest)].children.append(loops[-1])
