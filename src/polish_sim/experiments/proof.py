@@ -514,7 +514,7 @@ class _Prover:
             reach = max(AROUND_S * self._feed_at(row), AROUND_M)
         elif (
             pressed > self.easiest
-            and code in (*FORCE_FAILS, guard.FALLEN)
+            and code in (*FORCE_FAILS, guard.FALLEN, guard.DEEP)
             and less * usual > CONTACT_N + failure.lacking  # else less force would lose contact
         ):
             what, share, reach = EASED, less, pad
