@@ -140,6 +140,5 @@ def test_settings_ends_and_differences_of_runs_side_by_side_are_said_and_their_n
         folder.mkdir(parents=True)
         run_record.write_record(folder, run())
     assert [record.name for record in run_record.read_records(folders)] == [str(folder) for folder in folders]
-    twice = [record.name for record in run_record.read_records([folders[0], folders[0]])]
-    assert len(set(twice)) == 2
+    assert len({record.name for record in run_record.read_records([folders[0], folders[0]])}) == 2
     assert [record.name for record in run_record.read_records(folders[:1])] == ["seed-0000"]

@@ -106,8 +106,7 @@ def test_honest_readings_are_kept_of_a_few_all_and_where_too_many_disagree_nobod
     assert np.mean([one.used.all() for one in found]) > 0.99
     first = knocked(np.random.default_rng(1), {0: PUSH})
     columns = first.time, first.R_base_sensor, first.wrenches
-    few = PayloadReadings(*(column[:6].copy() for column in columns))
-    assert fit_without_outliers(few).used.all()
+    assert fit_without_outliers(PayloadReadings(*(column[:6].copy() for column in columns))).used.all()
     rng = np.random.default_rng(0)
     knocks = {reading: rng.uniform(2.0, 9.0) * np.roll(PUSH, reading) for reading in range(5)}
     with pytest.raises(CalibrationError, match="more than 25% of the 12 readings"):

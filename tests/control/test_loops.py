@@ -266,8 +266,7 @@ def test_force_mode_answers_every_second_millisecond_from_the_tools_speed_within
         law, (m, t) = signals.controller("force-mode"), pressing(20.0, speed)
         assert law.step(m, t)[2] == pytest.approx(speed, rel=0.08)
     law, (m, t) = signals.controller("force-mode"), pressing(-500.0)
-    pushed = [law.step(m, t)[2] for _ in range(500)]
-    assert max(pushed) == pytest.approx(signals.CONFIG.force_limit_m_s)
+    assert max([law.step(m, t)[2] for _ in range(500)]) == pytest.approx(signals.CONFIG.force_limit_m_s)
     m.wrench[2] = 520.0
     back = np.array([law.step(m, t)[2] for _ in range(100)])
     assert (back < 0.0).argmax() < 20  # it does not wind up

@@ -101,8 +101,7 @@ def test_poses_at_rest_tell_ten_numbers_and_what_base_parameters_leave_out_moves
     model = regressor.TorqueModel(arm_chain(), ("viscous", "coulomb", "armature"))
     said = dict(zip(model.names, identifiable(base_of(model)), strict=True))
     assert (said["m1"], said["fc4"], said["Izz2"]) == ("no", "alone", "combined")
-    names = base_names(base_of(model), model.names)
-    assert any(name.startswith("Izz2 + ") for name in names)
+    assert any(name.startswith("Izz2 + ") for name in base_names(base_of(model), model.names))
 
 
 def sums_of(torque):

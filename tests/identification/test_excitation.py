@@ -63,8 +63,7 @@ def found():
 
 def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones_most_of_its_own_task(found):
     states = found(np.linspace(0.0, 10.0, 997))
-    torque = KNOWN.model.torque(states, KNOWN.model.truth())
-    assert LIMITS.holds(states, torque)
+    assert LIMITS.holds(states, KNOWN.model.torque(states, KNOWN.model.truth()))
     random = excitation.allowed_motions(TASK, np.random.default_rng(2))
     assert variance(found, USE) < 0.6 * min(variance(next(random), USE) for _ in range(5))
     # The task: poses along a line, hardly moving.

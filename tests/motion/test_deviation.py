@@ -106,8 +106,7 @@ def test_stops_stray_nowhere_and_overlaps_and_crossings_are_measured_on_their_ow
     assert measure_deviation(motion, chain).contour.value >= wanted / np.sqrt(2.0) * (1.0 - 1e-9)
     rng = np.random.default_rng(3)
     tips = np.cumsum(rng.normal(size=(12, 3)), axis=0) * 1e-3
-    axes = np.column_stack([0.05 * rng.normal(size=(12, 2)), -np.ones(12)])
-    chain = chain_from_axes(tips, axes)
+    chain = chain_from_axes(tips, np.column_stack([0.05 * rng.normal(size=(12, 2)), -np.ones(12)]))
     schedule = overlapped(chain, 0.12)
     found = measure_deviation(Smoothed(chain, schedule), chain)
     samples = Smoothed(chain, schedule).sample(np.linspace(0.0, schedule.end, 40_001))

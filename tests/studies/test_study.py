@@ -122,8 +122,7 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path):
     keys = keys_of_runs(asked)
     runner = Runner(RunTable(tmp_path), Deadly())
     assert run_study(asked, keys, False, runner)["lost"] == runner.lost == 1
-    first = RunTable(tmp_path)
-    assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
+    assert sorted(RunTable(tmp_path).known.values()) == [DONE, FAILED, FAILED, LOST]
     with (tmp_path / "rows.jsonl").open("a") as file:
         file.write('{"key": "torn')
     with locked(tmp_path / "rows.jsonl"):

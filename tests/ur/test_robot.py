@@ -56,8 +56,7 @@ def test_poses_and_jacobian_are_those_of_the_reference():
     rng = np.random.default_rng(500)
     odd = ([0.0, 0.0, 0.0], [1e-10, 0.0, 0.0], [0.0, 3.14159, 0.0], [-3.0, 0.4, 0.0])
     for turn in (*rng.normal(size=(50, 3)), *odd):
-        pose = np.concatenate([rng.normal(size=3), turn])
-        T = from_pose(pose)
+        T = from_pose(np.concatenate([rng.normal(size=3), turn]))
         assert from_pose(pose_of(T)) == pytest.approx(T, abs=1e-9)
         assert np.linalg.norm(pose_of(T)[3:]) <= np.pi + 1e-9
         q = rng.uniform(-3.0, 3.0, 6)

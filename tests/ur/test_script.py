@@ -219,8 +219,7 @@ SIX = "p[0, 0, 0, 0, 0, 0]"
 )  # fmt: skip
 def test_a_failing_programme_stops_with_its_place(body, words):
     _, notes, machine = run(body)
-    kinds = [event[0] for event in notes.events]
-    assert kinds == ["started", "exception", "stopped"]
+    assert [event[0] for event in notes.events] == ["started", "exception", "stopped"]
     assert words in notes.events[1][3]
     assert 2 <= notes.events[1][1] <= 10
     assert not machine.running
