@@ -436,6 +436,8 @@ def test_what_the_pad_does_not_touch_when_a_plan_is_played_is_not_polished(tmp_p
     again = planned(proven.scenario, read_path(tmp_path), read_cuts(tmp_path)).area
     assert again.figures["left_out"] == area.figures["left_out"]
     assert prove(scenario, proven.plan).plan.area.figures == area.figures
+    # Where the feed ends early most of the path is not played.
+    assert prove(override(scenario, ["process.max_feed_s=0.5"]), plan).plan.area.figures == before.figures
     drawn = replace(scenario, seed=501)
     bare, rest = (run_experiment(drawn, p).figures["left_out"][UNTOUCHED] for p in (plan, proven.plan))
     assert bare > max(1e-4, 4.0 * rest)

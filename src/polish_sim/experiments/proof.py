@@ -582,7 +582,7 @@ class _Prover:
         removal, vertices = self.play.removal(), plan.ready.asked.ground.mesh.vertices
         nearest = cKDTree(removal.vertices).query(vertices)[1]
         bare = (removal.exposure[nearest] <= 0.0) & (plan.area.why < 0)
-        if bare.any():
+        if bare.any() and not scenario.process.max_feed_s:  # else most of the path was not played
             cut = CutOut(UNPLAYED, vertices[bare])
             plan = replace(plan, cuts=(*plan.cuts, cut)).along(place.path, ())
         if LEFT_OUT in made:
