@@ -575,16 +575,18 @@ class _Prover:
         reach = place.reach
         pose = to_pose(reach.T_base_work)
         made = {mend.what for mend in self.mends}
-        kept = tuple(cut for cut in plan.cuts if cut.reason != UNPLAYED)  # not of an earlier proof
-        if made or len(kept) < len(plan.cuts):
-            plan = replace(plan, cuts=kept).along(place.path, self.mends)
-        self.observer.stage("measure the removal")
-        removal, vertices = self.play.removal(), plan.ready.asked.ground.mesh.vertices
-        nearest = cKDTree(removal.vertices).query(vertices)[1]
-        bare = (removal.exposure[nearest] <= 0.0) & (plan.area.why < 0)
-        if bare.any() and not scenario.process.max_feed_s:  # else most of the path was not played
-            cut = CutOut(UNPLAYED, vertices[bare])
-            plan = replace(plan, cuts=(*plan.cuts, cut)).along(place.path, ())
+        cuts = [cut for cut in plan.cuts if cut.reason != UNPLAYED]  # that is of an earlier proof
+        changed = made or len(cuts) < len(plan.cuts)
+        if not scenario.process.max_feed_s:  # else most of the path was not played
+            self.observer.stage("measure the removal")
+            removal, asked = self.play.removal(), plan.ready.asked
+            nearest = cKDTree(removal.vertices).query(asked.ground.mesh.vertices)[1]
+            bare = (removal.exposure[nearest] <= 0.0) & (asked.why < 0)
+            if bare.any():
+                cuts.append(CutOut(UNPLAYED, asked.ground.mesh.vertices[bare]))
+                changed = True
+        if changed:
+            plan = replace(plan, cuts=tuple(cuts)).along(place.path, self.mends)
         if LEFT_OUT in made:
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
