@@ -3,7 +3,7 @@ docstrings say shapes and units."""
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ Bools = NDArray[np.bool_]
 #: What a run, a plan or a calibration reports, by the names of metrics.json
 Figures = dict[str, Any]
 SLICE = 16_384
+N = TypeVar("N", bound=tuple[Any, ...])
 
 
 class Uncertain:
@@ -176,6 +177,12 @@ def next_corners(corners: Any) -> Any:
 def joined(groups: Any) -> Iterator[Any]:
     """The columns of groups of arrays, each group's rows behind those before."""
     return (np.concatenate(columns) for columns in zip(*groups, strict=True))
+
+
+def rows_of(columns: N, kept: Any) -> N:
+    """Some rows of a named tuple of arrays: a slice, a mask (n,) or numbers."""
+    named: Any = type(columns)
+    return named(*(column[kept] for column in columns))  # type: ignore[no-any-return]
 
 
 def in_groups(counts: Any) -> tuple[Indices, Indices]:

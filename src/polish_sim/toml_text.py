@@ -57,20 +57,14 @@ def toml_text(
 def _fill(table: Any, values: Mapping[str, Any], comments: Mapping[str, str], place: str) -> None:
     import tomlkit
 
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            continue
-        item = tomlkit.item(_plain(value))
-        if f"{place}{name}" in comments:
-            item.comment(comments[f"{place}{name}"])
+    for name, value in sorted(values.items(), key=lambda entry: isinstance(entry[1], Mapping)):
+        where, nested = f"{place}{name}", isinstance(value, Mapping)
+        item = tomlkit.table() if nested else tomlkit.item(_plain(value))
+        if where in comments:
+            item.comment(comments[where])
+        if nested:
+            _fill(item, value, comments, f"{where}.")
         table.add(name, item)
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            section = tomlkit.table()
-            if f"{place}{name}" in comments:
-                section.comment(comments[f"{place}{name}"])
-            _fill(section, value, comments, f"{place}{name}.")
-            table.add(name, section)
 
 
 def _plain(value: Any) -> Any:

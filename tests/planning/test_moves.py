@@ -19,8 +19,8 @@ from polish_sim.planning.toolpath import BEFORE, PROCESS, stretches
 from tests.geometry.shapes import prism, surface_of
 from tests.planning.shapes import UP, block, path_through, plan_of, union
 
-CLEARANCE, STEPOVER = 0.03, 0.008
-LANDING = leads.Landing(leads.normal_lead, CLEARANCE)
+CLEARANCE = 0.03
+LANDING = leads.normal_lead, leads.normal_lead, CLEARANCE
 PRESSED = Tool(PadConfig(), 20.0)
 
 
@@ -36,7 +36,7 @@ def stroke(x0, x1, y=0.0):
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(height, ahead):
     part = slab_with_wall(height)
-    first, second = (leads.with_leads(stroke(a, a + 0.02), LANDING, LANDING) for a in (-0.06, ahead))
+    first, second = (leads.with_leads(stroke(a, a + 0.02), *LANDING) for a in (-0.06, ahead))
     way = travel.travel(first, second, travel.AirSpace(part, CLEARANCE, UP))
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height * (ahead > 0.0) + CLEARANCE + 1e-9
@@ -47,7 +47,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round():
     part = surface_of(block((100, 100, 10)))
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
-    first, second = (leads.with_leads(move, LANDING, LANDING) for move in (top, below))
+    first, second = (leads.with_leads(move, *LANDING) for move in (top, below))
     way = travel.travel(first, second, travel.AirSpace(part, CLEARANCE, UP))
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
@@ -57,14 +57,14 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     part = slab_with_wall(50.0)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
     air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
-    start, end = leads.choose_leads(stroke(0.032, 0.07), "tangent", air, STEPOVER)
-    assert start.shape is leads.normal_lead
-    assert end.shape is leads.tangent_lead
+    start, end = leads.choose_leads(stroke(0.032, 0.07), "tangent", air)
+    assert start is leads.normal_lead
+    assert end is leads.tangent_lead
     part = surface_of(block((200, 200, 10), (0, 0, -5)))
     air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
     for name, shape in leads.LEADS.items():
-        start, end = leads.choose_leads(stroke(-0.05, 0.05), name, air, STEPOVER)
-        assert start.shape is end.shape is shape
+        start, end = leads.choose_leads(stroke(-0.05, 0.05), name, air)
+        assert start is end is shape
     # The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg): 20.5 mm for R = 30 mm, the ramp 29 mm.
     ball = trimesh.creation.icosphere(4, 30.0)
     bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 2] < -9.0][:, ::-1])
@@ -72,8 +72,8 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
     move = travel.move_in(PROCESS, -0.03 * normal, normal, 0)
-    start, _ = leads.choose_leads(move, "tangent", travel.AirSpace(part, CLEARANCE, UP), STEPOVER)
-    assert start.shape is not leads.tangent_lead
+    start, _ = leads.choose_leads(move, "tangent", travel.AirSpace(part, CLEARANCE, UP))
+    assert start is not leads.tangent_lead
 
 
 def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):

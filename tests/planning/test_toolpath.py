@@ -10,7 +10,7 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import pressed
 from polish_sim.planning.ground import prepare_ground
-from polish_sim.planning.moves.leads import LEADS, Landing, with_leads, with_way_down
+from polish_sim.planning.moves.leads import LEADS, with_leads, with_way_down
 from polish_sim.planning.moves.stroke import STEEPEST, lean, smooth_axes, soften_creases
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, PROCESS
@@ -35,7 +35,7 @@ def test_a_path_cannot_be_changed_and_pressing_moves_its_process_points_against_
 @pytest.mark.parametrize("name", LEADS)
 def test_every_lead_in_ends_at_the_first_point_from_above_and_behind(name):
     clearance = 0.03
-    move = with_leads(stroke(0.0, 0.05), *2 * [Landing(LEADS[name], clearance)])
+    move = with_leads(stroke(0.0, 0.05), *2 * [LEADS[name]], clearance)
     lead_in = move.positions[move.segment == LEAD_IN]
     assert len(lead_in) > 1
     assert np.diff(lead_in[:, 2]).max() < 0.0

@@ -48,11 +48,6 @@ class ClosestPoints(NamedTuple):
     facets: Ints  #: Patches they lie on, shape (n,)
     barycentric: Array  #: Barycentric coordinates u, v, w, shape (n, 3)
 
-    def rows(self, kept: Indices | slice) -> ClosestPoints:
-        """Some of them."""
-        columns: tuple[NDArray[Any], ...] = self
-        return ClosestPoints(*(column[kept] for column in columns))
-
 
 class Curvature(NamedTuple):
     """Principal curvatures, positive = convex seen from outside."""

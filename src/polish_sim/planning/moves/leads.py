@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, joined, unit
+from polish_sim.arrays import Array, dots, joined, rows_of, unit
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.travel import APART_M, AirSpace, Move, evenly, move_in, move_of, path_of
 from polish_sim.planning.quality.located import ground_under
 from polish_sim.planning.quality.tool_room import pressed_places
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 
 LEAD_SHARE = 1.0 / 3.0  #: Height of the lead-in as a share of the clearance
 RAMP = np.radians(20.0)  #: Angle of the tangent lead-in to the surface [rad]
@@ -43,23 +42,15 @@ def arc_lead(height: float) -> Array:
 LEADS: Mapping[str, LeadShape] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
 
 
-class Landing(NamedTuple):
-    """How a stroke begins or ends."""
-
-    shape: LeadShape
-    clearance: float  #: Height it begins from [m]
-    row: int = 0  #: Point of the stroke at which the tool lands or leaves
-
-
 BACKWARDS = np.s_[::-1]
 
 
-def with_leads(process: Move, start: Landing, end: Landing) -> Move:
-    """Put approach and lead-in before a process move and lead-out and retract after it; ``end`` is how the
-    tool leaves, mirrored."""
-    way_down = landing(process, start.shape, start.clearance)
-    way_up = landing(process.rows(BACKWARDS), end.shape, end.clearance, (RETRACT, LEAD_OUT)).rows(BACKWARDS)
-    return Move(*joined([way_down, process, way_up]))
+def with_leads(process: Move, start: LeadShape, end: LeadShape, clearance: float) -> Move:
+    """Put approach and lead-in, from a ``clearance`` [m] on, before a process move and lead-out and retract
+    after it; ``end`` is how the tool leaves, mirrored."""
+    way_down = landing(process, start, clearance)
+    way_up = landing(rows_of(process, BACKWARDS), end, clearance, (RETRACT, LEAD_OUT))
+    return Move(*joined([way_down, process, rows_of(way_up, BACKWARDS)]))
 
 
 def landing(
@@ -76,61 +67,43 @@ def landing(
     foot, axis, turn = process.positions[0], process.axes[0], process.pass_index[0]
     back = foot - process.positions[1]
     back = unit(back - axis * (back @ axis))
-    moves = []
-    for code, points in zip(codes, (above, profile), strict=True):
-        moves.append(move_in(code, foot + points[:, :1] * back + points[:, 1:] * axis, axis, turn))
+    moves = (
+        move_in(code, foot + points[:, :1] * back + points[:, 1:] * axis, axis, turn)
+        for code, points in zip(codes, (above, profile), strict=True)
+    )
     return Move(*joined(moves))
 
 
 ROUNDING_M = 1e-9
-#: Shares of the clearance from which a straight lead begins, tried in this order
-LOWER = (1.0, 0.5, 0.25, 0.12)
-FURTHER = 14  #: Points further along that are tried as the end of a stroke
-LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
-def choose_leads(process: Move, name: str, air: AirSpace, stepover: float) -> tuple[Landing, Landing] | None:
+def choose_leads(process: Move, name: str, air: AirSpace) -> tuple[LeadShape, LeadShape] | None:
     """Keep the lead asked for unless the tool would run into the part on it; then come straight along the
     axis.
 
-    What the pad yields to where it presses it yields to on the lead. Where even the straight lead hits, it
-    begins lower; where that hits too, the stroke is shortened, by half a ``stepover`` [m] first. The tool
-    point itself never enters the part, and it can always come from outside in a straight line.
+    What the pad yields to where it presses it yields to on the lead. The tool point itself never enters the
+    part.
 
-    Returns how the stroke begins and ends; None if the tool can land on no part of it, or leave from none.
+    Returns how a stroke begins, and how it ends; None if the tool can land on one of its ends in neither way.
     """
-    start, end = (_choose(way, name, air, stepover) for way in (process, process.rows(BACKWARDS)))
-    if start is None or end is None or (last := len(process.positions) - 1 - end.row) <= start.row:
-        return None
-    return start, end._replace(row=last)
+    start, end = (
+        next((shape for shape in (LEADS[name], normal_lead) if _is_clear(way, shape, air)), None)
+        for way in (process, rows_of(process, BACKWARDS))
+    )
+    return None if start is None or end is None else (start, end)
 
 
-def _choose(process: Move, name: str, air: AirSpace, stepover: float) -> Landing | None:
-    """The first landing at the beginning that is clear: as asked, straight, from lower, further along."""
-    s = arc_length(process.positions)
-    # Points further and further along: half a step-over, then always half as far again.
-    away = 0.5 * stepover * 1.5 ** np.arange(FURTHER)
-    found = np.searchsorted(s, away[away < LONGEST_CUT * s[-1]])
-    rows = [int(row) for row in found if 0 < row < len(s) - 1]
-    straight = [Landing(normal_lead, share * air.clearance, row) for row in (0, *rows) for share in LOWER]
-    tries = (Landing(LEADS[name], air.clearance), *straight)
-    return next((landing for landing in tries if _is_clear(process, landing, air)), None)
-
-
-def _is_clear(process: Move, tried: Landing, air: AirSpace) -> bool:
-    """Whether neither the lead nor the way out from it runs into the part."""
-    process = process.rows(np.s_[tried.row :])
-    foot, way = process.rows(np.s_[:1]), landing(process, tried.shape, tried.clearance)
+def _is_clear(process: Move, shape: LeadShape, air: AirSpace) -> bool:
+    """Whether the tool does not run into the part on a lead."""
+    foot, way = rows_of(process, np.s_[:1]), landing(process, shape, air.clearance)
     up = np.abs(dots(way.positions - foot.positions, foot.axes))
     if (signed_distances(air.part, way.positions) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
-    if air.tool:
-        under = ground_under(air.part, air.part.closest(foot.positions))
-        pressed = pressed_places(foot.positions, foot.axes, under, air.tool.pad, air.tool.force)
-        if not air.has_room(way.positions, way.axes, pressed):
-            return False
-    top = way.positions[:1]
-    return air.way_out(top[0], foot.axes[0], air.height_to_keep(top)) is not None
+    if not air.tool:
+        return True
+    under = ground_under(air.part, air.part.closest(foot.positions))
+    pressed = pressed_places(foot.positions, foot.axes, under, air.tool.pad, air.tool.force)
+    return air.has_room(way.positions, way.axes, pressed)
 
 
 def with_way_down(path: ToolPath, clearance: float) -> ToolPath:

@@ -17,6 +17,7 @@ from polish_sim.arrays import (
     into_plane,
     joined,
     midpoints,
+    rows_of,
     turned,
     unit,
 )
@@ -114,11 +115,6 @@ class ContactRun(NamedTuple):
     curvature: Array  #: Normal curvature of the surface along it [1/m], shape (n,)
     axis_deviation_rad: float  #: Largest angle by which smoothing turned an axis [rad]
 
-    def rows(self, first: int, last: int) -> ContactRun:
-        """The stroke from one of its points to another, both included."""
-        kept = slice(first, last + 1)
-        return self._replace(process=self.process.rows(kept), curvature=self.curvature[kept])
-
 
 def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None) -> ContactRun:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
@@ -150,24 +146,22 @@ class Placed(NamedTuple):
 
 
 def place(stroke: Move, previous: Move | None, plan: PlanConfig, air: AirSpace) -> Placed | None:
-    """Give a stroke leads, shortened if need be, and a way to it; None if it cannot be reached."""
-    chosen = choose_leads(stroke, plan.lead_in, air, plan.stepover_m)
-    if chosen is None:
+    """Give a stroke leads and a way to it; None if it cannot be reached."""
+    shapes = choose_leads(stroke, plan.lead_in, air)
+    if shapes is None:
         return None
-    first, last = (end.row for end in chosen)
-    move = with_leads(stroke.rows(np.s_[first : last + 1]), *chosen)
+    move = with_leads(stroke, *shapes, air.clearance)
     if previous:
         between = travel(previous, move, air)
         if between is None:
             return None
         move = Move(*joined([between, move]))
     before = (move.segment == PROCESS).argmax()
-    source = np.clip(np.arange(len(move.segment)) - before + first, first, last)
-    return Placed(move, source, sum(end.shape is not LEADS[plan.lead_in] for end in chosen))
+    source = np.clip(np.arange(len(move.segment)) - before, 0, len(stroke.segment) - 1)
+    return Placed(move, source, sum(shape is not LEADS[plan.lead_in] for shape in shapes))
 
 
 NO_WAY = "the tool cannot come there without running into the part"
-SHORTENED = "no room for the lead at the end of a stroke"
 #: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
 CUT_APART = 0.1
 
@@ -200,11 +194,9 @@ def assemble(
     for run in runs:
         for stroke in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
             found = place(stroke.process, moves[-1] if moves else None, plan, air)
-            line = stroke.process.positions
             if found is None:
-                all_cuts.append(CutOut(NO_WAY, line))
+                all_cuts.append(CutOut(NO_WAY, stroke.process.positions))
                 continue
-            all_cuts.append(CutOut(SHORTENED, np.delete(line, found.source, axis=0)))
             passes = found.move.pass_index.max() + 1
             deviation = max(deviation, stroke.axis_deviation_rad)
             straight += found.straight
@@ -234,7 +226,7 @@ def _clear_of_part(
     move = whole.process
     s = arc_length(move.positions)
     rows = rows_apart(s, CUT_APART * air.tool.pad.radius_m)
-    under = ground_under(run.surface, run.points.rows(rows))
+    under = ground_under(run.surface, rows_of(run.points, rows))
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
     hit = np.flatnonzero(found.depths > 0.0)
@@ -249,9 +241,10 @@ def _clear_of_part(
         rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
     ):
         clear[first : last + 1] = False
-    return [
-        whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
-    ]
+    kept = (
+        slice(first, last + 1) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
+    )
+    return [whole._replace(process=rows_of(move, rows), curvature=whole.curvature[rows]) for rows in kept]
 
 
 class Remaining(NamedTuple):
@@ -279,10 +272,10 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
         same = same and not gone[first : last + 1].any()
         if same:
             sources.append(np.arange(begin, end + 1))
-            moves.append(move_of(path).rows(np.s_[begin : end + 1]))
+            moves.append(rows_of(move_of(path), np.s_[begin : end + 1]))
         for kept in stretches(~gone[first : last + 1]) if not same else ():
             low, high = first + kept[0], first + kept[1]
-            rows = move_of(path).rows(np.s_[low : high + 1])
+            rows = rows_of(move_of(path), np.s_[low : high + 1])
             stroke = move_in(PROCESS, rows.positions, rows.axes, rows.pass_index)
             if arc_length(stroke.positions)[-1] <= plan.stepover_m:
                 continue

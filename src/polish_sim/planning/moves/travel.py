@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, norms, perpendicular, plane_axes, turned, unit
+from polish_sim.arrays import Array, Bools, Indices, norms, perpendicular, turned, unit
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
@@ -18,11 +18,8 @@ from polish_sim.kernels import dot, minus
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Places, Tool
 from polish_sim.planning.toolpath import APPROACH, ToolPath, arc_length, rows_apart
 
-DIRECTIONS = 40  #: Directions tried in the half space the tool looks away to, besides up and the tool axis
 KEPT = 0.7  #: Share of the clearance the travelling tool keeps from the part
 KEPT_LOW = 0.9  #: Where it was lifted less than that: share of the height it had then
-SHORTEST_STEP_M = 5e-4
-MOST_STEPS = 400
 APART_M = 3e-4  #: In the air the tool point keeps this far from the part, but at most half its height [m]
 SPACING_M = 1e-3  #: Of points in the air [m]
 
@@ -34,11 +31,6 @@ class Move(NamedTuple):
     axes: Array  #: Unit tool axes, shape (n, 3)
     segment: NDArray[np.int8]  #: Codes of the segments, shape (n,)
     pass_index: Indices  #: Shape (n,)
-
-    def rows(self, kept: slice) -> Move:
-        """Some of its points."""
-        columns: tuple[NDArray[Any], ...] = self
-        return Move(*(column[kept] for column in columns))
 
 
 def move_in(segment: int, positions: Array, axes: Array, passes: int | Indices) -> Move:
@@ -88,36 +80,6 @@ class AirSpace(NamedTuple):
         """Distance from the part a tool keeps that travels from or to places (n, 3) [m]."""
         return min(KEPT * self.clearance, KEPT_LOW * signed_distances(self.part, tops).min())
 
-    def way_out(self, point: Array, axis: Array, kept: float) -> Array | None:
-        """Find a straight way from a lifted tool at ``point`` (3,) [m] to outside the ball around the part.
-
-        Returns a unit direction (3,): up if that is free, else the tool's axis, else the one nearest to it;
-        None without any. The tool keeps ``kept`` [m] from the part.
-        """
-        if kept <= 0.0:
-            return None
-        ways = (self.up, axis, *_around(axis))
-        return next((way for way in ways if self._is_free(point, way, kept)), None)
-
-    def _is_free(self, here: Array, direction: Array, kept: float) -> bool:
-        """Walk along a ray in steps no longer than the distance to the part allows."""
-        for _ in range(MOST_STEPS):
-            if np.linalg.norm(here - self.part.middle) > self.radius:
-                return True
-            height = signed_distances(self.part, here[None])[0]
-            if height < kept:
-                return False
-            here = here + direction * max(height - kept, SHORTEST_STEP_M)
-        return False
-
-
-def _around(axis: Array) -> Array:
-    """Unit directions spread over the half space about an axis, the nearest to it first, shape (n, 3)."""
-    k = np.arange(DIRECTIONS) + 0.5
-    along, angle = 1.0 - k / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
-    beside = turned(*plane_axes(axis), angle)
-    return unit(along[:, None] * axis + np.sqrt(1.0 - along**2)[:, None] * beside)
-
 
 def evenly(first: float, last: float, length: float) -> Array:
     """Values from first to last, about `SPACING_M` apart over a length."""
@@ -137,7 +99,7 @@ def travel(first: Move, second: Move, air: AirSpace) -> Move | None:
     ends = np.stack([first.positions[-1], second.positions[0]])
     axes = first.axes[-1], second.axes[0]
     kept = air.height_to_keep(ends)
-    for corners in _ways(ends, axes, air, kept) if kept > 0.0 else ():
+    for corners in _ways(ends, axes, air) if kept > 0.0 else ():
         line = _along(corners)
         turning = turn_between(*axes, np.linspace(0.0, 1.0, len(line)))
         if signed_distances(air.part, line).min() >= kept and air.has_room(line, turning):
@@ -146,16 +108,13 @@ def travel(first: Move, second: Move, air: AirSpace) -> Move | None:
     return None
 
 
-def _ways(ends: Array, axes: tuple[Array, Array], air: AirSpace, kept: float) -> Iterator[Sequence[Array]]:
+def _ways(ends: Array, axes: tuple[Array, Array], air: AirSpace) -> Iterator[Sequence[Array]]:
     """Corners of the ways to try between two places (2, 3) [m]: at rising heights, then round the part."""
     top = (air.part.vertices @ air.up).max() + air.clearance
     low = max(end @ air.up for end in ends)
     for level in np.linspace(low, max(top, low), LEVELS):
         yield [ends[0], *(end + air.up * max(level - (end @ air.up), 0.0) for end in ends), ends[1]]
     yield _round(ends, axes, air)
-    out = [air.way_out(end, axis, kept) for end, axis in zip(ends, axes, strict=True)]
-    if out[0] is not None and out[1] is not None:
-        yield _round(ends, (out[0], out[1]), air)
 
 
 def _round(ends: Array, directions: tuple[Array, Array], air: AirSpace) -> list[Array]:

@@ -53,13 +53,6 @@ class JoinedEnds(NamedTuple):
     line: Array  #: Points between them, from the first to the second [m], shape (n, 3)
 
 
-class Seam(NamedTuple):
-    """How the turns of a pocket are joined."""
-
-    links: tuple[JoinedEnds, ...]
-    free: tuple[End, ...]  #: Ends where the whole path begins and ends: two, or none
-
-
 class Levels(NamedTuple):
     """The turns of a pocket seen from its seam."""
 
@@ -80,13 +73,16 @@ class Levels(NamedTuple):
         )
 
 
-def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam:
-    """Join the turns of a pocket to a double spiral: the links, and the ends left free."""
+def build_seam(
+    curves: Sequence[Curve], pocket: Pocket, stepover: float
+) -> tuple[list[JoinedEnds], Sequence[End]]:
+    """Join the turns of a pocket to a double spiral: the links, and the ends left free, where the whole path
+    begins and ends: two, or none."""
     levels = _levels(curves, pocket, stepover)
     last = len(levels.turns) - 1
     if last == 0:
         half = 0.5 * TIPS_APART * stepover
-        return Seam((), (levels.end(0, half, True), levels.end(0, -half, False)))
+        return [], (levels.end(0, half, True), levels.end(0, -half, False))
     links = [_crossing(levels, level) for level in range(last - 1)]
     bow = _round(levels, stepover) if last == 1 else _hook(levels.bands[last], stepover)
     links.append(_u_turn(levels, last, last - 1, bow))
@@ -95,10 +91,10 @@ def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam
         places = 2 * [TIPS_APART * stepover]
         if last > 1:
             places = [(0.5 * (FREE + level) - 0.5) * levels.bands[level] for level in (0, 1)]
-        return Seam(tuple(links), tuple(levels.end(level, x, True) for level, x in enumerate(places)))
+        return links, [levels.end(level, x, True) for level, x in enumerate(places)]
     bow = bow if last == 1 else _hook(levels.bands[0], stepover)
     links.append(_u_turn(levels, 0, 1, bow))
-    return Seam(tuple(links), ())
+    return links, ()
 
 
 def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
@@ -224,8 +220,8 @@ def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = (
         tree = grow_tree(curves, contacts, waiting[0])
         waiting = [turn for turn in waiting if turn not in tree.reached]
         seams = [build_seam(curves, pocket, stepover) for pocket in split_pockets(layout, tree)]
-        links = [link for seam in seams for link in seam.links]
-        runs += [_walk(curves, links, *seam.free) for seam in seams if seam.free]
+        links = [link for joined, _ in seams for link in joined]
+        runs += [_walk(curves, links, *free) for _, free in seams if free]
     return runs
 
 

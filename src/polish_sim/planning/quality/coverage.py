@@ -18,6 +18,7 @@ from polish_sim.arrays import (
     directions_at,
     dots,
     norms,
+    rows_of,
     running_sums,
     unit,
 )
@@ -163,7 +164,7 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (running_sums(way) for way in (length, length * slowness))
     rows = checked_rows(on, s, STEP * pad.radius_m)
-    under = on.under.rows(rows)
+    under = rows_of(on.under, rows)
     depths = pad_depths(under.curvatures, pad, on.forces[rows], under.slopes(on.axes[rows]))
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
     a, b = rows[:-1][joined], rows[1:][joined]

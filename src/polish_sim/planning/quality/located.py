@@ -37,10 +37,6 @@ class UnderPad(NamedTuple):
     principal: Array  #: Unit direction of the larger curvature, shape (n, 3)
     curvatures: Array  #: Principal curvatures, the larger first [1/m], shape (n, 2)
 
-    def rows(self, kept: Indices) -> UnderPad:
-        """That of some of the places."""
-        return UnderPad(*(column[kept] for column in self))
-
     def slopes(self, ways: Array) -> Array:
         """Parts of vectors (n, 3) along both principal directions, shape (n, 2)."""
         second = np.cross(self.normals, self.principal)

@@ -63,10 +63,15 @@ def stepover_of(kept: Array, excluded: float) -> Stepover:
 
 def along(path: RunSamples) -> Array:
     """Central differences along each run, shape (n, 3)."""
-    rows = np.arange(len(path.run))
-    before = np.maximum(rows - 1, path.first[path.run])
-    after = np.minimum(rows + 1, path.first[path.run + 1] - 1)
+    before, after = _samples_off(path, 1)
     return path.points[after] - path.points[before]
+
+
+def _samples_off(path: RunSamples, steps: int) -> tuple[Indices, Indices]:
+    """The samples some steps before and after each, those at the ends of its run at most, (n,) each."""
+    rows = np.arange(len(path.run))
+    before = np.maximum(rows - steps, path.first[path.run])
+    return before, np.minimum(rows + steps, path.first[path.run + 1] - 1)
 
 
 def _corners(path: RunSamples) -> Bools:
@@ -74,12 +79,10 @@ def _corners(path: RunSamples) -> Bools:
     from scipy.ndimage import binary_dilation  # slow to import
 
     half = SAMPLES // 2
-    index = np.arange(len(path.run))
-    low, high = path.first[path.run], path.first[path.run + 1] - 1
-    before = path.points - path.points[np.maximum(index - half, low)]
-    after = path.points[np.minimum(index + half, high)] - path.points
-    sharp = dots(unit(before), unit(after)) < np.cos(SHARP)
-    sharp &= (index - half >= low) & (index + half <= high)
+    before, after = _samples_off(path, half)
+    ways = path.points - path.points[before], path.points[after] - path.points
+    sharp = dots(*map(unit, ways)) < np.cos(SHARP)
+    sharp &= after - before == 2 * half
     return binary_dilation(sharp, iterations=half)
 
 
@@ -89,8 +92,7 @@ def neighbours_beside(path: RunSamples, sides: Array, stepover: float) -> tuple[
     reach = FURTHEST * stepover
     grid = build_point_grid(path.points, 0.5 * reach)
     own = OWN_STRETCH * stepover
-    found = _nearest_beside(path.points, sides, path.run, path.s, grid, reach, own)
-    return found[0], found[1]
+    return _nearest_beside(path.points, sides, path.run, path.s, grid, reach, own)
 
 
 @njit
@@ -121,7 +123,7 @@ def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no
                     elif -towards > beside and far2 < right:
                         right = far2
                         found[1, i] = j
-    return found
+    return found[0], found[1]
 
 
 def _last_half_turns(path: RunSamples, sides: tuple[Indices, Indices]) -> Bools:

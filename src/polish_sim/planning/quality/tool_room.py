@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, dots, plane_axes
+from polish_sim.arrays import Array, Bools, Indices, dots, plane_axes, rows_of
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
@@ -209,11 +209,6 @@ class PadInPart(NamedTuple):
         return self.depths.max(initial=0.0)
 
     @property
-    def length_m(self) -> float:
-        """Length of the path on which the tool is in the part [m]."""
-        return self.lengths.sum()
-
-    @property
     def figures(self) -> dict[str, Any]:
         """For metrics.json; place and body are empty if the tool is nowhere in the part."""
         place, (body, beside) = [], ("", "")
@@ -222,7 +217,7 @@ class PadInPart(NamedTuple):
             place, (body, beside) = self.positions[worst].tolist(), self.pairs[worst]
         return {
             "pad_in_part_max_m": self.max_m,
-            "pad_in_part_length_m": self.length_m,
+            "pad_in_part_length_m": self.lengths.sum(),
             "pad_in_part_at_m": place,
             "pad_in_part_body": body,
             "pad_in_part_beside": beside,
@@ -239,7 +234,7 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: 
     """
     s = arc_length(on.positions)
     rows = checked_rows(on, s, CHECKED_APART * pad.radius_m)
-    places = pressed_places(on.positions[rows], on.axes[rows], on.under.rows(rows), pad, on.forces[rows])
+    places = pressed_places(on.positions[rows], on.axes[rows], rows_of(on.under, rows), pad, on.forces[rows])
     tool = Tool(pad, on.forces.max(), fixture)
     found = tool.stands_in(part, places)
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
