@@ -179,7 +179,7 @@ def joined(groups: Any) -> Iterator[Any]:
     return (np.concatenate(columns) for columns in zip(*groups, strict=True))
 
 
-def rows_of(columns: N, kept: Any) -> N:
+def some_rows(columns: N, kept: Any) -> N:
     """Some rows of a named tuple of arrays: a slice, a mask (n,) or numbers."""
     named: Any = type(columns)
     return named(*(column[kept] for column in columns))  # type: ignore[no-any-return]

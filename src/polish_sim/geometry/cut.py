@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, joined, next_corners, norms, rows_of
+from polish_sim.arrays import Array, Bools, Indices, Ints, joined, next_corners, norms, some_rows
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
@@ -74,7 +74,7 @@ def _cut_apart(surface: Surface, values: Array, on: float, both: bool) -> Clippe
     cut, places = halve_edges(surface, facets, surface.vertices, marked[crossed], shares)
     # A piece has corners of its parent, and cut points.
     on_side = ((cut.barycentric == 1.0) @ sign[cut.parents, :, None] >= 0.0).all(axis=(1, 2))
-    pieces = rows_of(cut, both | on_side)
+    pieces = some_rows(cut, both | on_side)
     cut = CutFacets(*joined([whole_facets(surface, kept), pieces]))
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, joined, norms, rows_of, turned, unit
+from polish_sim.arrays import Array, joined, norms, some_rows, turned, unit
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import ClosestPoints, Region
@@ -213,7 +213,7 @@ def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
     margin = min(1e-3 * (high - low), 1e-5)
     inner = np.flatnonzero((s > low + margin) & (s < high - margin))
     tips = run.surface.closest(interpolate(ends, s, run.positions))
-    points = joined([rows_of(tips, np.s_[:1]), rows_of(run.points, inner), rows_of(tips, np.s_[1:])])
+    points = joined([some_rows(tips, np.s_[:1]), some_rows(run.points, inner), some_rows(tips, np.s_[1:])])
     index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
     passes = run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
     return SurfaceRun(run.surface, ClosestPoints(*points), passes)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from polish_sim.arrays import Array, dots, joined, rows_of, unit
+from polish_sim.arrays import Array, dots, joined, some_rows, unit
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.travel import APART_M, AirSpace, Move, evenly, move_in, move_of, path_of
 from polish_sim.planning.quality.located import ground_under
@@ -49,8 +49,8 @@ def with_leads(process: Move, start: LeadShape, end: LeadShape, clearance: float
     """Put approach and lead-in, from a ``clearance`` [m] on, before a process move and lead-out and retract
     after it; ``end`` is how the tool leaves, mirrored."""
     way_down = landing(process, start, clearance)
-    way_up = landing(rows_of(process, BACKWARDS), end, clearance, (RETRACT, LEAD_OUT))
-    return Move(*joined([way_down, process, rows_of(way_up, BACKWARDS)]))
+    way_up = landing(some_rows(process, BACKWARDS), end, clearance, (RETRACT, LEAD_OUT))
+    return Move(*joined([way_down, process, some_rows(way_up, BACKWARDS)]))
 
 
 def landing(
@@ -88,14 +88,14 @@ def choose_leads(process: Move, name: str, air: AirSpace) -> tuple[LeadShape, Le
     """
     start, end = (
         next((shape for shape in (LEADS[name], normal_lead) if _is_clear(way, shape, air)), None)
-        for way in (process, rows_of(process, BACKWARDS))
+        for way in (process, some_rows(process, BACKWARDS))
     )
     return None if start is None or end is None else (start, end)
 
 
 def _is_clear(process: Move, shape: LeadShape, air: AirSpace) -> bool:
     """Whether the tool does not run into the part on a lead."""
-    foot, way = rows_of(process, np.s_[:1]), landing(process, shape, air.clearance)
+    foot, way = some_rows(process, np.s_[:1]), landing(process, shape, air.clearance)
     up = np.abs(dots(way.positions - foot.positions, foot.axes))
     if (signed_distances(air.part, way.positions) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False

@@ -17,7 +17,7 @@ from polish_sim.arrays import (
     into_plane,
     joined,
     midpoints,
-    rows_of,
+    some_rows,
     turned,
     unit,
 )
@@ -226,7 +226,7 @@ def _clear_of_part(
     move = whole.process
     s = arc_length(move.positions)
     rows = rows_apart(s, CUT_APART * air.tool.pad.radius_m)
-    under = ground_under(run.surface, rows_of(run.points, rows))
+    under = ground_under(run.surface, some_rows(run.points, rows))
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
     hit = np.flatnonzero(found.depths > 0.0)
@@ -244,7 +244,7 @@ def _clear_of_part(
     kept = (
         slice(first, last + 1) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
     )
-    return [whole._replace(process=rows_of(move, rows), curvature=whole.curvature[rows]) for rows in kept]
+    return [whole._replace(process=some_rows(move, rows), curvature=whole.curvature[rows]) for rows in kept]
 
 
 class Remaining(NamedTuple):
@@ -272,10 +272,10 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
         same = same and not gone[first : last + 1].any()
         if same:
             sources.append(np.arange(begin, end + 1))
-            moves.append(rows_of(move_of(path), np.s_[begin : end + 1]))
+            moves.append(some_rows(move_of(path), np.s_[begin : end + 1]))
         for kept in stretches(~gone[first : last + 1]) if not same else ():
             low, high = first + kept[0], first + kept[1]
-            rows = rows_of(move_of(path), np.s_[low : high + 1])
+            rows = some_rows(move_of(path), np.s_[low : high + 1])
             stroke = move_in(PROCESS, rows.positions, rows.axes, rows.pass_index)
             if arc_length(stroke.positions)[-1] <= plan.stepover_m:
                 continue

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, norms, rows_of
+from polish_sim.arrays import Array, Indices, norms, some_rows
 from polish_sim.planning.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns ->
@@ -176,7 +176,7 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
             break
         _, child, longer, alive = max(offers, key=lambda offer: offer[0])
         best = longer.best
-        lines = rows_of(longer, alive)
+        lines = some_rows(longer, alive)
         row.append(child)
         following = list(tree.children[child])
     return Pocket(parent, tuple(row), best, _even_bands(layout, row, best, parent >= 0))

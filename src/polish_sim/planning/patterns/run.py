@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, norms, rows_of
+from polish_sim.arrays import Array, Indices, norms, some_rows
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
 from polish_sim.planning.curve import Curve
@@ -54,7 +54,7 @@ class SurfaceRun:
 
     def backwards(self) -> SurfaceRun:
         """The same line followed the other way; turns are numbered anew from its new beginning."""
-        points = rows_of(self.points, np.s_[::-1])
+        points = some_rows(self.points, np.s_[::-1])
         return replace(self, points=points, pass_index=self.pass_index.max() - self.pass_index[::-1])
 
 

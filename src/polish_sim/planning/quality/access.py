@@ -17,7 +17,7 @@ from polish_sim.arrays import (
     into_plane,
     norms,
     plane_axes,
-    rows_of,
+    some_rows,
     summed,
     unit,
 )
@@ -179,7 +179,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     some = thin(mesh.vertices[near], FINE * radius)
     places, under = room.places(mesh.vertices[near][some.kept])
     rooms[near] = room.of_bodies(places)[some.stands_for]
-    under = rows_of(under, some.stands_for)
+    under = some_rows(under, some.stands_for)
     hollow = np.zeros(len(near), dtype=bool)
     hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
     least = rooms.min(axis=1)
@@ -189,7 +189,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     rows = np.flatnonzero((leaned & (least >= 0.0))[near])
     if len(rows):
         at = np.flatnonzero(near)[rows]
-        touched[pressed_from(mesh, at, leans[at], rows_of(under, rows), room.tool)] = 1.0
+        touched[pressed_from(mesh, at, leans[at], some_rows(under, rows), room.tool)] = 1.0
     return _Reach(rooms, hollow, np.where(hollow & (least < 0.0), 0.0, touched), room.leaning)
 
 
@@ -271,12 +271,12 @@ def find_leaning(
         return None
     short = short[thin(mesh.vertices[rows[short]], LEANED_APART * tool.pad.radius_m).kept]
     steepest = np.tan(np.arcsin(most_hollow(tool.pad) / tool.pad.radius_m))
-    rows, under = rows[short], rows_of(under, short)
+    rows, under = rows[short], some_rows(under, short)
     away = _away(room, pressed_places(mesh.vertices[rows], under.normals, under, tool.pad, tool.force))
     needed = np.zeros(len(rows))
     for slope in np.linspace(0.0, steepest, SLOPES + 1)[1:]:
         waiting = np.flatnonzero(needed == 0.0)
-        ground = rows_of(under, waiting)
+        ground = some_rows(under, waiting)
         axes = unit(ground.normals + slope * away[waiting])
         tried = pressed_places(mesh.vertices[rows[waiting]], axes, ground, tool.pad, tool.force)
         needed[waiting[room.of_bodies(tried).min(axis=1) >= 0.0]] = slope
@@ -320,7 +320,7 @@ def _faded(
 def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderPad, tool: Tool) -> Indices:
     """Vertices the leaned pad presses on from vertices ``rows`` (k,), leans (k, 3): the side it leans to."""
     kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
-    rows, leans, under = rows[kept], leans[kept], rows_of(under, kept)
+    rows, leans, under = rows[kept], leans[kept], some_rows(under, kept)
     depths = pad_depths(under.curvatures, tool.pad, tool.force, under.slopes(leans))
     found = [np.empty(0, dtype=np.int64)]
     for row, lean, depth, near in zip(

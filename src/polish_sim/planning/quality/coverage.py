@@ -18,8 +18,8 @@ from polish_sim.arrays import (
     directions_at,
     dots,
     norms,
-    rows_of,
     running_sums,
+    some_rows,
     unit,
 )
 from polish_sim.config import PadConfig
@@ -164,7 +164,7 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (running_sums(way) for way in (length, length * slowness))
     rows = checked_rows(on, s, STEP * pad.radius_m)
-    under = rows_of(on.under, rows)
+    under = some_rows(on.under, rows)
     depths = pad_depths(under.curvatures, pad, on.forces[rows], under.slopes(on.axes[rows]))
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
     a, b = rows[:-1][joined], rows[1:][joined]

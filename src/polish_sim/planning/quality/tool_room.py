@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, dots, plane_axes, rows_of
+from polish_sim.arrays import Array, Bools, Indices, dots, plane_axes, some_rows
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
@@ -234,7 +234,9 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: 
     """
     s = arc_length(on.positions)
     rows = checked_rows(on, s, CHECKED_APART * pad.radius_m)
-    places = pressed_places(on.positions[rows], on.axes[rows], rows_of(on.under, rows), pad, on.forces[rows])
+    places = pressed_places(
+        on.positions[rows], on.axes[rows], some_rows(on.under, rows), pad, on.forces[rows]
+    )
     tool = Tool(pad, on.forces.max(), fixture)
     found = tool.stands_in(part, places)
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
