@@ -73,7 +73,7 @@ def measure_pair() -> Iterator[Row]:
     one = single.kernel._replace(stroke=single.strokes[0]._replace(hold=np.inf))
     _go_on(one)
     scenario = default_scenario("dual")
-    pair = build_dual_cell(scenario, prepare_dual(scenario))[0]
+    pair = build_dual_cell(scenario, prepare_dual(scenario))
     lone, both_of = build_recorder(CHUNK, 4), build_recorder(CHUNK, 4, pair.row)
 
     arms = pair.real_arm, pair.master_arm, pair.host_arm

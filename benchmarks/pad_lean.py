@@ -42,7 +42,7 @@ def measure(part: str, seeds: Sequence[int], changes: Sequence[str]) -> Iterator
         )
         turned = target @ (cell.part.rotation @ place.reach.T_base_work[:3, :3].T).T
         leans.append(np.degrees(np.arccos(np.minimum((tool * turned).sum(axis=1), 1.0))))
-        figures = measure_run(drawn, plan, place, cell, run).figures
+        figures = measure_run(plan, place, cell, run).figures
         spreads.append(100.0 * figures["removal_cv"])
         touched.append(100.0 * figures["coverage"])
     means = [lean.mean() for lean in leans]

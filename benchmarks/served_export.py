@@ -74,7 +74,7 @@ def main() -> None:
             plan.path.s,
         )
         served = robot.rig.result(time.perf_counter() - begun, points, s[plan.path.process])
-        figures = measure_run(scenario, plan, place, robot.cell, served).figures
+        figures = measure_run(plan, place, robot.cell, served).figures
         say(part, "served", figures)
         print("   ", "; ".join(controller.log), flush=True)
         axes = plan.path.axes_work[plan.path.process] @ place.reach.T_base_work[:3, :3].T

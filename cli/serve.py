@@ -167,7 +167,7 @@ class _Job:
 
     scenario: Any
     place: Workplace
-    measure: Callable[[Any, Cell, CellRun], RunResult]
+    measure: Callable[[Cell, CellRun], RunResult]
     notes: Any = ()
     task: Task | None = None  #: Of the score
     most_s: float = math.inf  #: What is scored is over after this long [s]
@@ -198,7 +198,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         return _Job(
             scenario,
             place,
-            lambda ran, _, run: measure_hold(ran, place, run),
+            lambda *ran: measure_hold(place, *ran),
             task=task,
             most_s=scenario.process.hold_s,
         )
@@ -214,7 +214,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     return _Job(
         scenario,
         place,
-        lambda *ran: measure_run(ran[0], plan, place, *ran[1:]),
+        lambda *ran: measure_run(plan, place, *ran),
         plan.notes,
         task,
         most_s,
@@ -365,7 +365,7 @@ def _write_run(job: _Job, controller: RobotController, folder: Path) -> None:
             "no contact at 80% of the set force: only log and page of the motion have something to show."
         )
     scenario = replace(job.scenario, controller=replace(job.scenario.controller, name=CLIENT))
-    result = job.measure(scenario, controller.robot.cell, run)
+    result = replace(job.measure(controller.robot.cell, run), scenario=scenario)
     record = result.record
     write_record(folder, record)
     draw_run(record, folder)

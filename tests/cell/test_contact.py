@@ -157,7 +157,7 @@ def accepted(*changes):
     scenario = cells.ideal("force", "safety.force_limit_n=30", *changes)
     force = scenario.process.contact_force_n
     limits.check_contact_settings(scenario, force)
-    limits.check_friction(scenario, force, TANGENTIAL_MASS)
+    limits.check_friction(scenario.pad, force, TANGENTIAL_MASS, scenario.simulation.timestep_s)
     limits.check_rates(scenario)
 
 
@@ -191,10 +191,10 @@ def test_an_experiment_refuses_them_before_it_moves_and_models_the_part_as_deep_
     for key, value in (("pad.damping_s_m", 20), (SMOOTH, 1e-5), ("sensor.rate_hz", 40)):
         with pytest.raises(ConfigError, match=key):
             run_experiment(cells.ideal("force", f"{key}={value}"))
-    usual = cells.ideal("force")
-    assert limits.modelled_depth(usual, 20.0) == 0.008  # 8 x 20 N / 20 kN/m
-    raised = replace(usual, process=replace(usual.process, changes="force_n=60@3"))  # half of it counts
-    assert limits.modelled_depth(raised, 20.0) == pytest.approx(0.012)
+    usual = cells.ideal("force").process
+    assert limits.modelled_depth(usual, 20.0, 20e3) == 0.008  # 8 x 20 N / 20 kN/m
+    raised = replace(usual, changes="force_n=60@3")  # half of it counts
+    assert limits.modelled_depth(raised, 20.0, 20e3) == pytest.approx(0.012)
 
 
 def course_on(field, *strokes, T_base_work=UPRIGHT, arm="robot.arm=ur5e"):

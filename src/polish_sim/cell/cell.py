@@ -55,7 +55,7 @@ from polish_sim.cell.wrist_sensor import (
     build_sensor,
     carried_payload,
 )
-from polish_sim.config import Scenario
+from polish_sim.config import PadConfig, Scenario
 from polish_sim.control.laws import file_of, tell_error
 from polish_sim.control.signals import Answer, CompiledController, Controller, Course
 from polish_sim.errors import InputError, ReachError
@@ -147,7 +147,8 @@ class Cell:
         known: BelievedArm = MAKERS_ARM,
     ) -> None:
         register_engine()
-        self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
+        self.scenario, self.part, self.rng = scenario, part, rng
+        self.model, self.course = model, course
         self.lesson, self._known = lesson, known
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
@@ -168,7 +169,7 @@ class Cell:
             self.data.qpos.copy(), copy(self.real_arm), model.dof_damping.copy(),
         )  # fmt: skip
         self._every = scenario.simulation.log_every
-        self._prepare(scenario, part)
+        self._prepare()
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
 
@@ -178,33 +179,36 @@ class Cell:
         The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host keeps
         believing the payload it believes.
         """
-        start, self.rng = self._start, rng
+        start = self._start
+        self.scenario, self.part, self.rng = scenario, part, rng
         mujoco.mj_resetData(self.model, self.data)
         self._set_joints(start.q)
         self.data.qpos[:], self.model.dof_damping[:] = start.qpos, start.damping
         memory_of(self.real_arm)[:] = memory_of(start.arm)
         mujoco.mj_forward(self.model, self.data)
-        self._prepare(scenario, part)
+        self._prepare()
         self.compensate(*self._believed)
         self.use_controller(self.controller)
 
-    def _prepare(self, scenario: Scenario, part: RealPart) -> None:
-        """Check a scenario, of which `check_rates` holds, against the cell, and build what changes in its
+    def _prepare(self) -> None:
+        """Check its scenario, of which `check_rates` holds, against the cell, and build what changes in a
         run."""
-        force, mass = self._start.force, self._start.mass
+        scenario, force, mass = self.scenario, self._start.force, self._start.mass
+        pad, dt = scenario.pad, scenario.simulation.timestep_s
         if self.real_arm.elastic:
-            scenario = with_implicit_friction(scenario, force, mass)
+            pad = with_implicit_friction(pad, force, mass, dt)
         check_contact_settings(scenario, force)
-        check_friction(scenario, force, mass)
+        check_friction(pad, force, mass, dt)
         self.on_part = any(stroke.contact for stroke in self.strokes)
-        self.scenario, self.part = scenario, part
         self.set_points = SetPoints(scenario.process)
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number = 0
         self.draws = np.empty((0, DRAWS))
-        self.faults = FaultClock(planned_events(scenario, self.fault_table))
+        self.faults = FaultClock(
+            planned_events(scenario.faults.events, scenario.process.changes, self.fault_table)
+        )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
-        self.kernel = self._build_kernel()
+        self.kernel = self._build_kernel(pad)
         self.recorder = build_recorder(0, self._every, self.row)
 
     def use_controller(self, controller: Controller) -> None:
@@ -389,7 +393,7 @@ class Cell:
         mobility = across @ np.linalg.solve(joint_inertia(self.model, self.data), across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self) -> CellKernel:
+    def _build_kernel(self, pad: PadConfig) -> CellKernel:
         scenario, part = self.scenario, self.part
         stroke = self.strokes[0]
         nothing = np.zeros(8, np.uint8)
@@ -402,13 +406,13 @@ class Cell:
             payload=self.carried,
             speedl=build_speedl(robot, safety, dt, self._start.q),
             sequence=build_sequence(),
-            guards=build_guards(scenario),
+            guards=build_guards(safety, scenario.sensor, scenario.controller.adaptive.arm_mode_hz, dt),
             stop=build_stop_motion(robot, safety, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
         )
         return CellKernel(
             engine_views(self.model, self.data, self.arm),
-            build_pad(scenario.pad, scenario.head.spring_scale),
+            build_pad(pad, scenario.head.spring_scale),
             # It may move; the caller's part must not.
             part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
             self._fixture,

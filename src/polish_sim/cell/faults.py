@@ -20,7 +20,7 @@ import numpy as np
 from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, CellState, SetPoints
 from polish_sim.cell.robot import SENT, SHORT, STANDING
-from polish_sim.config import Scenario
+from polish_sim.config import ProcessConfig, Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
 from polish_sim.tables import number_in
 
@@ -208,23 +208,23 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
     return FaultEvent(name, time, when.startswith("contact+"), value)
 
 
-def planned_events(scenario: Scenario, known: Mapping[str, Fault]) -> tuple[FaultEvent, ...]:
+def planned_events(faults: str, changes: str, known: Mapping[str, Fault]) -> tuple[FaultEvent, ...]:
     """The faults, of the ``known`` ones, and the changes of set points that are planned; raises as
     `parse_events`."""
-    changes = parse_events(scenario.process.changes, SET_POINTS)
-    return parse_events(scenario.faults.events, known) + changes
+    set_points = parse_events(changes, SET_POINTS)
+    return parse_events(faults, known) + set_points
 
 
-def changed_force(scenario: Scenario, force: float) -> float:
+def changed_force(process: ProcessConfig, force: float) -> float:
     """The most that is asked for along a path that asks at most for a ``force`` [N], changes included."""
-    usual = scenario.process.contact_force_n
-    changes = parse_events(scenario.process.changes, SET_POINTS)
+    usual = process.contact_force_n
+    changes = parse_events(process.changes, SET_POINTS)
     raised = [change.value or 0.0 for change in changes if change.name == FORCE]
     return force / usual * max([usual, *raised])
 
 
 def check_events(
-    scenario: Scenario, on_part: bool, own: Mapping[str, Fault], known: Mapping[str, Fault]
+    faults: str, process: ProcessConfig, on_part: bool, own: Mapping[str, Fault], known: Mapping[str, Fault]
 ) -> None:
     """Refuse what is planned to happen and cannot, in a cell with ``own`` faults of all the ``known`` ones.
 
@@ -232,7 +232,7 @@ def check_events(
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
             nothing without a part to press on, or is a fault of another experiment's cell.
     """
-    for event in planned_events(scenario, known):
+    for event in planned_events(faults, process.changes, known):
         kind, lacking = "fault" if event.value is None else "change", ""
         fault = known.get(event.name)
         if not on_part and (event.after_contact or event.name == FORCE or (fault and fault.on_part)):
@@ -241,7 +241,7 @@ def check_events(
             lacking = fault.lacking
         if lacking:
             raise ConfigError(f"the {kind} '{event}' would change nothing: there is {lacking}. Leave it out.")
-        most = math.inf if event.name == FORCE else scenario.process.feed_m_s
+        most = math.inf if event.name == FORCE else process.feed_m_s
         if event.value is not None and not 0.0 < event.value <= most:
             raise ConfigError(
                 f"the change '{event}' is out of range: {SET_POINTS[event.name]}, above 0"

@@ -20,7 +20,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellKernel, CellState, CrashPoints, Guards
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN, depth_below
-from polish_sim.config import Scenario, SensorConfig
+from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.control.loops import low_pass_share
 from polish_sim.geometry.field_lookup import CLIPPED, DistanceField, field_distance
 from polish_sim.kernels import dot, kernel, matvec, minus, plus
@@ -172,9 +172,8 @@ def _exceeds(state: CellState, code: int, found: float, limit: float) -> bool:
     return found > limit
 
 
-def build_guards(scenario: Scenario) -> Guards:
-    """Guards with a scenario's limits."""
-    safety, sensor = scenario.safety, scenario.sensor
+def build_guards(safety: SafetyConfig, sensor: SensorConfig, arm_mode: float, dt: float) -> Guards:
+    """Guards with a scenario's limits, of an arm that swings at a frequency [Hz]; ``dt``: of a step [s]."""
     # Without noise a robot at rest reads the same all the time, which is no fault.
     restless = min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
     return Guards(
@@ -183,23 +182,22 @@ def build_guards(scenario: Scenario) -> Guards:
         contact_lost=safety.contact_lost_s,
         sensor_timeout=safety.sensor_timeout_s if restless else math.inf,
         jump=safety.jump_limit_n or math.inf,
-        jump_share=_jump_share(scenario),
+        jump_share=_jump_share(sensor, arm_mode, dt),
         singular_value=safety.singular_value_limit,
         offset=safety.offset_limit_m,
         stroke=0.5 - safety.stroke_margin if safety.stroke_margin else math.inf,
     )
 
 
-def _jump_share(scenario: Scenario) -> float:
+def _jump_share(sensor: SensorConfig, arm_mode: float, dt: float) -> float:
     """How much of a jump [-] the guard sees: a step of one through the sensor, compared with itself smoothed.
 
     No less than of a swing of one at the arm's mode, so that the arm may swing by as much as the force
     may jump.
     """
-    dt = scenario.simulation.timestep_s
     t = np.arange(0.0, SEEN_S, dt)
-    swing = np.sin(2.0 * np.pi * scenario.controller.adaptive.arm_mode_hz * t)
-    return max(_most_seen(scenario.sensor, dt, force) for force in (np.ones_like(t), swing))
+    swing = np.sin(2.0 * np.pi * arm_mode * t)
+    return max(_most_seen(sensor, dt, force) for force in (np.ones_like(t), swing))
 
 
 def _most_seen(sensor: SensorConfig, dt: float, force: Array) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from polish_sim.cell.faults import changed_force
 from polish_sim.cell.real_part import DEEPEST_BAND, FIELD_BAND
-from polish_sim.config import Scenario
+from polish_sim.config import PadConfig, ProcessConfig, Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
@@ -15,15 +15,15 @@ AT_EDGE = 0.125  # of the pad, that carries all of the force on edges and corner
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 
-def check_friction(scenario: Scenario, force: float, tangential_mass: float) -> None:
-    """Refuse a pad whose friction would be unstable in a step, pressed with at most ``force`` [N].
+def check_friction(pad: PadConfig, force: float, tangential_mass: float, dt: float) -> None:
+    """Refuse a pad whose friction would be unstable in a step of ``dt`` [s], pressed with at most ``force``
+    [N].
 
     ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis.
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
     """
-    pad, dt = scenario.pad, scenario.simulation.timestep_s
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
     if drag >= 1.0:
         raise ConfigError(
@@ -33,15 +33,14 @@ def check_friction(scenario: Scenario, force: float, tangential_mass: float) -> 
         )
 
 
-def with_implicit_friction(scenario: Scenario, force: float, tangential_mass: float) -> Scenario:
-    """With a pad whose friction, taken at the beginning of a step, acts as if taken at its end.
+def with_implicit_friction(pad: PadConfig, force: float, tangential_mass: float, dt: float) -> PadConfig:
+    """A pad whose friction, taken at the beginning of a step, acts as if taken at its end.
 
     Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F
     / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_friction`.
     """
-    pad, dt = scenario.pad, scenario.simulation.timestep_s
     smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
-    return replace(scenario, pad=replace(pad, friction_smoothing_m_s=smoothing))
+    return replace(pad, friction_smoothing_m_s=smoothing)
 
 
 def check_contact_settings(scenario: Scenario, force: float) -> None:
@@ -76,15 +75,16 @@ def check_contact_settings(scenario: Scenario, force: float) -> None:
         )
 
 
-def modelled_depth(scenario: Scenario, force: float) -> float:
-    """How deep a part is modelled [m] for a path that asks at most for a ``force`` [N].
+def modelled_depth(process: ProcessConfig, force: float, stiffness: float) -> float:
+    """How deep a part is modelled [m] for a path that asks a pad of a stiffness [N/m] for at most a ``force``
+    [N].
 
     A force changed to twice as much during the run needs no other model, so that what was changed by hand
     gives the same bytes again. Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``; a guard stops
     what presses deeper.
     """
-    most = max(force, 0.5 * changed_force(scenario, force)) / AT_EDGE
-    needed = 1e-3 * math.ceil(1e3 * most / (scenario.pad.stiffness_n_m * scenario.head.spring_scale))
+    most = max(force, 0.5 * changed_force(process, force)) / AT_EDGE
+    needed = 1e-3 * math.ceil(1e3 * most / stiffness)
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 

@@ -52,7 +52,7 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0
-    cell, part = build_dual_cell(scenario, task)
+    cell = build_dual_cell(scenario, task)
     observer.stage("simulate")
     run = cell.run(observer)
     path = task.place.path
@@ -65,8 +65,8 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
         figures |= {name: value for name, value in force.items() if name not in figures}
-        turns = carried_turns(log, task, _part_on_flange(task, part))
-        removal, log = remove_material(scenario, task.place, part, run, turns)
+        turns = carried_turns(log, task, _part_on_flange(task, cell.part))
+        removal, log = remove_material(task.place, cell, run, turns)
         figures |= measure_removal(removal, scenario.pad.radius_m)
         figures |= {} if plan is None else areas_after(plan, removal)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
@@ -78,9 +78,8 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     return RunResult(scenario, log, run.trace, figures, path, removal)
 
 
-def build_dual_cell(scenario: Checked, task: DualTask) -> tuple[PairCell, RealPart]:
-    """Set the cell up, not yet run: the scene from the true frames, the plan from the believed ones; and
-    the part at the start."""
+def build_dual_cell(scenario: Checked, task: DualTask) -> PairCell:
+    """Set the cell up, not yet run: the scene from the true frames, the plan from the believed ones."""
     streams = random_streams(scenario.seed)
     place = task.place
     pressing = scenario.dual.standoff_m == 0.0
@@ -104,7 +103,7 @@ def build_dual_cell(scenario: Checked, task: DualTask) -> tuple[PairCell, RealPa
         course_for(controller, scenario, place, task.strokes),
     )  # fmt: skip
     believe_tool(cell, streams.payload)
-    return cell, part
+    return cell
 
 
 def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array:

@@ -83,13 +83,12 @@ class Workplace:
     def fields(self, shape: RealShape, scenario: Checked) -> PartFields:
         """Distances of the part as ``drawn``, or as it is before it is displaced and bent (``shape``), where
         a scenario's pad goes; sampled at first use and kept."""
-        force = self.path.largest_force(scenario.process.contact_force_n)
-        depth = modelled_depth(scenario, force)
-        key = (shape.given, scenario.pad.radius_m, depth)
+        process, pad = scenario.process, scenario.pad
+        force = self.path.largest_force(process.contact_force_n)
+        depth = modelled_depth(process, force, pad.stiffness_n_m * scenario.head.spring_scale)
+        key = (shape.given, pad.radius_m, depth)
         if key not in self._kept:
-            self._kept[key] = build_part_fields(
-                shape.surface, touched(shape, self.path, scenario.pad.radius_m, depth)
-            )
+            self._kept[key] = build_part_fields(shape.surface, touched(shape, self.path, pad.radius_m, depth))
         return self._kept[key]
 
 
@@ -282,7 +281,8 @@ def check_settings(scenario: Scenario) -> None:
     take_arm(scenario.robot)
     proof_seeds(scenario.safety.proof)
     row = experiment(scenario.experiment)
-    check_events(scenario, row.on_part, load(row.faults), known_faults())
+    faults = scenario.faults.events
+    check_events(faults, scenario.process, row.on_part, load(row.faults), known_faults())
     check_flange(scenario)
     check_compensation(scenario, row)
     if scenario.process.learn and not row.plans:
@@ -324,7 +324,7 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else path.largest_force(usual)
-        check_contact_settings(scenario, changed_force(scenario, force))
+        check_contact_settings(scenario, changed_force(scenario.process, force))
     if scenario.plan.removal:
         if not scenario.spindle.speed_rpm + scenario.pad.slide_m_s:
             raise InputError(

@@ -122,7 +122,7 @@ class Play:
     def removal(self) -> RemovalMap:
         """What was taken off the part up to here."""
         run = self.cell.result(self.pieces)
-        return remove_material(self.scenario, self.place, self.cell.part, run)[0]
+        return remove_material(self.place, self.cell, run)[0]
 
     def go_back(self, place: Workplace, until: float) -> None:
         """Resume a path as it is mended now, from the last state before ``until`` [m] of the path."""

@@ -15,7 +15,7 @@ from polish_sim.analysis.metrics import (
     measure_surface,
 )
 from polish_sim.arrays import Array, Figures
-from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
+from polish_sim.cell import SILENT, Cell, CellRun, Observer
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
@@ -45,21 +45,21 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 
 
 def remove_material(
-    scenario: Checked, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
+    place: Workplace, cell: Cell, run: CellRun, part_turns: Array | None = None
 ) -> tuple[RemovalMap, RunLog]:
-    """Sum Preston's law up over a finished run; the loop is not slowed down by it. Returns the removal over
-    the region, and the run's log with the running exposure of the whole part.
+    """Sum Preston's law up over a finished run of a cell; the loop is not slowed down by it. Returns the
+    removal over the region, and the run's log with the running exposure of the whole part.
 
     ``part_turns`` (n, 3, 3) is how a part that is carried stands in the base at the log's rows.
     """
-    pad, head = scenario.pad, scenario.head
+    scenario, part, pad = cell.scenario, cell.part, cell.scenario.pad
     nodes = place_nodes(
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
     removed = expose_nodes(
-        nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s,
-        part.field.band,
+        nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * scenario.head.spring_scale,
+        pad.slide_m_s, part.field.band,
     )  # fmt: skip
     own = len(nodes.mesh.vertices)
     pressed = motion.impulses.sum()
@@ -124,15 +124,15 @@ def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT
     observer.stage("prepare the cell")
     cell = build_cell(scenario, place)
     observer.stage("simulate")
-    return measure_run(scenario, plan, place, cell, cell.run(observer))
+    return measure_run(plan, place, cell, cell.run(observer))
 
 
-def measure_run(scenario: Checked, plan: PlanResult, place: Workplace, cell: Cell, run: CellRun) -> RunResult:
+def measure_run(plan: PlanResult, place: Workplace, cell: Cell, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the part of a plan."""
-    path = plan.path
+    path, scenario = plan.path, cell.scenario
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
-    removal, log = remove_material(scenario, place, cell.part, run)
+    removal, log = remove_material(place, cell, run)
     figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= areas_after(plan, removal)
     figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
@@ -237,11 +237,12 @@ def run_force(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """
     place, cell = prepare_force(scenario, observer)
     observer.stage("simulate")
-    return measure_hold(scenario, place, cell.run(observer))
+    return measure_hold(place, cell, cell.run(observer))
 
 
-def measure_hold(scenario: Checked, place: Workplace, run: CellRun) -> RunResult:
-    """How well a ``run`` has pressed on its point."""
+def measure_hold(place: Workplace, cell: Cell, run: CellRun) -> RunResult:
+    """How well a ``run`` of a ``cell`` has pressed on its point."""
+    scenario = cell.scenario
     figures: Figures = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
     return RunResult(

@@ -138,7 +138,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
             default=None,
         )
         played = before if reached is not None else _play(cell, pieces, observer)
-        parts.append(measure_run(scenario, plan, place, cell, cell.result(played)))
+        parts.append(measure_run(plan, place, cell, cell.result(played)))
         starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
         if reached is None or reached >= ends[-1] - NOTHING_M:
             break
