@@ -139,9 +139,9 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise():
     x = np.array([1.0, 0.0, 0.0])
     stroke = StrokePath(np.outer(s, x), rotation_to_axis(axes, x), s, np.full(201, 0.02))
     noises = NOISELESS, ScanNoise(5e-5, math.radians(1.0))
-    asked = [within_noise(Scenario(), noise).smoothing for noise in noises]
+    asked = [within_noise(SmoothingConfig(), noise) for noise in noises]
     times = [stroke_motion(each, stroke, None).duration for each in asked]
-    assert within_noise(Scenario(), NOISELESS) == Scenario()
+    assert asked[0] == SmoothingConfig()
     least = 0.1 / 0.02  # at the feed
     assert times[1] - least < (times[0] - least) / 3.0
 

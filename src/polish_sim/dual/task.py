@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from polish_sim.arrays import Array, chord_lengths, evenly_to, joined, norms, running_sums, unit
 from polish_sim.cell import SILENT, Observer, Stroke
 from polish_sim.cell.stroke import expected_duration
-from polish_sim.config import Checked, DualConfig
+from polish_sim.config import Checked, DualConfig, PartConfig, PlanConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
@@ -87,7 +87,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     dual = scenario.dual
     use_arm(scenario.robot.arm)
     observer.stage("plan the path")
-    mesh, surface, region, path = _given_or_rim(scenario, plan)
+    mesh, surface, region, path = _given_or_rim(scenario.part, scenario.plan, plan)
     load_of(mesh, dual.density_kg_m3)
     check_set_points(path)
     path = lifted(path, dual.standoff_m)
@@ -163,11 +163,13 @@ def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = Non
     return build_pair_scene(job.scenario, inverse(chain.T_master_follower), held)
 
 
-def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
+def _given_or_rim(
+    part: PartConfig, asked: PlanConfig, plan: PlanResult | None
+) -> tuple[PartMesh, Surface, Region, ToolPath]:
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan:
         return plan.mesh, plan.surface, plan.region, plan.path
-    mesh, asked = load_mesh(scenario.part), scenario.plan
+    mesh = load_mesh(part)
     surface = fit_surface(mesh, asked.feature_angle_rad)
     region = choose_region(mesh, surface, asked)
     return mesh, surface, region, rim_path(surface, region, asked.clearance_m)

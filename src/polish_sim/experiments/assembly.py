@@ -193,8 +193,8 @@ def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     lifted."""
     use_arm(scenario.robot.arm)
     hold, lift = (scenario.process.hold_s, 0.0) if place.holds else (0.0, scenario.plan.clearance_m)
-    placed = placed_tool(place.path, place.reach)
-    return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
+    scenario = replace(scenario, smoothing=within_noise(scenario.smoothing, place.mesh.noise))
+    return placed_strokes(scenario, place.path, placed_tool(place.path, place.reach), hold, lift)
 
 
 def build_cell(
@@ -284,7 +284,7 @@ def check_settings(scenario: Scenario) -> None:
     faults = scenario.faults.events
     check_events(faults, scenario.process, row.on_part, load(row.faults), known_faults())
     check_flange(scenario)
-    check_compensation(scenario, row)
+    check_compensation(scenario.robot, scenario.seed, row)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.plans:

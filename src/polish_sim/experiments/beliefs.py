@@ -77,13 +77,13 @@ def believed_arm(scenario: Scenario, q_start: Array) -> BelievedArm:
     )
 
 
-def check_compensation(scenario: Scenario, row: Experiment) -> None:
+def check_compensation(robot: RobotConfig, seed: int, row: Experiment) -> None:
     """Refuse a compensation that changes nothing in an experiment or cannot be used.
 
     Raises:
         PolishSimError: Saying why and what to do.
     """
-    robot, seed, asked = scenario.robot, scenario.seed, scenario.robot.compensation
+    asked = robot.compensation
     if asked == NONE:
         return
     if not row.controlled:

@@ -43,7 +43,8 @@ def cycle_strokes(
     Unplaced, without a ``reach``, they keep the tool's limits alone. There are none if the path cannot be
     smoothed. ``process.max_feed_s`` ends nothing here.
     """
-    whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
+    smoothing = within_noise(scenario.smoothing, noise)
+    whole = replace(scenario, smoothing=smoothing, process=replace(scenario.process, max_feed_s=0.0))
     placed = placed_tool(path, reach) if reach else unplaced_tool(path)
     try:
         return placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)

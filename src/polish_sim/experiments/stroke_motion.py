@@ -32,7 +32,6 @@ from polish_sim.motion.trajectory import (
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
-    from polish_sim.config import Scenario
     from polish_sim.geometry.repair.skin import ScanNoise
     from polish_sim.motion.rules.schedule import Rule
     from polish_sim.planning.toolpath import ToolPath
@@ -122,11 +121,10 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     return motion
 
 
-def within_noise(scenario: Scenario, noise: ScanNoise) -> Scenario:
+def within_noise(asked: SmoothingConfig, noise: ScanNoise) -> SmoothingConfig:
     """For a surface that is known within a noise only: strokes may be as far from the path as that."""
-    asked = scenario.smoothing
     tip, axis = max(asked.tolerance_m, noise.offset), max(asked.axis_tolerance_rad, noise.slope)
-    return replace(scenario, smoothing=replace(asked, tolerance_m=tip, axis_tolerance_rad=axis))
+    return replace(asked, tolerance_m=tip, axis_tolerance_rad=axis)
 
 
 def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
