@@ -11,8 +11,9 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
 from polish_sim.dual import dual as module
-from polish_sim.dual.arms import follow_joints, pair_arms
+from polish_sim.dual.arms import follow_joints
 from polish_sim.dual.carrier import FIRST_JOINT
+from polish_sim.dual.checks import check_asked
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual
@@ -208,7 +209,7 @@ def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
 
     def follow(travel_m):
         scenario = dual(f"dual.master_travel_m={travel_m}")
-        way = master_motion(scenario.dual, (), task.place.path, task.place.region.up, chain).way
+        way = master_motion(scenario.dual, task.place.path, task.place.region.up, chain).way
         poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
         follow_joints(poses, start.q_master, "master")
 
@@ -261,7 +262,7 @@ def test_what_cannot_be_done_is_refused(changes, kind, said):
 )
 def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes, said):
     with pytest.raises(ConfigError, match=said):
-        pair_arms(dual(*changes.split()).dual, "none", {}, np.random.default_rng(0))
+        check_asked(dual(*changes.split()))
 
 
 def test_arms_with_gears_hold_the_force_and_err_by_their_gears_and_rigid_ones_are_found_as_ideal(pressed):

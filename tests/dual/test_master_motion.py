@@ -11,8 +11,8 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
-from polish_sim.dual.checks import MotionCheck, check_master, check_motion
-from polish_sim.dual.master import MasterMotion, about_axis, along_line, master_motion
+from polish_sim.dual.checks import MotionCheck, check_asked, check_master, check_motion
+from polish_sim.dual.master import MasterMotion, about_axis, along_line
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
@@ -204,10 +204,9 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
         (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(changes, said, short):
-    asked, chain = dual(*changes), short.frames.believed
+def test_settings_that_do_not_fit_are_refused(changes, said):
     with pytest.raises(ConfigError, match=said):
-        master_motion(asked.dual, asked.part.pose, short.place.path, np.array([0.0, 0.0, 1.0]), chain)
+        check_asked(dual(*changes))
 
 
 def test_ways_turn_back_gently_and_turns_leave_their_axis_in_place():

@@ -99,7 +99,7 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path):
     assert fast > 1.2 * slow
     for change in ({"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}):  # cannot be followed
         with pytest.raises(PolishSimError):
-            plan_removal(replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.03, **change)))
+            check(replace(EVEN, plan=replace(EVEN.plan, **change)))
 
 
 def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path):

@@ -21,7 +21,6 @@ from polish_sim.cell.faults import (
     FaultEvent,
     SafetyRecord,
     parse_events,
-    planned_events,
     record_safety,
 )
 from polish_sim.cell.gears import HostArm, RealArm
@@ -204,9 +203,8 @@ class Cell:
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number = 0
         self.draws = np.empty((0, DRAWS))
-        self.faults = FaultClock(
-            planned_events(scenario.faults.events, scenario.process.changes, self.fault_table)
-        )
+        faults = parse_events(scenario.faults.events, self.fault_table)
+        self.faults = FaultClock(faults + parse_events(scenario.process.changes, SET_POINTS))
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel(pad)
         self.recorder = build_recorder(0, self._every, self.row)

@@ -208,13 +208,6 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
     return FaultEvent(name, time, when.startswith("contact+"), value)
 
 
-def planned_events(faults: str, changes: str, known: Mapping[str, Fault]) -> tuple[FaultEvent, ...]:
-    """The faults, of the ``known`` ones, and the changes of set points that are planned; raises as
-    `parse_events`."""
-    set_points = parse_events(changes, SET_POINTS)
-    return parse_events(faults, known) + set_points
-
-
 def changed_force(process: ProcessConfig, force: float) -> float:
     """The most that is asked for along a path that asks at most for a ``force`` [N], changes included."""
     usual = process.contact_force_n
@@ -232,7 +225,7 @@ def check_events(
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
             nothing without a part to press on, or is a fault of another experiment's cell.
     """
-    for event in planned_events(faults, process.changes, known):
+    for event in parse_events(faults, known) + parse_events(process.changes, SET_POINTS):
         kind, lacking = "fault" if event.value is None else "change", ""
         fault = known.get(event.name)
         if not on_part and (event.after_contact or event.name == FORCE or (fault and fault.on_part)):

@@ -17,7 +17,7 @@ import numpy as np
 
 from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
-from polish_sim.calibration.arm import LEAST_POSES, Tolerance, links_behind
+from polish_sim.calibration.arm import Tolerance, links_behind
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import DualConfig, RealArmConfig, RobotConfig, Scenario
@@ -25,7 +25,7 @@ from polish_sim.dual.calibrate import Flanges, Reading, built_arm, simulate_trac
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
-from polish_sim.errors import ConfigError, ReachError
+from polish_sim.errors import ReachError
 from polish_sim.experiments.beliefs import POSES, TRACKER
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import (
@@ -183,12 +183,8 @@ def pair_arms(
     left them, ``compensation``: what the host is to know of them, as ``robot.compensation``.
 
     Raises:
-        ConfigError: Two sources of one thing, or too few poses.
         CalibrationError: The calibration on file is another pair's, or of arms of another make.
     """
-    poses = config.arm_poses or (POSES if compensation == TRACKER else 0)
-    if config.arms_file or poses:
-        _refuse_second_source(config)
     if config.arms_file:
         found = read_arm_calibration(Path(config.arms_file), config.pair)
         true = found.true_tables or found.tables
@@ -200,37 +196,12 @@ def pair_arms(
         if any(tolerance)
         else made.true
     )
+    poses = config.arm_poses or (POSES if compensation == TRACKER else 0)
     if poses == 0:
         return made._replace(true=true)
-    if poses < LEAST_POSES:
-        raise ConfigError(
-            f"dual.arm_poses = {poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
-        )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     tracked = simulate_tracked(arms, poses, config.tracker_noise_m, rng, made.gears)
     # Gears err by more than the tracker: how much, the residuals say.
     fit = fit_pair(tracked, None if made.gears else max(config.tracker_noise_m, 1e-9), Tolerance())
     known = {robot: arm.gears for robot, arm in fit.arms.items()}
     return PairArms(true, fit.tables, fit.bases, made.gears, known)
-
-
-def _refuse_second_source(config: DualConfig) -> None:
-    """Refuse settings beside a calibration of the arms that say the same, or that assume the nominal
-    table."""
-    source = "dual.arm_poses"
-    others = ["bases_file"]
-    if config.arms_file:
-        source = "dual.arms_file"
-        others = [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
-    given = [f"dual.{name}" for name in others if getattr(config, name)]
-    if given:
-        raise ConfigError(
-            f"{', '.join(given)} beside {source}: the calibration of the arms says how they are and where "
-            "the follower's base stands. Give one of the two."
-        )
-    if config.tool_file:
-        raise ConfigError(
-            f"dual.tool_file beside {source}: '{config.tool_file}' was measured on the flange of an arm as "
-            "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: "
-            "the run calibrates its tool with the arms' own tables."
-        )

@@ -1,4 +1,5 @@
-"""Whether both arms can do all of the work as fast as asked, before anything moves."""
+"""Whether the settings of two robots fit each other, and both arms can do all of the work as fast as asked,
+before anything moves."""
 
 from __future__ import annotations
 
@@ -7,12 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, norms
-from polish_sim.config import RobotConfig
+from polish_sim.calibration.arm import LEAST_POSES
+from polish_sim.config import DualConfig, RobotConfig, Scenario
 from polish_sim.dual.carrier import RAMP_PEAK, MasterRows
 from polish_sim.dual.master import MasterMotion
 from polish_sim.dual.placement import Collides, PairReach, PairWork, sampled
 from polish_sim.dual.strokes import ON_THE_WAY, Visits
-from polish_sim.errors import InputError, ReachError
+from polish_sim.errors import ConfigError, InputError, ReachError
+from polish_sim.experiments.beliefs import TRACKER
 from polish_sim.experiments.placement import failure_of
 from polish_sim.motion import track
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
@@ -20,6 +23,54 @@ from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply_each, vectors_from_rotations
 
 DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
+
+
+BY_FILE = ("master_speed_m_s", "master_direction", "master_travel_m", "master_turn_rad_s")
+"""Settings of section dual that say how the part moves where no file does."""
+
+
+def check_asked(scenario: Scenario) -> None:
+    """Refuse settings beside a calibration of the arms, or a file of the master's motion, that say the same
+    or do not hold with it, too few poses for a calibration, and a direction that is zero.
+
+    Raises:
+        ConfigError: Naming them and what to do.
+    """
+    dual = scenario.dual
+    source, others = "dual.arm_poses", ["bases_file"]
+    if dual.arms_file:
+        source = "dual.arms_file"
+        others = [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
+    if dual.arms_file or dual.arm_poses or scenario.robot.compensation == TRACKER:
+        if given := [f"dual.{name}" for name in others if getattr(dual, name)]:
+            raise ConfigError(
+                f"{', '.join(given)} beside {source}: the calibration of the arms says how they are and "
+                "where the follower's base stands. Give one of the two."
+            )
+        if dual.tool_file:
+            raise ConfigError(
+                f"dual.tool_file beside {source}: '{dual.tool_file}' was measured on the flange of an arm as "
+                "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file "
+                "out: the run calibrates its tool with the arms' own tables."
+            )
+    if 0 < dual.arm_poses < LEAST_POSES:
+        raise ConfigError(
+            f"dual.arm_poses = {dual.arm_poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
+        )
+    if not dual.master_path:
+        if not any(dual.master_direction):
+            raise ConfigError("'dual.master_direction' is no direction: give x, y, z, not all zero.")
+        return
+    idle = [f"dual.{name}" for name in BY_FILE if getattr(dual, name) != getattr(DualConfig(), name)]
+    if idle:
+        raise ConfigError(
+            f"'{dual.master_path}' (dual.master_path) says how the part moves: leave {', '.join(idle)} out."
+        )
+    if scenario.part.pose:
+        raise ConfigError(
+            f"'{dual.master_path}' (dual.master_path) says where the part is held: leave part.pose "
+            "(--part-pose) out."
+        )
 
 
 class MotionCheck(NamedTuple):

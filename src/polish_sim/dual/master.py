@@ -16,7 +16,7 @@ from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import RAMP_PEAK
-from polish_sim.errors import ConfigError, InputError
+from polish_sim.errors import InputError
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import inverse, rotations_from_vectors, transform
 
@@ -24,13 +24,6 @@ TIME = "time_s"
 FLANGE = "flange_"  #: What the columns of a place begin with where the poses are the flange's
 #: Faster between lines is a jump: the arm's tool speed and joints' [m/s], [rad/s]
 JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
-WITHOUT_FILE = (
-    "master_speed_m_s",
-    "master_direction",
-    "master_travel_m",
-    "master_turn_rad_s",
-)
-"""Settings of section dual that say how the part moves where no file does."""
 
 
 class PartWay(NamedTuple):
@@ -159,42 +152,18 @@ class MasterMotion(NamedTuple):
     T_start: Array = np.empty((0, 4, 4))
 
 
-def master_motion(
-    config: DualConfig, pose: tuple[float, ...], path: ToolPath, up: Array, chain: ClosedChain
-) -> MasterMotion:
+def master_motion(config: DualConfig, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
     """The motion that is asked for along the follower's path, on the side ``up`` of the part, in the believed
-    chain; ``pose``: where the part is to be held, as ``part.pose``.
-
-    Raises ConfigError if a direction is zero or two settings contradict each other, InputError if the file
-    cannot be used.
-    """
+    chain; InputError if its file cannot be used."""
     if config.master_path:
-        _refuse_beside_file(config)
-        if pose:
-            raise ConfigError(
-                f"'{config.master_path}' (dual.master_path) says where the part is held: leave part.pose "
-                "(--part-pose) out."
-            )
         file = read_master_path(Path(config.master_path))
         poses = file.part_poses(chain)
         return MasterMotion(through_poses(file.times, poses), file, poses[:1])
     size = np.linalg.norm(config.master_direction)
-    if not size > 0.0:
-        raise ConfigError("'dual.master_direction' is no direction: give x, y, z, not all zero.")
     velocity = config.master_speed_m_s * (np.array(config.master_direction) / size)
     leg = config.master_travel_m / max(config.master_speed_m_s, 1e-9)
     turn = about_axis(up / np.linalg.norm(up), middle_of(path), config.master_turn_rad_s)
     return MasterMotion(PartWay(along_line(velocity, leg), turn))
-
-
-def _refuse_beside_file(config: DualConfig) -> None:
-    """Refuse settings of a motion that a file says all of."""
-    idle = [name for name in WITHOUT_FILE if getattr(config, name) != getattr(DualConfig(), name)]
-    if idle:
-        raise ConfigError(
-            f"'{config.master_path}' (dual.master_path) says how the part moves: leave "
-            f"{', '.join(f'dual.{name}' for name in idle)} out."
-        )
 
 
 def middle_of(path: ToolPath) -> Array:

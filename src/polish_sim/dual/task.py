@@ -177,7 +177,7 @@ def _given_or_rim(
 
 def _asked_of_both(job: PairJob, chain: ClosedChain) -> tuple[PairWork, MasterMotion]:
     """The work of both robots with a chain, and the master's motion in it."""
-    motion = master_motion(job.scenario.dual, job.scenario.part.pose, job.path, job.up, chain)
+    motion = master_motion(job.scenario.dual, job.path, job.up, chain)
     check_length(job.visits, motion)
     return PairWork(chain, job.visits, motion.way), motion
 

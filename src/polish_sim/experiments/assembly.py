@@ -22,7 +22,7 @@ from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_pa
 from polish_sim.cell.scene import Drawn
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
-from polish_sim.errors import InputError, near_file
+from polish_sim.errors import ConfigError, InputError, near_file
 from polish_sim.experiments.beliefs import (
     believe_tool,
     believed_arm,
@@ -285,6 +285,8 @@ def check_settings(scenario: Scenario) -> None:
     check_events(faults, scenario.process, row.on_part, load(row.faults), known_faults())
     check_flange(scenario)
     check_compensation(scenario.robot, scenario.seed, row)
+    if row.check:
+        load(row.check)(scenario)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.plans:
@@ -325,7 +327,17 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
         usual = scenario.process.contact_force_n
         force = usual if path is None else path.largest_force(usual)
         check_contact_settings(scenario, changed_force(scenario.process, force))
-    if scenario.plan.removal:
+    asked = scenario.plan
+    if asked.removal:
+        if not 0.0 < asked.removal_feed[0] < asked.removal_feed[1]:
+            raise ConfigError(
+                "plan.removal_feed must be the least and the largest share of the feed, in this order."
+            )
+        if scenario.dual.standoff_m > 0.0:
+            raise ConfigError(
+                "at a stand-off (dual.standoff_m, --standoff) nothing comes off: leave it or plan.removal "
+                "out."
+            )
         if not scenario.spindle.speed_rpm + scenario.pad.slide_m_s:
             raise InputError(
                 "a removal to order needs a pad that turns or slides: with spindle.speed_rpm = 0 and "

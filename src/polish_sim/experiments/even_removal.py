@@ -27,7 +27,7 @@ from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
 from polish_sim.cell.stroke import TOUCH_DOWN_TIME
 from polish_sim.config import Checked
-from polish_sim.errors import ConfigError, InputError
+from polish_sim.errors import InputError
 from polish_sim.experiments.assembly import Memory, place_key
 from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.stroke_motion import CELL_LIMITS
@@ -77,17 +77,9 @@ def plan_removal(scenario: Checked, observer: PlanObserver = UNSEEN) -> PlanResu
     """Plan a part's path; if the plan asks for an even removal, or a map of it, with its feed and force.
 
     Raises:
-        PolishSimError: The part, the request or the map cannot be used; says why and what to do.
+        PolishSimError: The part or the map cannot be used; says why and what to do.
     """
     asked, pad = scenario.plan, scenario.pad
-    if not 0.0 < asked.removal_feed[0] < asked.removal_feed[1]:
-        raise ConfigError(
-            "plan.removal_feed must be the least and the largest share of the feed, in this order."
-        )
-    if asked.removal and scenario.dual.standoff_m > 0.0:
-        raise ConfigError(
-            "at a stand-off (dual.standoff_m, --standoff) nothing comes off: leave it or plan.removal out."
-        )
     if asked.removal and asked.overrun_m == 0.0:
         asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
     plan = plan_part(scenario.part, asked, scenario.process, pad, observer)

@@ -94,6 +94,7 @@ class Experiment:
     options: tuple[str, ...]
     settings: tuple[Setting, ...] = ()  #: Its own, beside ``SETTINGS``
     path_name: str = ""  #: Of the path that is planned; empty: its pattern
+    check: str = ""  #: (scenario) -> None: refuses settings of its own that cannot be run; empty: none
     #: Arguments as of ``run`` -> what has the fields of CheckedPath: everything but the simulation; empty:
     #: nothing to check
     prepare: str = ""
