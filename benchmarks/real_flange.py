@@ -175,7 +175,7 @@ def _place(profile: str) -> Workplace:
     surface = fit_surface(mesh, scenario.plan.feature_angle_rad)
     region = select_region(surface, mesh, "auto", scenario.plan.feature_angle_rad)
     reach = PartPlacing(scenario, mesh, surface, path).reach()
-    shape = real_shape(scenario, mesh, surface, path)
+    shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
     return Workplace(mesh, surface, region, path, reach, shape)
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 from PIL import ImageDraw
 
-from polish_sim.analysis.run_record import stop_mark
+from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, PictureSize
 from polish_sim.errors import InputError, needed
@@ -25,7 +25,6 @@ from polish_sim.experiments.run_page import clock, joint_columns, run_motion, ru
 from polish_sim.row_file import whole_file
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cli.pictures import Image
 

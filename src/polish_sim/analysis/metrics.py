@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,8 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.arrays import Array, Bools, Figures, Indices, norms, rms, running_sums
-from polish_sim.log import RETRACT_PHASE
-from polish_sim.planning.toolpath import BEFORE, stretches
-
-if TYPE_CHECKING:
-    from polish_sim.log import RemovalMap, Trace
-    from polish_sim.planning.toolpath import ToolPath
+from polish_sim.log import RETRACT_PHASE, RemovalMap, Trace
+from polish_sim.planning.toolpath import BEFORE, ToolPath, stretches
 
 # Where the path's curvature changes strongly, and what the force does there (paper 1, fig. 15).
 

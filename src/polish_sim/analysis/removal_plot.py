@@ -19,7 +19,7 @@ from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER, measure_removal
 from polish_sim.analysis.path_plot import SMOOTH, cross_out, scale_flat, seen_triangles
-from polish_sim.analysis.run_record import Records, stop_mark
+from polish_sim.analysis.run_record import Records, RunRecord, stop_mark
 from polish_sim.analysis.style import (
     head,
     new_figure,
@@ -29,7 +29,6 @@ from polish_sim.analysis.style import (
 from polish_sim.errors import number_text
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord
     from polish_sim.config import Scenario
     from polish_sim.log import RemovalMap
 

@@ -20,7 +20,7 @@ from polish_sim.cell.limits import check_contact_settings, check_rates, modelled
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields
 from polish_sim.cell.scene import Drawn
-from polish_sim.config import Checked
+from polish_sim.config import Checked, PartConfig, Scenario
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import ConfigError, InputError, near_file
 from polish_sim.experiments.beliefs import (
@@ -46,7 +46,6 @@ from polish_sim.scenario_file import FILE_KEYS, check_words
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
-    from polish_sim.config import PartConfig, Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
     from polish_sim.geometry.fit import Fixture

@@ -9,39 +9,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, norms
+from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
+from polish_sim.arrays import Array, norms, turned
 from polish_sim.calibration import PayloadReadings
 from polish_sim.calibration.payload import move, move_time
-from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_on_flange
+from polish_sim.cell import SILENT, Cell, CellRun, Observer, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import feed_pace
-from polish_sim.config import Checked
+from polish_sim.config import Checked, PayloadConfig, RobotConfig, Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
-from polish_sim.experiments.beliefs import believed_arm
-from polish_sim.log import COLUMNS, LOG_ROW, RunLog, Trace, from_rows, with_column
-from polish_sim.motion import forward
-from polish_sim.motion.trajectory import PathTable, build_path_table, time_path
-from polish_sim.spatial import matrices, wxyz
-
-if TYPE_CHECKING:
-    from polish_sim.cell.cell import CellRun
-    from polish_sim.config import PayloadConfig, RobotConfig, Scenario
-from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
-from polish_sim.arrays import turned
-from polish_sim.cell import SILENT
 from polish_sim.experiments.assembly import kept_place
-from polish_sim.experiments.beliefs import believe_tool
+from polish_sim.experiments.beliefs import believe_tool, believed_arm
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
+from polish_sim.log import COLUMNS, LOG_ROW, RunLog, Trace, from_rows, with_column
+from polish_sim.motion import forward
+from polish_sim.motion.trajectory import PathTable, build_path_table, time_path
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.spatial import matrices, wxyz
 
 
 class ToolMotion(NamedTuple):

@@ -165,7 +165,7 @@ class PartPlacing:
     ) -> None:
         self.scenario, self.mesh = scenario, mesh
         force = path.force_at(path.s, scenario.process.contact_force_n)
-        followed = pressed(path, sunk_under(scenario, force)) if pressed_in else path
+        followed = pressed(path, sunk_under(force, scenario.head, scenario.pad)) if pressed_in else path
         self.positions = followed.positions_work
         self.axes = path.axes_work
         self.lowest = (mesh.vertices @ mesh.up).min()

@@ -12,7 +12,7 @@ import numpy as np
 from polish_sim.arrays import Array, Figures, dots, norms
 from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
-from polish_sim.config import PartConfig, ProcessConfig, Scenario
+from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import CELL_LIMITS, stroke_motion, stroke_path
@@ -44,10 +44,9 @@ def random_streams(seed: int) -> Streams:
     return Streams(*map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3)))
 
 
-def sunk_under(scenario: Scenario, force: Array) -> Array:
+def sunk_under(force: Array, head: HeadConfig, pad: PadConfig) -> Array:
     """Depth of the tool under a force [N], shape (n,) [m]: D = F / k, head spring and pad in series (paper 1,
     section 1.5); an active flange is held at mid stroke."""
-    head, pad = scenario.head, scenario.pad
     if head.flange.bandwidth_hz:
         return 0.5 * head.travel_m * (force > 0.0) + force / pad.stiffness_n_m
     return force / (1.0 / (1.0 / head.stiffness_n_m + 1.0 / pad.stiffness_n_m))
@@ -113,7 +112,7 @@ def placed_strokes(
     """
     process, rotations = scenario.process, placed.rotations
     wanted = path.force_at(path.s, process.contact_force_n) * (air is None)
-    depths = sunk_under(scenario, wanted)
+    depths = sunk_under(wanted, scenario.head, scenario.pad)
     nominal = apply(placed.T_base_work, path.positions_work)
     pressed_in = apply(placed.T_base_work, pressed(path, depths).positions_work)
     strokes: list[Stroke] = []
@@ -232,20 +231,22 @@ class RealShape(NamedTuple):
     given: bool  #: Whether it has a mesh of its own
 
 
-def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> RealShape:
+def real_shape(
+    config: PartConfig, angle: float, mesh: PartMesh, surface: Surface, path: ToolPath
+) -> RealShape:
     """Load the real part's mesh, if there is one, and check that it is where the path on the
     nominal one is.
 
-    It is read as the nominal one is, with features of the same angle; that is the shape if none is named.
+    It is read as the nominal one is, with features of the same ``angle`` [rad]; that is the shape if none is
+    named.
 
     Raises:
         MeshError: If it cannot be read, or does not lie where the drawing says.
     """
-    config = scenario.part
     if not config.real_file:
         return RealShape(mesh, surface, given=False)
     actual = load_part(part_path(config.real_file), mesh.unit, config.up)
-    shape = RealShape(actual, fit_surface(actual, scenario.plan.feature_angle_rad), given=True)
+    shape = RealShape(actual, fit_surface(actual, angle), given=True)
     _check_place(shape, mesh, config, path.in_contact.positions)
     return shape
 

@@ -303,7 +303,7 @@ def plan_page(
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page
-    sunk = sunk_under(scenario, cycle.force)
+    sunk = sunk_under(cycle.force, scenario.head, scenario.pad)
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
     steps = np.diff(cycle.time)

@@ -18,7 +18,7 @@ from polish_sim.config import SmoothingConfig
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain, repeated_points
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
-from polish_sim.motion.rules.schedule import RULES, SmoothMotion, check_rule
+from polish_sim.motion.rules.schedule import RULES, Rule, SmoothMotion, check_rule
 from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.trajectory import (
     TimedPath,
@@ -33,7 +33,6 @@ from polish_sim.motion.trajectory import (
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.geometry.repair.skin import ScanNoise
-    from polish_sim.motion.rules.schedule import Rule
     from polish_sim.planning.toolpath import ToolPath
 
 

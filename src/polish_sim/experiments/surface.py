@@ -111,7 +111,7 @@ def prepare_surface(scenario: Checked, plan: PlanResult, observer: Observer = SI
         observer.stage("check the reach")
         standing = *plan.standing, plan.path
         reach = PartPlacing(scenario, *standing).reach()
-        shape = real_shape(scenario, *standing)
+        shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, *standing)
         return Workplace(plan.mesh, plan.surface, plan.region, plan.path, reach, shape, plan.tool.fixture)
 
     return kept_place(scenario, make, plan)
@@ -209,8 +209,9 @@ def place_force(scenario: Checked, observer: Observer = SILENT) -> Workplace:
         surface = fit_surface(mesh, angle)
         region = select_region(surface, mesh, scenario.plan.region, angle)
         path = touch_path(region)
-        reach = PartPlacing(scenario, mesh, surface, path).reach()
-        shape = real_shape(scenario, mesh, surface, path)
+        standing = mesh, surface, path
+        reach = PartPlacing(scenario, *standing).reach()
+        shape = real_shape(scenario.part, angle, *standing)
         return Workplace(mesh, surface, region, path, reach, shape, holds=True)
 
     return kept_place(scenario, make)

@@ -25,14 +25,13 @@ from polish_sim.ur.robot import (
     STOPPED,
     SimulatedRobot,
 )
-from polish_sim.ur.script import Machine
+from polish_sim.ur.script import Machine, ScriptError
 from polish_sim.ur.script.translate import Program, read
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
     from polish_sim.config import RobotConfig
-    from polish_sim.ur.script import ScriptError
 
 STREAM = 0x4C494E4B  #: Of the random numbers
 
