@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -26,11 +25,9 @@ from polish_sim.analysis.style import (
     styled,
     views_of,
 )
+from polish_sim.config import Scenario
 from polish_sim.errors import number_text
-
-if TYPE_CHECKING:
-    from polish_sim.config import Scenario
-    from polish_sim.log import RemovalMap
+from polish_sim.log import RemovalMap
 
 MM, MICRO = 1e3, 1e6
 TOP = 2.0  #: Removal over its mean at which the colours end

@@ -8,13 +8,14 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene
 from polish_sim.cell.cell import NO_LESSON
+from polish_sim.cell.contact import RealPart
 from polish_sim.cell.faults import changed_force, check_events
 from polish_sim.cell.limits import check_contact_settings, check_rates, modelled_depth
 from polish_sim.cell.real_arm import take_arm
@@ -37,19 +38,16 @@ from polish_sim.experiments.part_setup import (
     random_streams,
     touched,
 )
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import check_flange, experiment, known_faults, load
 from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
+from polish_sim.geometry import PartMesh, Region, Surface
+from polish_sim.geometry.fit import Fixture
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
 from polish_sim.motion import use_arm
+from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import FILE_KEYS, check_words
-
-if TYPE_CHECKING:
-    from polish_sim.cell.contact import RealPart
-    from polish_sim.experiments.placement import Reach
-    from polish_sim.geometry import PartMesh, Region, Surface
-    from polish_sim.geometry.fit import Fixture
-    from polish_sim.planning import ToolPath
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,13 +23,11 @@ from polish_sim.cell.limits import check_rates
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.cell.wrist_sensor import fresh_sensor, read_at_rest
+from polish_sim.config import Scenario
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.free_space import plan_visit, run_visit, visiting_cell
 from polish_sim.experiments.part_setup import random_streams
 from polish_sim.spatial import GRAVITY
-
-if TYPE_CHECKING:
-    from polish_sim.config import Scenario
 
 CHECK_POSES = 200
 CHECK_SETTLE_S, CHECK_AVERAGE_S = 0.1, 0.25
