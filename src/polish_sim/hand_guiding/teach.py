@@ -241,14 +241,16 @@ def run_teach(scenario: Checked, observer: Observer) -> RunResult:
     model = torque_arm(scenario)
     belief = believe_arm(scenario)
     T_base_home = home_pose()
+    hand = hand_of(scenario.hand)
+    # A mode that does not fit the arm is refused before the first move.
+    arms = [guided_arm(scenario, move.mode, model, belief, hand) for move in moves]
     played: list[PlayedMove] = []
     for count, move in enumerate(moves):
         table = move_table(move, scenario.hand, T_base_home, scenario.simulation.timestep_s)
         T_base_tool = T_base_home.copy()
         T_base_tool[:3, 3] = table.motion.positions[0]
-        arm = guided_arm(scenario, move.mode, model, belief, hand_of(scenario.hand))
         run = run_guided(
-            arm, joints_for(T_base_tool, np.array(HOME)), table.motion, table.servos,
+            arms[count], joints_for(T_base_tool, np.array(HOME)), table.motion, table.servos,
             PartOf(observer, count, len(moves)),
         )  # fmt: skip
         played.append(PlayedMove(move, table, run))
