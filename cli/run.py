@@ -356,7 +356,11 @@ def plan_to_run(
             if doubt := known and why_not_proven(scenario, plan.path, known):
                 console.note(f"note: the plan's proof is {doubt}: it is proven again, as this run is set")
             if known and not doubt:
-                notes = (*plan.notes, *proof_notes(known), *drift_notes(scenario, plan))
+                notes = (
+                    *plan.notes,
+                    *proof_notes(known),
+                    *drift_notes(scenario.process, scenario.sensor, plan),
+                )
                 plan = replace(plan, proof=known, notes=notes)
             else:
                 plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)

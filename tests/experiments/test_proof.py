@@ -14,7 +14,7 @@ from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, proof, run_experiment
 from polish_sim.experiments.proof import Proven, Work, _Prover, prove, prove_with_a_pad_that_fits
 from polish_sim.experiments.proof_play import Failure, Play
-from polish_sim.experiments.proof_record import drift_notes, proof_notes, why_not_proven
+from polish_sim.experiments.proof_record import drift_notes, drift_of, proof_notes, why_not_proven
 from polish_sim.planning import measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, Mend, PreparedRegion
 from polish_sim.planning.quality.access import HOLLOW
@@ -296,7 +296,8 @@ def five_minutes_in(strokes):
     ],
 )
 def test_a_sensor_that_drifts_more_than_contact_takes_is_to_be_zeroed_by_stroke(settings, strokes, notes):
-    found = drift_notes(pressing(*settings), five_minutes_in(strokes))
+    asked = pressing(*settings)
+    found = drift_notes(asked.process, asked.sensor, five_minutes_in(strokes))
     assert len(found) == len(notes)
     assert all(part in text for part, text in zip(notes, found, strict=True))
 
@@ -307,9 +308,10 @@ def test_a_sensor_that_drifts_more_than_contact_takes_is_to_be_zeroed_by_stroke(
     [(8.0, "start", True), (8.5, "start", False), (6.0, "strokes", False), (5.0, "strokes", True)],
 )
 def test_a_path_on_which_half_of_all_sensors_drift_out_of_the_force_band_is_refused(force_n, tare, refused):
-    settings = "sensor.model=ur5e-built-in", f"process.tare={tare}", f"process.contact_force_n={force_n}"
+    words = "sensor.model=ur5e-built-in", f"process.tare={tare}", f"process.contact_force_n={force_n}"
+    asked = pressing(*words)
     with pytest.raises(PlanError, match="drift") if refused else nullcontext():
-        proof._refuse_drift(pressing(*settings), five_minutes_in(2))
+        proof._refuse_drift(drift_of(asked.process, asked.sensor, five_minutes_in(2)))
 
 
 def test_a_path_that_fails_everywhere_whatever_is_mended_is_refused_and_no_other_pad_is_tried(monkeypatch):

@@ -45,7 +45,14 @@ from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.part_setup import touched
 from polish_sim.experiments.placement import check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, Failure, Play
-from polish_sim.experiments.proof_record import drift_notes, drift_of, path_key, proof_notes, proof_settings
+from polish_sim.experiments.proof_record import (
+    Drift,
+    drift_notes,
+    drift_of,
+    path_key,
+    proof_notes,
+    proof_settings,
+)
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.planning import PlanResult
@@ -129,7 +136,7 @@ def prove(
         PlanError: Nothing of the path can be polished, or no mend helps; says why and where.
         PolishSimError: As of `prepare_surface`.
     """
-    _refuse_drift(scenario, plan)
+    _refuse_drift(drift_of(scenario.process, scenario.sensor, plan))
     prover = _Prover(scenario, plan, observer, work or Work(plan))
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario.safety.proof))
     begun = prover.pass_drawn(seeds[0]) if seeds else None
@@ -143,18 +150,17 @@ def prove(
     return prover.result()
 
 
-def _refuse_drift(scenario: Checked, plan: PlanResult) -> None:
+def _refuse_drift(drift: Drift) -> None:
     """Refuse a path on which the zero of half of all sensors drifts by more than the force may be off.
 
     Raises:
         PlanError: It does before the sensor is zeroed again.
     """
-    drift, force = drift_of(scenario, plan), plan.path.largest_force(scenario.process.contact_force_n)
     if drift.half > drift.band:
         strokes = "process.tare=strokes, " if drift.strokes else ""
         raise _Hopeless(
             f"half of all sensors drift by more than {drift.half:.2g} N in the {drift.time:.0f} s before "
-            f"they are zeroed again, and {force:.3g} N may be off by {drift.band:.2g} N: set {strokes}"
+            f"they are zeroed again, and {drift.force:.3g} N may be off by {drift.band:.2g} N: set {strokes}"
             "another sensor.model, a larger --contact-force or a faster --feed; --proof none plans it all "
             "the same."
         )
@@ -613,7 +619,7 @@ class _Prover:
             "proven": 1,
             "proof_work_s": self.work.done_s,
         }
-        notes = (*plan.notes, *proof_notes(proof), *drift_notes(scenario, plan))
+        notes = (*plan.notes, *proof_notes(proof), *drift_notes(scenario.process, scenario.sensor, plan))
         plan = replace(plan, path=place.path, proof=proof, figures=figures, notes=notes)
         kept_place(scenario, lambda: place, plan)
         return Proven(plan, scenario)

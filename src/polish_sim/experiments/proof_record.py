@@ -13,7 +13,7 @@ import numpy as np
 from polish_sim.analysis.claim import FOLLOW_BAND_N
 from polish_sim.analysis.metrics import MOST_FORCE
 from polish_sim.analysis.run_record import changed_words
-from polish_sim.config import Checked, FaultsConfig, PlanConfig, Scenario
+from polish_sim.config import Checked, FaultsConfig, PlanConfig, ProcessConfig, Scenario, SensorConfig
 from polish_sim.errors import count_text, place_in_mm
 from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.proof_play import ASTRAY, BAND, SHAKEN
@@ -89,27 +89,29 @@ class Drift(NamedTuple):
     time: float  #: In contact until then [s]
     most: float  #: By all of its warming up, with the rms of its random walk
     half: float  #: What half of all sensors exceed
-    band: float  #: How far the force may be off
+    band: float  #: How far the force, where it is largest, may be off
+    force: float  #: The largest
     strokes: bool  #: Whether to zero it before every stroke would help
 
 
-def drift_of(scenario: Checked, plan: PlanResult) -> Drift:
+def drift_of(process: ProcessConfig, sensor: SensorConfig, plan: PlanResult) -> Drift:
     """How far the sensor's zero may walk on a plan's path."""
-    path, process, sensor = plan.path, scenario.process, scenario.sensor
+    path = plan.path
     alone = [path.s[last] - path.s[first] for first, last in stretches(path.process)]
     strokes = len(alone) > 1 and process.tare == "start"
     share = max(alone) / sum(alone) if process.tare == "strokes" else 1.0
     time = share * plan.figures["time_in_contact_s"]
     warmed = -sensor.warm_up_force_n * math.expm1(-time / sensor.warm_up_s)
     most = warmed + sensor.force_drift_n_s * math.sqrt(time)
-    band = min(FOLLOW_BAND_N, (MOST_FORCE - 1.0) * path.largest_force(process.contact_force_n))
-    return Drift(time, most, 0.5 * warmed, band, strokes)
+    force = path.largest_force(process.contact_force_n)
+    band = min(FOLLOW_BAND_N, (MOST_FORCE - 1.0) * force)
+    return Drift(time, most, 0.5 * warmed, band, force, strokes)
 
 
-def drift_notes(scenario: Checked, plan: PlanResult) -> list[str]:
+def drift_notes(process: ProcessConfig, sensor: SensorConfig, plan: PlanResult) -> list[str]:
     """Where the sensor's zero may walk further than what counts as contact, or than the force may be off."""
-    drift, threshold = drift_of(scenario, plan), scenario.process.contact_threshold_n
-    if drift.strokes and drift.most > threshold:
+    drift = drift_of(process, sensor, plan)
+    if drift.strokes and drift.most > process.contact_threshold_n:
         than, may = "counts as contact", "stop. --set process.tare=strokes zeroes it before every stroke"
     elif drift.most > drift.band:
         than, may = f"the {drift.band:.2g} N the force may be off", "fail --check"
