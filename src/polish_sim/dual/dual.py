@@ -72,7 +72,7 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
     figures |= common_figures(
-        run, scenario, path_done(path, run.trace.path_s_m[run.trace.fed]), reach.T_base_work
+        cell, run, path_done(path, run.trace.path_s_m[run.trace.fed]), reach.T_base_work
     )
     log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
     return RunResult(scenario, log, run.trace, figures, path, removal)

@@ -271,7 +271,7 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     believe_tool(cell, random_streams(scenario.seed).payload)
     run = cell.run(observer)
     done = run.trace.path_s_m[-1] / table.length
-    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
+    figures = measure_arc(run.trace) | common_figures(cell, run, done, None)
     return RunResult(
         scenario, run.log, run.trace, figures, path, None,
         run.files,

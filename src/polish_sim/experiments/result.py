@@ -17,7 +17,7 @@ from polish_sim.row_file import package_versions
 from polish_sim.spatial import apply, inverse
 
 if TYPE_CHECKING:
-    from polish_sim.cell.cell import CellRun
+    from polish_sim.cell import Cell, CellRun
     from polish_sim.config import Scenario
     from polish_sim.log import RemovalMap, RunLog, Trace
     from polish_sim.planning.toolpath import ToolPath
@@ -69,7 +69,7 @@ def free_figures(seed: int, T_base_work: Array | None, steps: int, simulated: fl
     }
 
 
-def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> Figures:
+def common_figures(cell: Cell, run: CellRun, path_done: float, T_base_work: Array | None) -> Figures:
     """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to
     1.
 
@@ -79,7 +79,7 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
     simulated_s, wall_s, real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of
     its stroke used.
     """
-    simulated = run.steps * run.dt
+    scenario, simulated = cell.scenario, run.steps * run.dt
     travel = run.trace.pad_travel_m[run.trace.fed]
     stroke = {"flange_stroke_used": np.ptp(travel) / scenario.head.travel_m} if len(travel) else {}
     return {

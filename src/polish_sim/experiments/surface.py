@@ -135,7 +135,7 @@ def measure_run(plan: PlanResult, place: Workplace, cell: Cell, run: CellRun) ->
     removal, log = remove_material(place, cell, run)
     figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= areas_after(plan, removal)
-    figures |= common_figures(run, scenario, path_done(path, fed), place.reach.T_base_work)
+    figures |= common_figures(cell, run, path_done(path, fed), place.reach.T_base_work)
     figures |= shape_figures(place.shape, path)
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs
@@ -245,7 +245,7 @@ def measure_hold(place: Workplace, cell: Cell, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has pressed on its point."""
     scenario = cell.scenario
     figures: Figures = dict(measure_force(run.trace, scenario.process.contact_force_n))
-    figures |= common_figures(run, scenario, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
+    figures |= common_figures(cell, run, hold_done(scenario.process.hold_s, run), place.reach.T_base_work)
     return RunResult(
         scenario, run.log, run.trace, figures, place.path, None,
         run.files,
