@@ -95,7 +95,8 @@ def robot_with_tool(scenario: Scenario) -> Any:
 
 def arm_spec(name: str) -> Any:
     """The model file with a make of arm, not yet compiled."""
-    spec, arm = mujoco.MjSpec.from_file(str(robot_model_path())), use_arm(name)
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    arm = use_arm(name)
     if arm.links:
         _build_arm(spec, arm)
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)

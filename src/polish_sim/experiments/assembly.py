@@ -199,7 +199,8 @@ def build_cell(
 ) -> Cell:
     """Set the cell up for a path, not yet run, on its ``build_part`` and with its ``strokes_for`` unless they
     were made before; its host believes its calibrated payload."""
-    part, strokes = part or build_part(scenario, place), strokes or strokes_for(scenario, place)
+    part = part or build_part(scenario, place)
+    strokes = strokes or strokes_for(scenario, place)
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
     lesson = NO_LESSON
@@ -240,7 +241,8 @@ def course_for(
     """What lies ahead on the path, for a controller that prepares for it; None for the others."""
     if not callable(getattr(controller, "prepare", None)):
         return None
-    near, reach = place.fields(place.drawn, scenario).near, place.reach
+    near = place.fields(place.drawn, scenario).near
+    reach = place.reach
     return build_course(scenario, strokes, near, reach.T_base_work, reach.q_start)
 
 

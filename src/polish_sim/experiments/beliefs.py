@@ -222,7 +222,8 @@ def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
 
     folder = scenario.process.learn
     record = read_record(Path(folder))
-    keys, before = differences([record.scenario, scenario]), record.path
+    keys = differences([record.scenario, scenario])
+    before = record.path
     other = [key for key in keys if key.partition(".")[0] in SAME and key not in FREE]
     other += [] if record.scenario.seed == scenario.seed else ["seed"]
     if (

@@ -163,7 +163,8 @@ class PartPlacing:
     def __init__(
         self, scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
     ) -> None:
-        self.scenario, self.mesh = scenario, mesh
+        self.scenario = scenario
+        self.mesh = mesh
         force = path.force_at(path.s, scenario.process.contact_force_n)
         followed = pressed(path, sunk_under(force, scenario.head, scenario.pad)) if pressed_in else path
         self.positions = followed.positions_work

@@ -110,7 +110,8 @@ def placed_strokes(
     lifted by ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length
     [m]. With limits for the ``air`` the path is followed where it is, and nothing is touched.
     """
-    process, rotations = scenario.process, placed.rotations
+    process = scenario.process
+    rotations = placed.rotations
     wanted = path.force_at(path.s, process.contact_force_n) * (air is None)
     depths = sunk_under(wanted, scenario.head, scenario.pad)
     nominal = apply(placed.T_base_work, path.positions_work)

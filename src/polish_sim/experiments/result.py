@@ -79,7 +79,8 @@ def common_figures(cell: Cell, run: CellRun, path_done: float, T_base_work: Arra
     simulated_s, wall_s, real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of
     its stroke used.
     """
-    scenario, simulated = cell.scenario, run.steps * run.dt
+    scenario = cell.scenario
+    simulated = run.steps * run.dt
     travel = run.trace.pad_travel_m[run.trace.fed]
     stroke = {"flange_stroke_used": np.ptp(travel) / scenario.head.travel_m} if len(travel) else {}
     return {

@@ -129,7 +129,8 @@ def run_surface(scenario: Checked, plan: PlanResult, observer: Observer = SILENT
 
 def measure_run(plan: PlanResult, place: Workplace, cell: Cell, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the part of a plan."""
-    path, scenario = plan.path, cell.scenario
+    path = plan.path
+    scenario = cell.scenario
     fed = run.trace.path_s_m[run.trace.fed]
     figures: Figures = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     removal, log = remove_material(place, cell, run)
