@@ -13,7 +13,7 @@ from polish_sim.dual import FREE_CLAIMS, PRESSING_CLAIMS, task
 from polish_sim.dual import dual as module
 from polish_sim.dual.arms import follow_joints
 from polish_sim.dual.carrier import FIRST_JOINT
-from polish_sim.dual.checks import check_asked
+from polish_sim.dual.checks import check_pair_settings
 from polish_sim.dual.frames import true_chain
 from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual
@@ -262,7 +262,7 @@ def test_what_cannot_be_done_is_refused(changes, kind, said):
 )
 def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes, said):
     with pytest.raises(ConfigError, match=said):
-        check_asked(dual(*changes.split()))
+        check_pair_settings(dual(*changes.split()))
 
 
 def test_arms_with_gears_hold_the_force_and_err_by_their_gears_and_rigid_ones_are_found_as_ideal(pressed):

@@ -11,7 +11,7 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
-from polish_sim.dual.checks import MotionCheck, check_asked, check_master, check_motion
+from polish_sim.dual.checks import MotionCheck, check_master, check_motion, check_pair_settings
 from polish_sim.dual.master import MasterMotion, about_axis, along_line
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
@@ -206,7 +206,7 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
 )
 def test_settings_that_do_not_fit_are_refused(changes, said):
     with pytest.raises(ConfigError, match=said):
-        check_asked(dual(*changes))
+        check_pair_settings(dual(*changes))
 
 
 def test_ways_turn_back_gently_and_turns_leave_their_axis_in_place():

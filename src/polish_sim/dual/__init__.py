@@ -131,7 +131,7 @@ DUAL = Experiment(
     "two robots: the master moves the part, the follower polishes its rim meanwhile (paper 2)",
     Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),
     run="polish_sim.dual.dual:run_dual",
-    check="polish_sim.dual.checks:check_asked",
+    check="polish_sim.dual.checks:check_pair_settings",
     prepare="polish_sim.dual.dual:check_dual",
     claims=lambda scenario: FREE_CLAIMS if scenario.dual.standoff_m > 0.0 else PRESSING_CLAIMS,
     plots=always({"dual.png": "polish_sim.dual.plots:plot_dual"}),

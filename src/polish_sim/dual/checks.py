@@ -29,7 +29,7 @@ BY_FILE = ("master_speed_m_s", "master_direction", "master_travel_m", "master_tu
 """Settings of section dual that say how the part moves where no file does."""
 
 
-def check_asked(scenario: Scenario) -> None:
+def check_pair_settings(scenario: Scenario) -> None:
     """Refuse settings beside a calibration of the arms, or a file of the master's motion, that say the same
     or do not hold with it, too few poses for a calibration, and a direction that is zero.
 
