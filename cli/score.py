@@ -15,7 +15,7 @@ from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import count_text
-from polish_sim.experiments.registry import default_scenario
+from polish_sim.experiments.registry import once_more
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import METRICS, Row, Rows, package_versions, put_file, save_plots, write_json
 from polish_sim.scenario_file import counted_seeds, to_toml
@@ -218,7 +218,6 @@ def _facts(score: Score) -> dict[str, Any]:
 
 def _worst_runs(score: Score) -> Table:
     """The command that plays the worst run of each case and leaves its own page."""
-    from polish_sim.analysis.run_record import once_more
     from polish_sim.scoring import summarize, worst_case
 
     runs = []
@@ -226,7 +225,7 @@ def _worst_runs(score: Score) -> Table:
         worst = worst_case([summary], summary.entry)
         if worst:
             scenario = summary.case.scenario(summary.entry, worst["seed"])
-            command = once_more(scenario, default_scenario(scenario.experiment))
+            command = once_more(scenario)
             runs.append([summary.case.name, summary.entry.label, str(worst["seed"]), command])
     return Table("look at one", ["case", "controller", "seed", "the worst run, with a page of its own"], runs)
 

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import RunRecord, once_more
+from polish_sim.analysis.run_record import RunRecord
 from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
-from polish_sim.experiments.registry import default_scenario, run_experiment
+from polish_sim.experiments.registry import default_scenario, once_more, run_experiment
 from polish_sim.experiments.report import page_of, runs_table, saved_page, seeds_page
 from polish_sim.experiments.run_page import clock, run_page
 from polish_sim.log import RunLog
@@ -264,7 +264,7 @@ def test_a_page_of_tables_alone_opens_at_any_width(opened):
 def test_the_command_of_a_case_runs_its_very_scenario():
     for case in BATTERY:
         scenario, usual = case.scenario(user_entry("hybrid-adaptive"), 3), default_scenario(case.experiment)
-        words = shlex.split(once_more(scenario, usual))
+        words = shlex.split(once_more(scenario))
         assert words[:3] == ["polish-sim", "run", case.experiment]
         assert override(usual, words[4::2]) == scenario
 

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from polish_sim.analysis.run_record import once_more
 from polish_sim.cell import Silent
 from polish_sim.config import ControllerConfig
 from polish_sim.control import build_controller
 from polish_sim.control.laws import law_parameters
 from polish_sim.errors import LARGEST, ConfigError, InputError, PolishSimError
 from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments.registry import once_more
 from polish_sim.log import RETRACT_PHASE
 from polish_sim.scenario_file import load_scenario, merge, override, to_toml
 from tests.cell.cells import on_plane
@@ -113,7 +113,7 @@ def test_a_class_declares_its_parameters_which_are_set_like_other_keys_and_kept_
     written.write_text(to_toml(chosen), encoding="utf-8")
     assert load_scenario(written, usual) == chosen
     assert chosen.controller.own == {"gain": 0.02, "late": True}
-    assert "--set controller.own.gain=0.02" in once_more(chosen, usual)
+    assert "--set controller.own.gain=0.02" in once_more(chosen)
     hash(chosen)
     refused = {"own.gain=[1, 2]": r"own\.gain' must be a number, text", "own=3": r"own' is a section"}
     for value, said in refused.items():

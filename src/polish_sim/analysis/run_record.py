@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
@@ -240,13 +239,6 @@ def other_conditions(scenario: Scenario, usual: Scenario) -> tuple[str, ...]:
         for name, value, asked in changed_settings(scenario, usual)
         if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
     )
-
-
-def once_more(scenario: Scenario, usual: Scenario) -> str:
-    """The command that runs a scenario, with every setting in which it differs from its experiment's usual
-    one."""
-    changed = (f"--set {shlex.quote(text)}" for text in changed_words(scenario, usual))
-    return " ".join([f"polish-sim run {scenario.experiment}", *changed])
 
 
 def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:

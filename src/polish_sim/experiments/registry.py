@@ -7,6 +7,7 @@ needed, so that help answers at once and one experiment never loads another.
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -192,6 +193,16 @@ def default_scenario(name: str) -> Scenario:
         InputError: If there is no such experiment; lists the known ones.
     """
     return experiment(name).defaults
+
+
+def once_more(scenario: Scenario) -> str:
+    """The command that runs a scenario, with every setting in which it differs from its experiment's usual
+    one."""
+    from polish_sim.analysis.run_record import changed_words  # numpy is slow to import
+
+    name = scenario.experiment
+    changed = (f"--set {shlex.quote(text)}" for text in changed_words(scenario, default_scenario(name)))
+    return " ".join([f"polish-sim run {name}", *changed])
 
 
 class CheckedPath(NamedTuple):

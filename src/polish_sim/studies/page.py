@@ -16,11 +16,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import Claim, value_text
-from polish_sim.analysis.run_record import once_more
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError, InputError, count_text, number_text
-from polish_sim.experiments.registry import claims_shown, default_scenario
+from polish_sim.experiments.registry import claims_shown, once_more
 from polish_sim.page import Table
 from polish_sim.page.page import Page
 from polish_sim.studies.study import Study, StudyRun
@@ -114,7 +113,7 @@ def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> Tabl
         values = tuple(columns[axis.key][k] if axis.key in columns else None for axis in study.axes)
         try:
             scenario = study.scenario(StudyRun(values, columns["seed"][k]))
-            command = once_more(scenario, default_scenario(scenario.experiment))
+            command = once_more(scenario)
         except (ConfigError, InputError, ValueError):  # of another study in this folder
             command = "-"
         shown = value_text(goals[0], first[k]) if goals else "-"
