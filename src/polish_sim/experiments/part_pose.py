@@ -163,7 +163,9 @@ class PartPlacing:
     def __init__(
         self, scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
     ) -> None:
-        self.scenario = scenario
+        self._asked_pose = scenario.part.pose
+        self._region = scenario.plan.region
+        self._least = SINGULAR_SHARE * scenario.safety.singular_value_limit
         self.mesh = mesh
         force = path.force_at(path.s, scenario.process.contact_force_n)
         followed = pressed(path, sunk_under(force, scenario.head, scenario.pad)) if pressed_in else path
@@ -184,7 +186,7 @@ class PartPlacing:
         Raises:
             ReachError: As ``given`` or ``chosen``.
         """
-        return self.given() if self.scenario.part.pose else self.chosen()
+        return self.given() if self._asked_pose else self.chosen()
 
     def chosen(self) -> Reach:
         """A pose in front of the robot; if none will do there, the first of the reach map's that does.
@@ -198,7 +200,7 @@ class PartPlacing:
             nowhere = error
         if reach := self.on_map(TRIED):
             return reach
-        if self.scenario.plan.region == "all":
+        if self._region == "all":
             raise ReachError(
                 f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with "
                 "--path FOLDER/setup_N."
@@ -224,7 +226,7 @@ class PartPlacing:
         Raises:
             ReachError: The part cannot stand there, or the arm does not do the path; names one that fits.
         """
-        T_base_work = from_pose(self.scenario.part.pose)
+        T_base_work = from_pose(self._asked_pose)
         try:
             if fault := standing_fault(self.mesh, self._surface, T_base_work):
                 raise ReachError(f"the part cannot stand at the pose asked for: {fault}.")
@@ -246,8 +248,7 @@ class PartPlacing:
 
     def hindrance(self, T_base_work: Array, joints: JointPath) -> ReachFailure | None:
         """Why the arm cannot follow joints that are within its range; None if it can."""
-        least = SINGULAR_SHARE * self.scenario.safety.singular_value_limit
-        if joints.smallest_singular_value < least:
+        if joints.smallest_singular_value < self._least:
             return ReachFailure(joints.smallest_singular_index, "the arm is near a singularity")
         if fault := standing_fault(self.mesh, self._surface, T_base_work):
             return ReachFailure(0, f"the part cannot stand there: {fault}")
