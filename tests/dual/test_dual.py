@@ -258,9 +258,12 @@ def test_what_cannot_be_done_is_refused(changes, kind, said):
         ("dual.arms_file=a dual.tool_file=t", "dual.tool_file .*dual.arms_file.* tool's"),
         ("dual.arm_poses=60 dual.bases_file=b", "dual.bases_file .*dual.arm_poses"),
         ("dual.arms_file=a dual.arm_poses=60", "dual.arm_poses .*dual.arms_file"),
+        ("dual.master_direction=[0,0,0]", "'dual.master_direction' is no direction"),
+        ("dual.master_path=way.csv part.pose=[0,0,0,0,0,0]", "is held: leave part.pose"),
+        ("dual.master_path=way.csv dual.master_turn_rad_s=0.2", "moves: leave dual.master_turn_rad_s"),
     ],
 )
-def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes, said):
+def test_settings_that_contradict_each_other_are_refused(changes, said):
     with pytest.raises(ConfigError, match=said):
         check_pair_settings(dual(*changes.split()))
 

@@ -11,13 +11,13 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
-from polish_sim.dual.checks import MotionCheck, check_master, check_motion, check_pair_settings
+from polish_sim.dual.checks import MotionCheck, check_master, check_motion
 from polish_sim.dual.master import MasterMotion, about_axis, along_line
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.dual.task import prepare_dual
-from polish_sim.errors import ConfigError, InputError, ReachError
+from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments import run_experiment
 from polish_sim.experiments.part_setup import PlacedTool
 from polish_sim.log import RETRACT_PHASE
@@ -194,19 +194,6 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path, head, said):
     file.write_text(f"{head}\n{','.join(row)}\n", encoding="utf-8")
     with pytest.raises(InputError, match=said):
         master.read_master_path(file)
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        (["dual.master_direction=[0,0,0]"], "'dual.master_direction' is no direction"),
-        (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "is held: leave part.pose"),
-        (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(changes, said):
-    with pytest.raises(ConfigError, match=said):
-        check_pair_settings(dual(*changes))
 
 
 def test_ways_turn_back_gently_and_turns_leave_their_axis_in_place():
