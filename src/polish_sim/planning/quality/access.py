@@ -145,7 +145,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     reasons = (*(too_near(*pair) for pair in tool.pairs), HOLLOW)
     why = np.where(reach.hollow, len(tool.pairs), reach.rooms.argmin(axis=1))
     why[reach.touched >= 0.5] = -1
-    missed = ground.part_areas.sum() - reach.area(ground)
+    missed = ground.region.area_m2 - reach.area(ground)
     return Access(cut or region, AskedRegion(ground, reasons, why, reach.touched, missed), leaning, gained)
 
 
@@ -169,7 +169,7 @@ class _Reach(NamedTuple):
 
     def area(self, ground: Ground) -> float:
         """What it touches [m^2]."""
-        return (ground.part_areas * self.touched).sum()
+        return ground.region.area_m2 * np.average(self.touched, weights=ground.part_areas)
 
 
 def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:

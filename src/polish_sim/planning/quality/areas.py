@@ -157,45 +157,64 @@ def account_for(
     the places of a cut for `UNPLAYED` are not polished either.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
+    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
     bare = [cut.positions for cut in cuts if cut.reason == UNPLAYED]
-    cuts = [cut for cut in cuts if cut.reason != UNPLAYED]
-    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED, UNPLAYED)
-    border, uncovered, unplayed = range(len(reasons) - 3, len(reasons))
+    if bare:
+        polished = polished & (_within(np.concatenate(bare), mesh.vertices, SAME_M) < 0)
+    # Of what a vertex stands for, the pad that polishes it may touch a part only.
+    lost = np.where(polished == (asked.touched >= 0.5), 1.0 - asked.touched, ~polished) * (areas > 0.0)
     why = np.where(polished, -1, asked.why)
-    missed = np.flatnonzero(~polished & (why < 0) & (areas > 0.0))
+    missed = np.flatnonzero((lost > 0.0) & (why < 0))
     if len(missed):
         before = why >= 0
         sources = np.concatenate([mesh.vertices[before], *(cut.positions for cut in cuts)])
         numbers = np.repeat(len(asked.reasons) + np.arange(len(cuts)), [len(cut.positions) for cut in cuts])
         numbers = np.concatenate([why[before], numbers])
         near_border = _within(mesh.vertices[mesh.border[:, 0]], mesh.vertices[missed], radius) >= 0
-        why[missed] = np.where(near_border, border, uncovered)
+        why[missed] = len(reasons) - np.where(near_border, 2, 1)
         nearest = _within(sources, mesh.vertices[missed], radius)
         why[missed[nearest >= 0]] = numbers[nearest[nearest >= 0]]
-    if bare:
-        why[(why < 0) & (_within(np.concatenate(bare), mesh.vertices, SAME_M) >= 0)] = unplayed
-    rows: dict[str, Bools] = {}
+    rows: dict[str, Array] = {}
     for number, reason in enumerate(reasons):
-        rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
+        rows[reason] = rows.get(reason, 0.0) + np.where(why == number, lost, 0.0)
     left_out = {
-        reason: _row(asked, out, _middle(mesh.vertices[out])) for reason, out in rows.items() if out.any()
+        reason: _row(asked, share, _middle(mesh.vertices[share > 0.0]))
+        for reason, share in rows.items()
+        if share.any()
     }
+    why[polished] = -1
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
     off = np.where((why < 0) & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
     furthest = np.where(np.isfinite(off.max()), mesh.vertices[off.argmax()], np.nan)
     margin = [number for number, reason in enumerate(asked.reasons) if reason == MARGIN]
     gaps = np.where(np.isin(asked.why, margin), 0.0, off)
     far = _row(asked, gaps > stepover, mesh.vertices[gaps.argmax()])
-    polished_m2 = areas[why < 0].sum()
+    polished_m2 = asked.area_m2 - sum(row.area_m2 for row in left_out.values())
     shown = far, gaps.max(), off, furthest, beside
     return AreaAccount(asked.area_m2, polished_m2, left_out, reasons, why, *shown)
 
 
-def _row(asked: AskedRegion, out: Bools, place: Array) -> LeftOutRow:
-    """The row of some vertices (v,)."""
+def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
+    """The row of a share of each vertex's area (v,); shown is where it is above a half."""
     mesh = asked.ground.mesh
-    shown = (out[mesh.triangles].sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
-    return LeftOutRow(asked.areas[out].sum(), mesh.vertices[mesh.triangles[shown]], place)
+    corners = mesh.triangles[asked.ground.of_part[mesh.owners]]
+    shown = _above_zero(mesh.vertices[corners], share[corners] - 0.5)
+    return LeftOutRow((asked.areas * share).sum(), shown, place)
+
+
+def _above_zero(triangles: Array, values: Array) -> Array:
+    """What of triangles (t, 3, 3) has values (t, 3) above zero, linear over each, as triangles (k, 3, 3)."""
+    above = values > 0.0
+    count = above.sum(axis=1)
+    rows = np.flatnonzero(count % 3)
+    few = (count[rows] == 1)[:, None]
+    # From the corner on that is alone on its side.
+    order = ((above[rows] == few).argmax(axis=1)[:, None] + np.arange(3)) % 3
+    corners, ends = triangles[rows[:, None], order], values[rows[:, None], order, None]
+    cut = corners[:, :1] + ends[:, :1] / (ends[:, :1] - ends[:, 1:]) * (corners[:, 1:] - corners[:, :1])
+    first = np.where(few[:, None], np.hstack([corners[:, :1], cut]), np.hstack([cut[:, :1], corners[:, 1:]]))
+    second = np.hstack([cut[:, ::-1], corners[:, 2:]])[~few[:, 0]]
+    return np.concatenate([triangles[count == 3], first, second])
 
 
 def _middle(places: Array) -> Array:
