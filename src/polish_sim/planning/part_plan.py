@@ -142,13 +142,12 @@ class PlanResult:
         twice = max(s - path.s[remaining.source[first]], 0.0)
         force *= 1.0 - np.interp(left.s - left.s[first], [0.0, 2.0 * pad], [twice / pad, 0.0])
         ready, done = self.ready, []
-        eased = replace(left, force=force)
         if remaining.lost.any():  # before the tool has landed there is nothing done
-            rest = account_area(ready.asked, eased, ready.process, self.tool.pad)
-            ready = replace(ready, asked=ready.asked.after(self.area, rest, BEFORE))
+            begin = account_area(ready.asked, path.rows(path.s <= s), ready.process, self.tool.pad)
+            ready = replace(ready, asked=ready.asked.after(self.area, begin, BEFORE))
             done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)]
         # Measured with its whole force: pressed with less, the pad yields less to what it was planned over.
-        return replace(replace(self, ready=ready).along(left, done), path=eased)
+        return replace(replace(self, ready=ready).along(left, done), path=replace(left, force=force))
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:

@@ -51,9 +51,10 @@ class AskedRegion:
         touched = self.touched if reason == MARGIN else np.where(out, 0.0, self.touched)
         return replace(self, reasons=(*self.reasons, reason), why=why, touched=touched)
 
-    def after(self, whole: AreaAccount, rest: AreaAccount, reason: str) -> AskedRegion:
-        """The same for the ``rest`` of a ``whole`` path: what the rest lacks is left out for a reason."""
-        why = np.where((whole.why < 0) & (rest.why >= 0), len(whole.reasons), whole.why)
+    def after(self, whole: AreaAccount, begin: AreaAccount, reason: str) -> AskedRegion:
+        """The same for the rest of a ``whole`` path: what its ``begin`` polishes may be left out for a
+        reason."""
+        why = np.where((whole.why < 0) & (begin.why < 0), len(whole.reasons), whole.why)
         return replace(self, reasons=(*whole.reasons, reason), why=why, before=whole.distances)
 
     @property
@@ -157,13 +158,14 @@ def account_for(
     the places of a cut for `UNPLAYED` are not polished either.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
-    reasons = (*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED)
-    bare = [cut.positions for cut in cuts if cut.reason == UNPLAYED]
-    if bare:
-        polished = polished & (_within(np.concatenate(bare), mesh.vertices, SAME_M) < 0)
+    skipped = [np.empty((0, 3)), *(cut.positions for cut in cuts if cut.reason == UNPLAYED)]
+    played = _within(np.concatenate(skipped), mesh.vertices, SAME_M) < 0
+    cuts = [cut for cut in cuts if cut.reason != UNPLAYED]
+    reasons = (*asked.reasons, *(cut.reason for cut in cuts), UNPLAYED, BORDER, UNCOVERED)
+    polished = polished & played
+    why = np.where(polished, -1, asked.why)
     # Of what a vertex stands for, the pad that polishes it may touch a part only.
     lost = np.where(polished == (asked.touched >= 0.5), 1.0 - asked.touched, ~polished) * (areas > 0.0)
-    why = np.where(polished, -1, asked.why)
     missed = np.flatnonzero((lost > 0.0) & (why < 0))
     if len(missed):
         before = why >= 0
@@ -174,6 +176,7 @@ def account_for(
         why[missed] = len(reasons) - np.where(near_border, 2, 1)
         nearest = _within(sources, mesh.vertices[missed], radius)
         why[missed[nearest >= 0]] = numbers[nearest[nearest >= 0]]
+        why[missed[~played[missed]]] = len(reasons) - 3
     rows: dict[str, Array] = {}
     for number, reason in enumerate(reasons):
         rows[reason] = rows.get(reason, 0.0) + np.where(why == number, lost, 0.0)
