@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import gettempdir
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -79,6 +80,14 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault)
         reached(posed(scenario, BAD[fault]), plan)
     fitting = re.search(r"It fits with --part-pose ([-\d.,e]+\d)", str(raised.value))
     assert reached(posed(scenario, fitting[1]), plan).smallest_singular_value > 0.08
+
+
+def test_a_path_below_that_the_arm_does_nowhere_names_the_side_to_turn_up():
+    scenario, plan = planned("point:0,0,-40")
+    placing = PartPlacing(scenario, plan.mesh, plan.surface, plan.path)
+    placing._reach = Mock(side_effect=ReachError("nowhere."))
+    with pytest.raises(ReachError, match=r"nowhere\. .* --up -z\."):
+        placing.reach()
 
 
 def test_a_path_not_pressed_in_is_followed_as_it_is_by_an_arm_that_is_not_in_the_part():

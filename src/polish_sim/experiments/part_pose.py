@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array, box_middle
+from polish_sim.arrays import Array, box_middle, unit
 from polish_sim.cell.guards import crash_points
 from polish_sim.cell.scene import (
     STAND_NAMES,
@@ -37,6 +37,7 @@ from polish_sim.experiments.placement import (
 from polish_sim.experiments.reach_map import ReachMap, map_reach
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
+from polish_sim.geometry.orientation import UP_CONE, side_name
 from polish_sim.motion import JointPath
 from polish_sim.planning.toolpath import ToolPath, pressed
 from polish_sim.spatial import apply, from_pose, inverse, vectors_from_rotations
@@ -204,6 +205,11 @@ class PartPlacing:
             raise ReachError(
                 f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with "
                 "--path FOLDER/setup_N."
+            )
+        looks = unit(self.axes.mean(axis=0))
+        if looks @ self.mesh.up < np.cos(UP_CONE):
+            raise ReachError(
+                f"{nowhere} Or turn the side up that the path is on: --up {side_name(np.round(looks, 1))}."
             )
         raise nowhere
 

@@ -16,7 +16,6 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import count
 from multiprocessing import parent_process
 from typing import NamedTuple
 
@@ -62,10 +61,12 @@ from polish_sim.planning.part_plan import (
     IN_PART,
     LEFT_OUT,
     PAD_SIZES_M,
+    ROUNDS,
     SLOWED,
     Mend,
     is_free,
     mend_of,
+    no_clear_path,
     out_of_part,
     with_pad,
 )
@@ -343,15 +344,25 @@ class _Prover:
 
     def settle(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
-        for number in count():
+        while True:
+            before = len(self.mends)
+            self._keep_clear()
             mended = len(self.mends)
-            self._even_out()
-            self.pass_through(seed, begun)
+            self.pass_through(seed, begun if mended == before else None)
             begun = None
-            if len(self.mends) == mended and self._keeps_clear(2.0**number) and self._moves_as_a_run():
+            if len(self.mends) == mended and self._moves_as_a_run():
                 return
             self.shares.clear()
             self._refuse_when_over(self.mends[-1].why)
+
+    def _keep_clear(self) -> None:
+        """As `_keeps_clear`, until it does. Raises PlanError where the tool would stand in the part on any of
+        what is left."""
+        for wider in 2.0 ** np.arange(ROUNDS):
+            self._even_out()
+            if self._keeps_clear(wider):
+                return
+        raise no_clear_path(self.plan.ready.measure(self.place_now().path))
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""

@@ -228,8 +228,15 @@ def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Qu
             break
         cut = CutOut(IN_PART, path.positions_work[remaining.lost])
         planned = planned._replace(path=remaining.path, cuts=(*planned.cuts, cut))
-    raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
-                    "Set a smaller --pad-diameter or another --region.")  # fmt: skip
+    raise no_clear_path(quality)
+
+
+def no_clear_path(quality: Quality) -> PlanError:
+    """The error for a path on any of which the tool would be in the part."""
+    return PlanError(
+        f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
+        "Set a smaller --pad-diameter or another --region."
+    )
 
 
 def out_of_part(ready: PreparedRegion, path: ToolPath, inside: Array, wider: float) -> Remaining | None:

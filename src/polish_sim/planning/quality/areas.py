@@ -158,11 +158,11 @@ def account_for(
     the places of a cut for `UNPLAYED` are not polished either.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
-    skipped = [np.empty((0, 3)), *(cut.positions for cut in cuts if cut.reason == UNPLAYED)]
-    played = _within(np.concatenate(skipped), mesh.vertices, SAME_M) < 0
+    bare = [np.empty((0, 3)), *(cut.positions for cut in cuts if cut.reason == UNPLAYED)]
+    skipped = polished & (_within(np.concatenate(bare), mesh.vertices, SAME_M) >= 0)
     cuts = [cut for cut in cuts if cut.reason != UNPLAYED]
     reasons = (*asked.reasons, *(cut.reason for cut in cuts), UNPLAYED, BORDER, UNCOVERED)
-    polished = polished & played
+    polished = polished & ~skipped
     why = np.where(polished, -1, asked.why)
     # Of what a vertex stands for, the pad that polishes it may touch a part only.
     lost = np.where(polished == (asked.touched >= 0.5), 1.0 - asked.touched, ~polished) * (areas > 0.0)
@@ -176,7 +176,7 @@ def account_for(
         why[missed] = len(reasons) - np.where(near_border, 2, 1)
         nearest = _within(sources, mesh.vertices[missed], radius)
         why[missed[nearest >= 0]] = numbers[nearest[nearest >= 0]]
-        why[missed[~played[missed]]] = len(reasons) - 3
+        why[skipped & (asked.why < 0)] = len(reasons) - 3
     rows: dict[str, Array] = {}
     for number, reason in enumerate(reasons):
         rows[reason] = rows.get(reason, 0.0) + np.where(why == number, lost, 0.0)
