@@ -179,19 +179,17 @@ def test_the_rest_of_a_path_keeps_the_dwell_of_its_even_removal():
         assert np.array_equal(prover.path.feed, plan.path.feed) == kept
 
 
-def test_a_cut_path_is_proven_in_the_configuration_of_the_arm_a_run_takes(monkeypatch):
+def test_a_cut_path_is_proven_in_the_configuration_a_run_takes_on_the_side_it_presses(monkeypatch):
     """A run looks for one anew: of a dome it took another one than was played, and ran into itself."""
     prover = prover_of(*across_the_plate())
-    assert prover._moves_as_a_run()  # nothing was cut
-    prover._leave_out(prover.path.positions_work[:, 0] < -0.03, "a guard tripped")
-    assert prover._moves_as_a_run()
-    found = prover.place.reach
-    turned = found._replace(q_start=found.q_start + 1.0)
+    turned = prover.place.reach._replace(q_start=prover.place.reach.q_start + 1.0)
     monkeypatch.setattr(proof.PartPlacing, "reach", lambda self: turned)
-    prover._leave_out(prover.path.positions_work[:, 0] > 0.03, "a guard tripped")
-    assert not prover._moves_as_a_run()
-    np.testing.assert_array_equal(prover.place_now().reach.q_start, turned.q_start)
-    assert prover._moves_as_a_run()  # it was placed so
+    for cut in (False, True):
+        if cut:
+            prover._leave_out(prover.path.positions_work[:, 0] < -0.03, "a guard tripped")
+        prover._place_as_a_run()
+        assert np.array_equal(prover.place_now().reach.q_start, turned.q_start) == cut
+        assert bool(prover.place._kept) != cut  # sampled anew
 
 
 def test_a_cut_path_the_arm_cannot_do_from_where_it_was_is_placed_and_played_anew(monkeypatch):
@@ -383,16 +381,6 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
     start = apply(np.array(proven.plan.figures["T_base_work"]), begins[1][None])[0]
     assert np.linalg.norm(run.log["tcp_position_m"][0] - start) < 0.003
     assert run.stop_reason is None
-
-
-def test_a_path_that_was_cut_is_played_anew_where_its_run_presses_another_side_of_the_part():
-    prover = prover_of(*across_the_plate())
-    prover.sampled = replace(prover.path, axes_work=-prover.path.axes_work)
-    assert prover.place._kept
-    for alike in (False, True):
-        prover.cut = True
-        assert prover._moves_as_a_run() == alike
-        assert not prover.place._kept
 
 
 def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings():

@@ -29,7 +29,7 @@ from polish_sim.cell import SILENT, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
-from polish_sim.cell.real_part import NORMAL_SHARE, facing_tool
+from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.config import Checked, PadConfig, PlanConfig
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, ReachError, place_in_mm
@@ -41,7 +41,6 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.part_pose import PartPlacing
-from polish_sim.experiments.part_setup import touched
 from polish_sim.experiments.placement import check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, Failure, Play
 from polish_sim.experiments.proof_record import (
@@ -61,7 +60,6 @@ from polish_sim.planning.part_plan import (
     IN_PART,
     LEFT_OUT,
     PAD_SIZES_M,
-    ROUNDS,
     SLOWED,
     Mend,
     is_free,
@@ -72,7 +70,7 @@ from polish_sim.planning.part_plan import (
 )
 from polish_sim.planning.quality.access import HOLLOW
 from polish_sim.planning.quality.areas import UNPLAYED, CutOut
-from polish_sim.planning.toolpath import ToolPath, stretches
+from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import to_pose
 
 SLOWER = 0.5  #: A stretch that fails is slowed to this share of its feed
@@ -94,7 +92,6 @@ MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path 
 #: What all pads together may play and time, in times the path's time in contact as it was planned, and at
 #: least so long [s]; then no margin is kept, and after half as much again the plan is refused
 MOST_WORK, LEAST_WORK_S = 8.0, 8000.0
-SAME_WAY = 0.1  #: At the start of a path joints differ by less in the same configuration of the arm [rad]
 FORCE_FAILS = (NO_STOP, *DYNAMIC)
 """What a pad of another size does not help where neither feed nor force does."""
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
@@ -259,7 +256,6 @@ class _Prover:
         self.most = np.full(len(plan.path.s), math.inf)
         self.easiest = EASIEST if scenario.plan.removal else EASIER  #: Share of the force, at least
         self.cut = False  #: Since the path was placed
-        self.sampled = plan.path  #: That the side of the part it presses was found along
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
@@ -345,24 +341,19 @@ class _Prover:
     def settle(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
         while True:
-            before = len(self.mends)
-            self._keep_clear()
+            before, wider = len(self.mends), 1.0
+            self._even_out()
+            while not self._keeps_clear(wider):
+                wider *= 2.0
+                self._even_out()
+            self._place_as_a_run()
             mended = len(self.mends)
             self.pass_through(seed, begun if mended == before else None)
             begun = None
-            if len(self.mends) == mended and self._moves_as_a_run():
+            if len(self.mends) == mended:
                 return
             self.shares.clear()
             self._refuse_when_over(self.mends[-1].why)
-
-    def _keep_clear(self) -> None:
-        """As `_keeps_clear`, until it does. Raises PlanError where the tool would stand in the part on any of
-        what is left."""
-        for wider in 2.0 ** np.arange(ROUNDS):
-            self._even_out()
-            if self._keeps_clear(wider):
-                return
-        raise no_clear_path(self.plan.ready.measure(self.place_now().path))
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""
@@ -375,38 +366,35 @@ class _Prover:
 
     def _keeps_clear(self, wider: float) -> bool:
         """Leave out where the tool would stand in the part, as the path is mended and with the force of an
-        even removal, which is found after it was planned; whether it stands there nowhere."""
+        even removal, which is found after it was planned; whether it stands there nowhere.
+
+        Raises:
+            PlanError: It would on any of what is left.
+        """
         # The rest of a path lands with less force on what its whole force was measured over.
         whole = self.path.force is None or self.scenario.plan.begin_m > 0.0
         as_planned = not self.mends and whole
         if as_planned or self.scenario.safety.tool_in_part != "refuse":
             return True
         ready = self.plan.ready
-        inside = ready.measure(self.place_now().path).pad_in_part.positions
-        remaining = out_of_part(ready, self.path, inside, wider) if len(inside) else None
-        if remaining is not None:
-            self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
-            self._keep(remaining)
-        return not len(inside)
-
-    def _moves_as_a_run(self) -> bool:
-        """Whether the arm does a path that was cut in the same configuration as a run, which looks for one
-        anew in this pose, and presses the same side of the part; from here on it does."""
-        if not self.cut:
+        quality = ready.measure(self.place_now().path)
+        inside = quality.pad_in_part.positions
+        if not len(inside):
             return True
-        before, scenario, sampled = self.place.reach, self.scenario, self.sampled
-        pose = to_pose(before.T_base_work)
-        self._place_anew(replace(scenario, part=replace(scenario.part, pose=pose)))
-        self.cut, self.sampled = False, self.path
-        alike = np.array_equal(self._side_under(sampled), self._side_under(self.path))
-        if not alike:
-            self.place = replace(self.place)  # samples the part anew
-        return alike and float(np.abs(self.place.reach.q_start - before.q_start).max()) < SAME_WAY
+        remaining = out_of_part(ready, self.path, inside, wider)
+        if remaining is None:
+            raise no_clear_path(quality)
+        self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
+        self._keep(remaining)
+        return False
 
-    def _side_under(self, path: ToolPath) -> Bools:
-        """Facets of the part that count as pressed where the pad goes along a path, shape (m,)."""
-        shape, pad = self.place.shape, self.scenario.pad
-        return facing_tool(shape.surface, touched(shape, path, pad.radius_m, 0.0))
+    def _place_as_a_run(self) -> None:
+        """Take the configuration of the arm that a run takes, which looks for one anew in this pose, and the
+        part as it is sampled along a path that was cut."""
+        if self.cut:
+            pose = to_pose(self.place.reach.T_base_work)
+            self._place_anew(replace(self.scenario, part=replace(self.scenario.part, pose=pose)))
+            self.place, self.cut = replace(self.place), False
 
     def _place_anew(self, asked: Checked) -> None:
         """Place the path as it is mended so far as a run of a scenario does."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Figures, Indices, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, next_corners, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground import Ground
@@ -207,17 +207,15 @@ def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
 
 def _above_zero(triangles: Array, values: Array) -> Array:
     """What of triangles (t, 3, 3) has values (t, 3) above zero, linear over each, as triangles (k, 3, 3)."""
-    above = values > 0.0
-    count = above.sum(axis=1)
-    rows = np.flatnonzero(count % 3)
-    few = (count[rows] == 1)[:, None]
-    # From the corner on that is alone on its side.
-    order = ((above[rows] == few).argmax(axis=1)[:, None] + np.arange(3)) % 3
-    corners, ends = triangles[rows[:, None], order], values[rows[:, None], order, None]
-    cut = corners[:, :1] + ends[:, :1] / (ends[:, :1] - ends[:, 1:]) * (corners[:, 1:] - corners[:, :1])
-    first = np.where(few[:, None], np.hstack([corners[:, :1], cut]), np.hstack([cut[:, :1], corners[:, 1:]]))
-    second = np.hstack([cut[:, ::-1], corners[:, 2:]])[~few[:, 0]]
-    return np.concatenate([triangles[count == 3], first, second])
+    above, size = values > 0.0, np.abs(values) + 1e-300
+    share = size / (size + next_corners(size))
+    zeros = triangles + share[:, :, None] * (next_corners(triangles) - triangles)
+    # Round each triangle: its corners, and behind each the zero on the edge to the next.
+    points = np.stack([triangles, zeros], axis=2).reshape(-1, 6, 3)
+    kept = np.stack([above, above != next_corners(above)], axis=2).reshape(-1, 6)
+    count = kept.sum(axis=1)
+    three, four = (points[count == n][kept[count == n]].reshape(-1, n, 3) for n in (3, 4))
+    return np.concatenate([three, four[:, :3], four[:, [0, 2, 3]]])
 
 
 def _middle(places: Array) -> Array:
