@@ -64,7 +64,6 @@ from polish_sim.planning.part_plan import (
     Mend,
     is_free,
     mend_of,
-    no_clear_path,
     out_of_part,
     with_pad,
 )
@@ -369,7 +368,7 @@ class _Prover:
         even removal, which is found after it was planned; whether it stands there nowhere.
 
         Raises:
-            PlanError: It would on any of what is left.
+            PlanError: As `out_of_part`.
         """
         # The rest of a path lands with less force on what its whole force was measured over.
         whole = self.path.force is None or self.scenario.plan.begin_m > 0.0
@@ -378,12 +377,9 @@ class _Prover:
             return True
         ready = self.plan.ready
         quality = ready.measure(self.place_now().path)
-        inside = quality.pad_in_part.positions
-        if not len(inside):
+        if not len(quality.pad_in_part.positions):
             return True
-        remaining = out_of_part(ready, self.path, inside, wider)
-        if remaining is None:
-            raise no_clear_path(quality)
+        remaining = out_of_part(ready, self.path, quality, wider)
         self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
         self._keep(remaining)
         return False

@@ -43,7 +43,6 @@ from polish_sim.planning.toolpath import BEFORE, ToolPath
 #: Of the pad's radius: a plan that resumes lands so far before the place, and with so much less force
 LACKING = 0.5
 IN_PART = "the tool would stand in the part"  #: Why a place is left out
-ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
 
 
 class PlanObserver(Protocol):
@@ -215,36 +214,36 @@ def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Qu
     """A path as it is measured, without the places at which the tool would be in the part.
 
     Raises:
-        PlanError: It would be so on any of what is left.
+        PlanError: As `out_of_part`.
     """
-    for wider in 2.0 ** np.arange(ROUNDS):
+    wider = 1.0
+    while True:
         path = planned.path
-        quality = ready.measure(planned.path, planned.cuts)
-        inside = quality.pad_in_part.positions
-        if not len(inside):
+        quality = ready.measure(path, planned.cuts)
+        if not len(quality.pad_in_part.positions):
             return planned, quality
-        remaining = out_of_part(ready, path, inside, wider)
-        if remaining is None:
-            break
+        remaining = out_of_part(ready, path, quality, wider)
         cut = CutOut(IN_PART, path.positions_work[remaining.lost])
         planned = planned._replace(path=remaining.path, cuts=(*planned.cuts, cut))
-    raise no_clear_path(quality)
+        wider *= 2.0
 
 
-def no_clear_path(quality: Quality) -> PlanError:
-    """The error for a path on any of which the tool would be in the part."""
-    return PlanError(
-        f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
-        "Set a smaller --pad-diameter or another --region."
-    )
+def out_of_part(ready: PreparedRegion, path: ToolPath, quality: Quality, wider: float) -> Remaining:
+    """A path without what is near the places at which it was measured to have the tool in the part, each as
+    wide as the tool is checked apart times ``wider``.
 
-
-def out_of_part(ready: PreparedRegion, path: ToolPath, inside: Array, wider: float) -> Remaining | None:
-    """A path without what is near the places (n, 3) at which the tool was found to be in the part [m], each
-    as wide as the tool is checked apart times ``wider``; None if nothing stays."""
-    far, _ = cKDTree(inside).query(path.positions_work)
+    Raises:
+        PlanError: Nothing stays.
+    """
+    far, _ = cKDTree(quality.pad_in_part.positions).query(path.positions_work)
     gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
-    return lift_over(path, gone, ready.plan, ready.air)
+    remaining = lift_over(path, gone, ready.plan, ready.air)
+    if remaining is None:
+        raise PlanError(
+            f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
+            "Set a smaller --pad-diameter or another --region."
+        )
+    return remaining
 
 
 @dataclass(frozen=True, eq=False)

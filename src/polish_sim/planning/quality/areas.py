@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Figures, Indices, next_corners, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground import Ground
@@ -198,24 +198,10 @@ def account_for(
 
 
 def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
-    """The row of a share of each vertex's area (v,); shown is where it is above a half."""
+    """The row of a share of each vertex's area (v,)."""
     mesh = asked.ground.mesh
-    corners = mesh.triangles[asked.ground.of_part[mesh.owners]]
-    shown = _above_zero(mesh.vertices[corners], share[corners] - 0.5)
-    return LeftOutRow((asked.areas * share).sum(), shown, place)
-
-
-def _above_zero(triangles: Array, values: Array) -> Array:
-    """What of triangles (t, 3, 3) has values (t, 3) above zero, linear over each, as triangles (k, 3, 3)."""
-    above, size = values > 0.0, np.abs(values) + 1e-300
-    share = size / (size + next_corners(size))
-    zeros = triangles + share[:, :, None] * (next_corners(triangles) - triangles)
-    # Round each triangle: its corners, and behind each the zero on the edge to the next.
-    points = np.stack([triangles, zeros], axis=2).reshape(-1, 6, 3)
-    kept = np.stack([above, above != next_corners(above)], axis=2).reshape(-1, 6)
-    count = kept.sum(axis=1)
-    three, four = (points[count == n][kept[count == n]].reshape(-1, n, 3) for n in (3, 4))
-    return np.concatenate([three, four[:, :3], four[:, [0, 2, 3]]])
+    shown = ((share[mesh.triangles] > 0.5).sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
+    return LeftOutRow((asked.areas * share).sum(), mesh.vertices[mesh.triangles[shown]], place)
 
 
 def _middle(places: Array) -> Array:
