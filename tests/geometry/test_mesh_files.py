@@ -122,7 +122,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
     ("name", "content", "words"),
     [
         ("missing.stl", None, "no such file"), (".", None, "is a directory"), ("empty.stl", b"", "empty"),
-        ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "no facets"),
+        ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "two facets"),
         ("cut.stl", STL[:-120], "cut short: .* 12 facets"),
         ("cut_after_facet.stl", TEXT_STL[: TEXT_STL.index(b"endfacet") + 9], "after 1 whole facet "),
         ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
@@ -143,7 +143,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
         ("words.ply", text_ply().replace(b" 7 ", b" seven ", 1), "words where numbers"),
         ("far.obj", obj().replace("f ", "f 9999 ", 1), "refers to vertex 9998"),
-        ("word.obj", obj().replace("v ", "v x", 1), "no number"), ("points.obj", "v 1 2 3\n", "no facets"),
+        ("word.obj", obj().replace("v ", "v x", 1), "no number"), ("points.obj", "v 1 2 3\n", "two facets"),
         ("binary.obj", struct.pack("<30d", *range(30)), "not text"),
     ],
 )  # fmt: skip

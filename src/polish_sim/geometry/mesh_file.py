@@ -41,8 +41,8 @@ def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
     """
     content = _read_bytes(path)
     triangles = _format_of(content, path).parse(content, path)
-    if len(triangles.corners) == 0:
-        raise MeshError(f"{path}: the file holds no facets. Export the part again.")
+    if len(triangles.corners) < 2:
+        raise MeshError(f"{path}: the file holds fewer than two facets. Export the part again.")
     bad = np.flatnonzero(~np.isfinite(triangles.corners).all(axis=(1, 2)))
     if len(bad):
         raise MeshError(
