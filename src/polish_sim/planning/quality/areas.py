@@ -164,7 +164,7 @@ def account_for(
     reasons = (*asked.reasons, *(cut.reason for cut in cuts), UNPLAYED, BORDER, UNCOVERED)
     polished = polished & ~skipped
     why = np.where(polished, -1, asked.why)
-    # Of what a vertex stands for, the pad that polishes it may touch a part only.
+    # The pad that polishes a vertex may touch only a part of its area.
     lost = np.where(polished == (asked.touched >= 0.5), 1.0 - asked.touched, ~polished) * (areas > 0.0)
     missed = np.flatnonzero((lost > 0.0) & (why < 0))
     if len(missed):
