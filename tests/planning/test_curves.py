@@ -176,16 +176,16 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_paths_cross_as_often_as_one_counts_by_eye(case):
     paths, number = CASES[case]
-    assert len(find_crossings([flat(path) for path in paths])) == number
+    assert len(find_crossings([flat(path) for path in paths]).places) == number
 
 
 def test_crossings_are_found_where_they_are_and_only_on_one_sheet_of_the_part():
-    places = find_crossings([flat([(0, 0), (4, 2)]), flat([(0, 2), (4, 0)])])
+    places = find_crossings([flat([(0, 0), (4, 2)]), flat([(0, 2), (4, 0)])]).places
     assert places == pytest.approx(np.array([[0.02, 0.01, 0.0]]), abs=1e-12)
     across = [(1, -1), (1, 1)]
-    assert len(find_crossings([flat(LINE), flat(across, height=0.004)])) == 0
+    assert len(find_crossings([flat(LINE), flat(across, height=0.004)]).places) == 0
     lower = flat(across, height=-2e-4)
-    assert len(find_crossings([flat(LINE), Curve(lower.positions, -lower.normals, False)])) == 0
+    assert len(find_crossings([flat(LINE), Curve(lower.positions, -lower.normals, False)]).places) == 0
 
 
 def test_a_lissajous_figure_on_a_sphere_crosses_2ab_minus_a_minus_b_times():
@@ -195,7 +195,7 @@ def test_a_lissajous_figure_on_a_sphere_crosses_2ab_minus_a_minus_b_times():
     phase = np.pi / (2.0 * b)
     east, north = 0.6 * np.cos(a * t), 0.6 * np.cos(b * t + phase)
     normals = np.stack([np.sin(east) * np.cos(north), np.sin(north), np.cos(east) * np.cos(north)], axis=1)
-    assert len(find_crossings([Curve(0.1 * normals, normals, False)])) == 2 * a * b - a - b
+    assert len(find_crossings([Curve(0.1 * normals, normals, False)]).places) == 2 * a * b - a - b
 
 
 @settings(max_examples=25, deadline=None)
@@ -208,7 +208,7 @@ def test_random_walks_cross_as_every_pair_tried_in_turn_says_in_any_frame(seed):
     path = flat(points)
     turned = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
     moved = Curve(path.positions @ turned.T + rng.normal(size=3), path.normals @ turned.T, False)
-    assert len(find_crossings([path])) == len(find_crossings([moved])) == _every_pair(points)
+    assert len(find_crossings([path]).places) == len(find_crossings([moved]).places) == _every_pair(points)
 
 
 def _closest_waypoint(points):
@@ -246,7 +246,7 @@ def uncrossed(*lines):
 
 
 def crossings(runs):
-    return len(find_crossings([run.curve for run in runs]))
+    return len(find_crossings([run.curve for run in runs]).places)
 
 
 def eight(size):
@@ -284,7 +284,7 @@ def test_a_cut_is_a_fraction_of_a_stepover_wide_and_a_dead_end_is_dropped_only_w
     runs, cuts, lines = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
     assert lines == [0, 1, 1]
     ends = [run.positions[[0, -1], 1] for run in runs[1:]]
-    assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEP, rel=1e-6)
+    assert 0.0 <= ends[1][0] - ends[0][1] - 2.0 * 0.15 * STEP < 1e-3  # its points are 0.5 mm apart
     assert cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
     assert len(uncross(runs, STEP)[1]) == 0
     # A comb of lines a step-over apart, and one that goes over the last of them and ends on its far side.

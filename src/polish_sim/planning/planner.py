@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, joined, norms, some_rows, turned, unit
+from polish_sim.arrays import Array, some_rows, turned, unit
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.geometry import ClosestPoints, Region
+from polish_sim.geometry import Region
 from polish_sim.planning.curve import Curve
 from polish_sim.planning.feasibility import check_plan_words
 from polish_sim.planning.ground import Ground, prepare_ground
@@ -22,9 +22,9 @@ from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
 from polish_sim.planning.quality.access import Leaning
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.coverage import strictly_covered
-from polish_sim.planning.quality.crossings import find_crossings
+from polish_sim.planning.quality.crossings import Crossings, find_crossings
 from polish_sim.planning.quality.located import Strands
-from polish_sim.planning.toolpath import ToolPath, interpolate
+from polish_sim.planning.toolpath import ToolPath
 from polish_sim.planning.turns import Report
 
 TOO_NARROW = "too narrow for a turn half a step-over inside its border"
@@ -117,8 +117,7 @@ def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...
 #: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
 CUT = 0.15
 ROUNDS = 6
-AT_PLACE = 0.1  #: Strands that pass a crossing within this many step-overs are looked at
-FINE = 0.02  #: Spacing at which they are looked for, in step-overs
+LOOP = 0.5  #: Where a run crosses itself sooner than after so many step-overs the whole loop is taken out
 DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if others cover what they do
 BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
@@ -127,8 +126,8 @@ class Cut(NamedTuple):
     """A stretch to take out of a run."""
 
     run: int
-    first: float  #: Arc lengths [m]
-    last: float
+    s: float  #: Arc length of its middle [m]
+    half: float  #: Half its length [m]
 
 
 def uncross(runs: Sequence[SurfaceRun], stepover: float) -> tuple[list[SurfaceRun], Array]:
@@ -140,83 +139,59 @@ def uncross(runs: Sequence[SurfaceRun], stepover: float) -> tuple[list[SurfaceRu
     left, places = list(runs), np.empty((0, 3))
     for number in range(ROUNDS):
         found = find_crossings([run.curve for run in left])
-        if len(found) == 0:
+        if len(found.places) == 0:
             break
         half = CUT * stepover * 2.0**number
-        left = _without(left, _choose_cuts(left, found, stepover, half), stepover)
-        places = np.concatenate([places, found])
+        left = _without(left, _choose_cuts(left, found, LOOP * stepover, half), stepover)
+        places = np.concatenate([places, found.places])
     return left, places
 
 
-def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, half: float) -> list[Cut]:
+def _choose_cuts(runs: Sequence[SurfaceRun], found: Crossings, loop: float, half: float) -> list[Cut]:
     """Which strand is cut at each place: one cut there already, else the one that ends sooner."""
-    strands = Strands([run.curve for run in runs])
-    samples = strands.sample(FINE * stepover)
-    tree = cKDTree(samples.points)
+    lengths = [run.curve.length for run in runs]
     cuts: list[Cut] = []
-    for place in places:
-        rows = np.sort(np.array(tree.query_ball_point(place, AT_PLACE * stepover), dtype=np.int64))
-        gap = np.flatnonzero((np.diff(rows) > 2) | (np.diff(samples.run[rows]) != 0)) + 1
-        passes = [part for part in np.split(rows, gap) if len(part)]
-        passes.sort(key=lambda part: norms(samples.points[part] - place).min())
-        options = []
-        for part in passes[:2]:
-            run, s = samples.run[part[0]], samples.s[part]
-            nearest = s[norms(samples.points[part] - place).argmin()]
-            # Where a strand passes twice without going away in between the whole loop is taken out.
-            low, high = (nearest, nearest) if len(passes) > 1 else (s[0], s[-1])
-            options.append(Cut(run, float(low) - half, float(high) + half))
-        if options:
-            cuts.append(min(options, key=lambda cut: _cost(cut, cuts, strands.lengths)))
+    for (one, other), (here, there) in zip(found.runs.tolist(), found.s.tolist(), strict=True):
+        options = [Cut(one, here, half), Cut(other, there, half)]
+        if one == other and there - here < loop:
+            options = [Cut(one, 0.5 * (here + there), half + 0.5 * (there - here))]
+        cuts.append(min(options, key=lambda cut: _cost(cut, cuts, lengths)))
     return cuts
 
 
-def _cost(cut: Cut, others: Sequence[Cut], lengths: Array) -> float:
+def _cost(cut: Cut, others: Sequence[Cut], lengths: Sequence[float]) -> float:
     """How far the cut is from the run's nearer end [m]; nothing where the run is cut already."""
-    if any(cut.run == other.run and cut.first < other.last and cut.last > other.first for other in others):
+    if any(cut.run == other.run and abs(cut.s - other.s) < cut.half + other.half for other in others):
         return -1.0
-    return min(cut.first, lengths[cut.run] - cut.last)
+    return min(cut.s, lengths[cut.run] - cut.s)
 
 
 def _without(runs: Sequence[SurfaceRun], cuts: Sequence[Cut], stepover: float) -> list[SurfaceRun]:
     """Take stretches out of runs, and drop short pieces that cover nothing others do not."""
     pieces: list[SurfaceRun] = []
-    suspects: list[int] = []
     for number, whole in enumerate(runs):
-        own = sorted((cut.first, cut.last) for cut in cuts if cut.run == number)
-        for run in _split(whole, own) if own else [whole]:
-            if own and run.curve.length < DEAD_END * stepover:
-                suspects.append(len(pieces))
-            pieces.append(run)
-    suspects.sort(key=lambda k: pieces[k].curve.length)
-    gone: set[int] = set()
-    for k in suspects:
-        others = [piece.curve for j, piece in enumerate(pieces) if j != k and j not in gone]
-        if others and _covered(pieces[k], others, stepover):
-            gone.add(k)
-    return [piece for k, piece in enumerate(pieces) if k not in gone]
+        own = [cut for cut in cuts if cut.run == number]
+        pieces += _split(whole, own) if own else [whole]
+    short = [run for run in pieces if run not in runs and run.curve.length < DEAD_END * stepover]
+    for run in sorted(short, key=lambda run: run.curve.length):
+        others = [piece.curve for piece in pieces if piece is not run]
+        if others and _covered(run, others, stepover):
+            pieces.remove(run)
+    return pieces
 
 
-def _split(run: SurfaceRun, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
-    """What is left of a run between stretches taken out (from, to), sorted [m]."""
-    length = run.curve.length
-    kept, begin = [], 0.0
-    for first, last in (*cuts, (length, length)):
-        kept.append((begin, first))
-        begin = max(begin, last)
-    return [_stretch(run, low, high) for low, high in kept if high - low > min(1e-3 * length, 1e-4)]
-
-
-def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
-    """A run from one arc length to another [m], its ends on the surface."""
-    s, ends = run.curve.knots, np.array([low, high])
-    margin = min(1e-3 * (high - low), 1e-5)
-    inner = np.flatnonzero((s > low + margin) & (s < high - margin))
-    tips = run.surface.closest(interpolate(ends, s, run.positions))
-    points = joined([some_rows(tips, np.s_[:1]), some_rows(run.points, inner), some_rows(tips, np.s_[1:])])
-    index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
-    passes = run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
-    return SurfaceRun(run.surface, ClosestPoints(*points), passes)
+def _split(run: SurfaceRun, cuts: Sequence[Cut]) -> list[SurfaceRun]:
+    """What is left of a run between cuts: of its points, those outside all of them."""
+    s = run.curve.knots
+    middles, halves = np.array([(cut.s, cut.half) for cut in cuts]).T
+    gone = (np.abs(s[:, None] - middles) < halves).any(axis=1)
+    piece = np.searchsorted(np.sort(middles), s)
+    rows = (np.flatnonzero(~gone & (piece == k)) for k in range(len(cuts) + 1))
+    return [
+        replace(run, points=some_rows(run.points, kept), pass_index=run.pass_index[kept])
+        for kept in rows
+        if len(kept) > 1
+    ]
 
 
 def _covered(piece: SurfaceRun, others: Sequence[Curve], stepover: float) -> bool:

@@ -178,7 +178,7 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     for _ in range(TRIES):
         lines = connect([turn.curve for turn in turns], request.stepover, request.plan.start)
         runs = request.finished(lines)
-        where = find_crossings([run.curve for run in runs])
+        where = find_crossings([run.curve for run in runs]).places
         if len(where) == 0:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
@@ -202,7 +202,7 @@ def _strokes_between(
         if len(fresh) < 2 or arc_length(fresh)[-1] < WORTH_A_STROKE * request.stepover:
             continue
         (stroke,) = request.finished([Run(fresh, np.zeros(len(fresh), dtype=np.int64))])
-        if not len(find_crossings([run.curve for run in (*runs, *added, stroke)])):
+        if not len(find_crossings([run.curve for run in (*runs, *added, stroke)]).places):
             added.append(stroke)
     return added
 

@@ -214,7 +214,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
         doubled = request.finished(double_spirals(request, roots))
         # on narrow or folded ground strands may be moved past each other
-        if doubled and not len(find_crossings([run.curve for run in doubled])):
+        if doubled and not len(find_crossings([run.curve for run in doubled]).places):
             return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)

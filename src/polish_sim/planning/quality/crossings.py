@@ -14,7 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, dots, in_groups, into_plane, joined, norms, unit
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    Ints,
+    dots,
+    in_groups,
+    into_plane,
+    joined,
+    norms,
+    some_rows,
+    unit,
+)
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curve import Curve
 
@@ -30,25 +42,33 @@ class Segments(NamedTuple):
     end: Array
     start_normals: Array  #: Unit surface normals, shape (n, 3)
     end_normals: Array
+    s: Array  #: Arc length of the start along its run [m], shape (n,)
+    run: Indices  #: Number of the run, shape (n,)
     number: Indices  #: Follow each other by one only where segments share a point, shape (n,)
 
 
 def _segments(runs: Sequence[Curve]) -> Segments:
     """All chords of open curves, those of no length left out."""
-    columns = (
-        (curve.positions[:-1], curve.positions[1:], curve.normals[:-1], curve.normals[1:]) for curve in runs
-    )
-    start, end, first, last = joined(columns)
-    gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
-    kept = norms(end - start) > 0.0
-    number = np.arange(len(start)) + gap
-    return Segments(start[kept], end[kept], first[kept], last[kept], number[kept])
+    ends = ((curve.positions, curve.normals, curve.knots) for curve in runs)
+    columns = ((at[:-1], at[1:], up[:-1], up[1:], s[:-1]) for at, up, s in ends)
+    start, end, first, last, s = joined(columns)
+    run = np.repeat(np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
+    every = Segments(start, end, first, last, s, run, np.arange(len(run)) + 2 * run)
+    return some_rows(every, norms(end - start) > 0.0)
 
 
-def find_crossings(runs: Sequence[Curve]) -> Array:
-    """Every place where runs in contact, open curves, cross themselves or each other [m], shape (k, 3)."""
+class Crossings(NamedTuple):
+    """Where runs cross themselves or each other."""
+
+    places: Array  #: [m], shape (k, 3)
+    runs: Indices  #: Numbers of the two that cross, or twice the same, shape (k, 2)
+    s: Array  #: Arc lengths there along both [m], shape (k, 2)
+
+
+def find_crossings(runs: Sequence[Curve]) -> Crossings:
+    """Every place where runs in contact, open curves, cross themselves or each other."""
     if not runs:
-        return np.empty((0, 3))
+        return Crossings(np.empty((0, 3)), np.empty((0, 2), dtype=np.int64), np.empty((0, 2)))
     chords = _segments(runs)
     i, j = _near_pairs(chords)
     pairs = _look_at(chords, i, j)
@@ -62,7 +82,9 @@ def find_crossings(runs: Sequence[Curve]) -> Array:
     _, first = np.unique(label[np.isin(met, through)], return_index=True)
     alone = pairs.across.copy()
     alone[met] = False
-    return np.concatenate([pairs.places[alone], pairs.places[through[first]]])
+    found = np.append(np.flatnonzero(alone), through[first])
+    places, both = pairs.places[found], np.stack([i[found], j[found]], axis=1)
+    return Crossings(places, chords.run[both], chords.s[both] + norms(places[:, None] - chords.start[both]))
 
 
 def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:

@@ -128,7 +128,7 @@ def measure_quality(
     distances = distances_to_path(ground.mesh, on.runs, stepover)
     area = account_for(asked, exposure.times > 0.0, pad, cuts, distances, stepover, beside)
     in_part = find_pad_in_part(on, part or ground.region.surface, pad, fixture)
-    crossings = find_crossings(on.runs)
+    crossings = find_crossings(on.runs).places
     corner, rate = _sharpest_corner(on.runs), _fastest_turn(on)
     length = sum(run.length for run in on.runs)
     figures = {
