@@ -165,10 +165,9 @@ LEAST_GAIN_M = 1e-6  #: A change that shortens the way by less is left alone: ro
 def order_blocks(ends: Array, free: bool, start: Array | None = None) -> tuple[Indices, Bools]:
     """Order blocks so that the way from the end of each to the beginning of the next is short overall.
 
-    Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved
-    (or-opt) as long as that helps. The first block stays the first: the given one, or the one nearest to
-    ``start`` (3,) [m]. ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free``
-    may be walked from their end.
+    Nearest neighbour first, then stretches of the order are turned round (2-opt) as long as that helps. The
+    first block stays the first: the given one, or the one nearest to ``start`` (3,) [m]. ``ends`` (n, 2, 3)
+    [m] are where each block begins and ends; those that are ``free`` may be walked from their end.
 
     Returns which block comes k-th (n,), and whether it is walked from its end (n,).
     """
@@ -224,36 +223,19 @@ def _turn_round(order: Indices, flips: Indices, i: int, j: int, free: bool) -> N
 
 
 @njit
-def _shift(order: Indices, flips: Indices, i: int, j: int) -> None:
-    """Move the block at place i to place j."""
-    block, flip = order[i], flips[i]
-    step = 1 if j > i else -1
-    for k in range(i, j, step):
-        order[k], flips[k] = order[k + step], flips[k + step]
-    order[j], flips[j] = block, flip
-
-
-@njit
 def _improve(ends: Array, order: Indices, flips: Indices, free: bool) -> None:
-    """Turn stretches round and move blocks while that shortens the way; the first place stays."""
+    """Turn stretches of the order round while that shortens the way; the first place stays."""
     n = len(order)
     for _ in range(MOST_SWEEPS):
         better = False
         for i in range(1, n):
-            for j in range(max(1, i - WINDOW), min(n, i + WINDOW + 1)):
-                first, last = min(i, j) - 1, min(max(i, j) + 1, n - 1)
-                before = _way(ends, order, flips, first, last)
-                if j >= i:
+            for j in range(i, min(n, i + WINDOW + 1)):
+                last = min(j + 1, n - 1)
+                before = _way(ends, order, flips, i - 1, last)
+                _turn_round(order, flips, i, j, free)
+                if _way(ends, order, flips, i - 1, last) < before - LEAST_GAIN_M:
+                    better = True
+                else:
                     _turn_round(order, flips, i, j, free)
-                    if _way(ends, order, flips, first, last) < before - LEAST_GAIN_M:
-                        better = True
-                        continue
-                    _turn_round(order, flips, i, j, free)
-                if j != i:
-                    _shift(order, flips, i, j)
-                    if _way(ends, order, flips, first, last) < before - LEAST_GAIN_M:
-                        better = True
-                        continue
-                    _shift(order, flips, j, i)
         if not better:
             return

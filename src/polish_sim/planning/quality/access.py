@@ -237,10 +237,10 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
     ends = least[crossed]
     share = (ends[:, 0] / (ends[:, 0] - ends[:, 1]))[:, None]
     border = (1.0 - share) * vertices[crossed[:, 0]] + share * vertices[crossed[:, 1]]
-    away = np.zeros(len(vertices))
-    away[~roomy] = cKDTree(np.concatenate([vertices[roomy], border])).query(vertices[~roomy])[0]
     # A vertex stands for what is half the way to the next ones.
     wide = np.sqrt(np.maximum(ground.mesh.vertex_areas, 1e-300))
+    away, near = np.zeros(len(vertices)), cKDTree(np.concatenate([vertices[roomy], border]))
+    away[~roomy] = near.query(vertices[~roomy], distance_upper_bound=radius + wide.max())[0]
     return np.clip(0.5 + (radius - away) / wide, 0.0, 1.0)
 
 
