@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -192,16 +192,16 @@ def assemble(
     all_cuts = list(cuts)
     passes, deviation, straight = 0, 0.0, 0
     for run in runs:
-        for stroke in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
-            found = place(stroke.process, moves[-1] if moves else None, plan, air)
+        whole = give_axes(run, plan, passes, leaning)
+        gone = _in_part(run, whole.process, air, all_cuts)
+        for source, found in _place_rest(whole.process, gone, moves, plan, air):
             if found is None:
-                all_cuts.append(CutOut(NO_WAY, stroke.process.positions))
+                all_cuts.append(CutOut(NO_WAY, whole.process.positions[source]))
                 continue
             passes = found.move.pass_index.max() + 1
-            deviation = max(deviation, stroke.axis_deviation_rad)
+            deviation = max(deviation, whole.axis_deviation_rad)
             straight += found.straight
-            curvature.append(stroke.curvature[found.source])
-            moves.append(found.move)
+            curvature.append(whole.curvature[source])
     if not moves:
         raise PlanError(
             "the tool can reach no stroke of the path without running into the part, the first is at "
@@ -216,35 +216,42 @@ def assemble(
     return Planned(path, deviation, (note,) if straight else (), tuple(all_cuts))
 
 
-def _clear_of_part(
-    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: AirSpace, cuts: list[CutOut]
-) -> Sequence[ContactRun]:
-    """The stretches of a stroke on which no body of the tool is in the part; appends the others to
-    ``cuts``."""
+def _in_part(run: SurfaceRun, move: Move, air: AirSpace, cuts: list[CutOut]) -> Bools:
+    """Which points of a stroke are next to ones at which a body of the tool is in the part, (n,); appends
+    these to ``cuts``."""
+    gone = np.zeros(len(move.positions), dtype=bool)
     if not air.tool:
-        return [whole]
-    move = whole.process
-    s = arc_length(move.positions)
-    rows = rows_apart(s, CUT_APART * air.tool.pad.radius_m)
+        return gone
+    rows = rows_apart(arc_length(move.positions), CUT_APART * air.tool.pad.radius_m)
     under = ground_under(run.surface, some_rows(run.points, rows))
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
     hit = np.flatnonzero(found.depths > 0.0)
-    if not len(hit):
-        return [whole]
     for number in np.unique(found.bodies[hit]):
         cuts.append(
             CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]])
         )
-    clear = np.ones(len(move.positions), dtype=bool)
-    for first, last in zip(
-        rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
-    ):
-        clear[first : last + 1] = False
-    kept = (
-        slice(first, last + 1) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
-    )
-    return [whole._replace(process=some_rows(move, rows), curvature=whole.curvature[rows]) for rows in kept]
+    for k in hit:
+        gone[rows[max(k - 1, 0)] : rows[min(k + 1, len(rows) - 1)] + 1] = True
+    return gone
+
+
+def _place_rest(
+    stroke: Move, gone: Bools, moves: list[Move], plan: PlanConfig, air: AirSpace
+) -> Iterator[tuple[Indices, Placed | None]]:
+    """Put what is left of a stroke without its points ``gone`` (n,) behind the ``moves`` so far: of every
+    stretch the row each point has its force, feed and curvature from, and the stretch with its leads, None if
+    it cannot be reached. Where points are gone, stretches no longer than a step-over go too."""
+    for low, high in stretches(~gone):
+        rows = np.arange(low, high + 1)
+        rest = some_rows(stroke, rows)
+        if gone.any() and arc_length(rest.positions)[-1] <= plan.stepover_m:
+            continue
+        found = place(rest, moves[-1] if moves else None, plan, air)
+        if found:
+            moves.append(found.move)
+            rows = rows[found.source]
+        yield rows, found
 
 
 class Remaining(NamedTuple):
@@ -273,15 +280,11 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
         if same:
             sources.append(np.arange(begin, end + 1))
             moves.append(some_rows(move_of(path), np.s_[begin : end + 1]))
-        for kept in stretches(~gone[first : last + 1]) if not same else ():
-            low, high = first + kept[0], first + kept[1]
-            rows = some_rows(move_of(path), np.s_[low : high + 1])
-            stroke = move_in(PROCESS, rows.positions, rows.axes, rows.pass_index)
-            if arc_length(stroke.positions)[-1] <= plan.stepover_m:
-                continue
-            if found := place(stroke, moves[-1] if moves else None, plan, air):
-                sources.append(low + found.source)
-                moves.append(found.move)
+        else:
+            stroke = some_rows(move_of(path), np.s_[first : last + 1])
+            stroke = stroke._replace(segment=np.full(len(stroke.segment), PROCESS, np.int8))
+            rest = _place_rest(stroke, gone[first : last + 1], moves, plan, air)
+            sources += [first + rows for rows, found in rest if found]
         begin = end + 1
     if not moves:
         return None
@@ -290,5 +293,5 @@ def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> R
     left = path_of(whole, own.curvature, own.force, own.feed)
     moving = np.diff(left.s, prepend=-1.0) > 0.0
     lost = path.process.copy()
-    lost[origin[whole.segment == PROCESS]] = False
+    lost[origin[left.process]] = False
     return Remaining(left.rows(moving), origin[moving], lost)
