@@ -231,8 +231,8 @@ def _in_part(run: SurfaceRun, move: Move, air: AirSpace, cuts: list[CutOut]) -> 
         cuts.append(
             CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]])
         )
-    for k in hit:
-        gone[rows[max(k - 1, 0)] : rows[min(k + 1, len(rows) - 1)] + 1] = True
+    for first, last in rows[np.clip(hit[:, None] + [-1, 1], 0, len(rows) - 1)]:
+        gone[first : last + 1] = True
     return gone
 
 
@@ -250,8 +250,7 @@ def _place_rest(
         found = place(rest, moves[-1] if moves else None, plan, air)
         if found:
             moves.append(found.move)
-            rows = rows[found.source]
-        yield rows, found
+        yield rows[found.source] if found else rows, found
 
 
 class Remaining(NamedTuple):
