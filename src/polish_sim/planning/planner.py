@@ -117,7 +117,7 @@ def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...
 #: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
 CUT = 0.15
 ROUNDS = 6
-SMALL_LOOP = 0.5  #: A run that crosses itself within so many step-overs loses the whole loop
+SMALL_LOOP = 0.5  #: Where a run crosses itself within this many step-overs the whole loop is cut out
 DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if others cover what they do
 BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
