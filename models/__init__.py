@@ -68,8 +68,10 @@ def part_path(name: str) -> Path:
 
     Raises:
         InputError: A bare name that is neither a shipped part nor a file; lists the shipped ones, the
-            likeliest first.
+            likeliest first. A name that no text file can hold.
     """
+    if name != name.encode(errors="ignore").decode():
+        raise InputError(f"the name of the file {ascii(name)} is not UTF-8. Rename the file.")
     if name in workpiece_names():
         return workpiece_path(name)
     path = Path(local_copy(name))

@@ -128,7 +128,7 @@ def test_help_version_and_lists_are_on_stdout_and_say_what_there_is(polish_sim):
         ("plan freeforme", "Did you mean 'freeform'? Shipped: "),
         ("plan plate --pattern raster --order outward", "--order would change nothing with"),
         ("plan plate --dual --fixture gone.stl", "--fixture"),
-        ("plan plate --up left", "unknown side for --up 'left'"),
+        ("plan plate --up left", "unknown side for --up 'left'"), ("plan \udce4.stl", "not UTF-8. Rename"),
         ("plan plate --stepover 60", "the pad measures 50 mm"), ("plan plate --stepover 300", "300 mm"),
         ("plan plate --pattern star", "Did you mean 'raster'? Known: "),
         ("plan plate --lead-in jump", "Known: arc, normal, tangent"),
