@@ -71,7 +71,7 @@ def part_path(name: str) -> Path:
             likeliest first. A name that no text file can hold.
     """
     if name != name.encode(errors="ignore").decode():
-        raise InputError(f"the name of the file {ascii(name)} is not UTF-8. Rename the file.")
+        raise InputError(f"the name of the file {name!a} is not UTF-8. Rename the file.")
     if name in workpiece_names():
         return workpiece_path(name)
     path = Path(local_copy(name))
