@@ -81,6 +81,7 @@ def plan(part: PartFile, given: Given) -> int:
     refuse_idle_options(row, named_options(given))
     asked = build_scenario(Scenario(experiment=row.name), given)
     refuse_taken(given, asked.plan.removal)
+    import polish_sim.cli.progress  # noqa: F401  (first: it quickens what the others import)
     from polish_sim.exchange import check_formats
     from polish_sim.experiments.assembly import check
     from polish_sim.experiments.setups import SetupSearch

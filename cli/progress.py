@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import numpy
 from matplotlib.artist import ArtistInspector
 from rich.console import Console
 from rich.progress import (
@@ -32,9 +33,17 @@ from polish_sim.kernel_cache import event, is_warm, kernels_under, load_registri
 from polish_sim.scenario_file import merge
 from polish_sim.workers import processors
 
-# Matplotlib lists the settings of each class in docstrings as it is imported: 0.15 s that no command needs.
+# As they are imported, matplotlib lists the settings of each class in docstrings, scipy the kinds of arrays
+# of each function, and scipy imports all there is of numpy: 0.25 s that no command needs.
 ArtistInspector.get_setters = lambda _: []  # type: ignore[assignment, method-assign]
 ArtistInspector.get_aliases = lambda _: {}  # type: ignore[assignment, method-assign]
+with suppress(ImportError, AttributeError):
+    unused = {"f2py", "testing"}
+    numpy.__all__ = list({*numpy.__all__} - unused)
+    numpy.__numpy_submodules__.difference_update(unused)
+    from scipy._lib import _array_api
+
+    _array_api.xp_capabilities = lambda **_: lambda function: function
 FIRST_START = "compiling kernels: at the first start only, they are kept"
 REHEARSED = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
 LINE_S = 10.0  #: Least time between two lines where no bar can be shown [s]

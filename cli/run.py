@@ -183,6 +183,7 @@ def run_into(
 
 def checked_run(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Checked]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
+    import polish_sim.cli.progress  # noqa: F401  (first: it quickens what the others import)
     from polish_sim.experiments.assembly import check
 
     row = experiment(scenario.experiment)
