@@ -70,7 +70,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.lowering import Lower
 from numba.core.registry import CPUDispatcher, cpu_target
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python
 from numba.core.sigutils import normalize_signature
 from numba.core.typed_passes import NativeLowering
 from numba.core.types import Array, BaseFunction, Dispatcher, Integer, NestedArray
@@ -106,6 +106,8 @@ _log = logging.getLogger(__name__)
 
 
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
+for _name, _address in _nrt_python.c_helpers.items():
+    add_symbol(f"NRT_{_name}", _address)  # the memory of arrays; numba names them when it compiles
 _target = cpu_target.target_context
 load_registries = cache(_target.load_additional_registries)  #: Load what compiling needs
 
@@ -335,7 +337,6 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
         What compiling needs is loaded when something is compiled, not here as numba does: that takes 0.2 s.
         """
-        rtsys.initialize(context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, context)
 
@@ -441,6 +442,9 @@ class _Function(CPUDispatcher):  # type: ignore[misc]
         """Types of a call from another kernel."""
         named = {name: unliteral(kind) for name, kind in kws.items()}
         return super().get_call_template([unliteral(kind) for kind in args], named)
+
+    def _compilation_chain_init_hook(self) -> None:
+        """What extends numba is looked for with all that compiling needs."""
 
     def compile(self, signature: Any) -> Any:
         """Entry point for a signature."""
