@@ -28,6 +28,8 @@ Matrix6 = Annotated[Array, (6, 6)]
 
 part = njit(cache=False)
 """Compiled for the kernels that call it and kept on disk only with them; callable from Python, too."""
+bare = njit(cache=False, _nrt=False)
+"""A part that allocates nothing: no references are counted in it and what it calls."""
 kernel = njit(cache=False, forceinline=True)
 """A part that is put in the place of each call."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Ints, boxes_of, next_corners, norms
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record, part
+from polish_sim.kernels import Record, bare, part
 
 LEAF_SIZE = 2
 DEEPEST = 24  #: Beyond this depth nodes are halved, which bounds the depth of the whole tree to about 45
@@ -134,7 +134,7 @@ class SearchRoom(Record):
     lowers: Annotated[Array, (_CANDIDATES,)]  #: What each one is away at least [m]
 
 
-@part
+@bare
 def closest_in_tree(control, tree, search, point, hint, limit):  # type: ignore[no-untyped-def]
     """Closest point of all patches (m, 6, 3) to a point [m]: squared distance [m^2], facet (-1 if none), u,
     v.

@@ -19,7 +19,7 @@ from polish_sim.geometry.closest_on_patch import blossom, on_edge, weighted
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus, part, plus
+from polish_sim.kernels import bare, cross, dot, minus, part, plus
 
 _ON_EDGE = 1e-9
 _MOST_NODES = 400_000_000
@@ -67,7 +67,7 @@ def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
     return distances, facets
 
 
-@part
+@bare
 def signed_distance(skin, point, hint, limit):  # type: ignore[no-untyped-def]
     """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
     distance2, facet, u, v = closest_in_tree(

@@ -23,7 +23,7 @@ from polish_sim.geometry.topology import (
     sorted_half_edges,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus, part
+from polish_sim.kernels import bare, cross, dot, minus
 
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
@@ -296,7 +296,7 @@ def _crossing(corners, faces, low, high, right, first, size, items):  # type: ig
     return pairs[:found]
 
 
-@part
+@bare
 def _is_beside(corners, low, high):  # type: ignore[no-untyped-def]
     """Whether a facet is beside a box."""
     for k in range(3):
@@ -307,7 +307,7 @@ def _is_beside(corners, low, high):  # type: ignore[no-untyped-def]
     return False
 
 
-@part
+@bare
 def _share_a_vertex(one, other):  # type: ignore[no-untyped-def]
     shared = False
     for vertex in one:
@@ -315,7 +315,7 @@ def _share_a_vertex(one, other):  # type: ignore[no-untyped-def]
     return shared
 
 
-@part
+@bare
 def _is_pierced(a, b):  # type: ignore[no-untyped-def]
     """Whether an edge of triangle b passes through the inside of a, (3, 3); touching within rounding does
     not."""
@@ -336,7 +336,7 @@ def _is_pierced(a, b):  # type: ignore[no-untyped-def]
     return False
 
 
-@part
+@bare
 def _volume(a, b, c, d):  # type: ignore[no-untyped-def]
     """Six times the signed volume of a tetrahedron."""
     return dot(minus(b, a), cross(minus(c, a), minus(d, a)))
