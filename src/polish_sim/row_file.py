@@ -126,11 +126,13 @@ def package_versions() -> dict[str, str]:
 
 def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
     """Save figures under their file names; each file appears when it is whole."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
+
     for name, figure in plots.items():
         with whole_file(folder / name) as draft, warnings.catch_warnings():
             # A name in a script that no installed font has is drawn as boxes.
             warnings.filterwarnings("ignore", message="Glyph")
-            figure.savefig(draft, pil_kwargs=QUICK_PNG)
+            FigureCanvasAgg(figure).print_png(draft, pil_kwargs=QUICK_PNG)  # `savefig` draws twice
 
 
 # Rows.
