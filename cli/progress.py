@@ -33,8 +33,8 @@ from polish_sim.kernel_cache import event, is_warm, kernels_under, load_registri
 from polish_sim.scenario_file import merge
 from polish_sim.workers import processors
 
-# As they are imported, matplotlib lists the settings of each class in docstrings, scipy the kinds of arrays
-# of each function, and scipy imports all there is of numpy: 0.25 s that no command needs.
+# As they are imported, matplotlib lists the settings of each class in docstrings, scipy completes those of
+# its functions, and imports all there is of numpy: 0.3 s that no command needs.
 ArtistInspector.get_setters = lambda _: []  # type: ignore[assignment, method-assign]
 ArtistInspector.get_aliases = lambda _: {}  # type: ignore[assignment, method-assign]
 with suppress(ImportError, AttributeError):
@@ -44,6 +44,7 @@ with suppress(ImportError, AttributeError):
     from scipy._lib import _array_api
 
     _array_api.xp_capabilities = lambda **_: lambda function: function
+    _array_api.FunctionDoc._parse = lambda _: None
 FIRST_START = "compiling kernels: at the first start only, they are kept"
 REHEARSED = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
 LINE_S = 10.0  #: Least time between two lines where no bar can be shown [s]

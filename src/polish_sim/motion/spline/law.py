@@ -16,6 +16,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums, spans_at
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import (
     FIRST_PARTS,
@@ -284,13 +285,13 @@ def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
     return time
 
 
-@njit(cache=False, _nrt=False, forceinline=True)
+@kernel
 def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: float, h22: float) -> None:
     H[k, 0], H[k, 1], H[k, 2] = H[k, 0] + h00, H[k, 1] + h01, H[k, 2] + h02
     H[k + 1, 0], H[k + 1, 1], H[k + 2, 0] = H[k + 1, 0] + h11, H[k + 1, 1] + h12, H[k + 2, 0] + h22
 
 
-@njit(cache=False, _nrt=False, forceinline=True)
+@kernel
 def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
     """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in
     b."""
