@@ -132,7 +132,8 @@ def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
         with whole_file(folder / name) as draft, warnings.catch_warnings():
             # A name in a script that no installed font has is drawn as boxes.
             warnings.filterwarnings("ignore", message="Glyph")
-            FigureCanvasAgg(figure).print_png(draft, pil_kwargs=QUICK_PNG)  # `savefig` draws twice
+            # As `savefig` does, which draws twice.
+            FigureCanvasAgg(figure).print_png(draft, pil_kwargs=QUICK_PNG)  # type: ignore[no-untyped-call]
 
 
 # Rows.
