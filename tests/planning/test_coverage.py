@@ -16,9 +16,8 @@ from polish_sim.planning.ground import prepare_ground, triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.points import thin
 from polish_sim.planning.quality import coverage
-from polish_sim.planning.quality.areas import FAR, CutOut
+from polish_sim.planning.quality.areas import FAR, CutOut, _above_zero
 from polish_sim.planning.quality.coverage import PadSteps, pad_depths, time_under_pad
-from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
@@ -137,19 +136,24 @@ def test_the_margin_that_a_smaller_pad_keeps_off_the_edges_is_no_gap_between_tur
     assert figures["beyond_stepover_area_m2"] == 0.0
 
 
+def test_what_is_shown_of_a_row_ends_on_the_line_where_its_share_is_a_half():
+    triangles = np.random.default_rng(4).normal(size=(500, 3, 3))
+    sides = [_above_zero(triangles, sign * (triangles[:, :, 0] - 0.3)) for sign in (1.0, -1.0)]
+    assert (sides[0][:, :, 0].min(), sides[1][:, :, 0].max()) == pytest.approx((0.3, 0.3), abs=1e-12)
+    edges = [np.diff(each, axis=1).swapaxes(0, 1) for each in (triangles, *sides)]
+    whole, above, below = (np.linalg.norm(np.cross(*each), axis=1).sum() for each in edges)
+    assert whole == pytest.approx(above + below, rel=1e-12)
+
+
 def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     plan = PlanConfig(pattern="raster", raster_direction=(0.0, 1.0, 0.0), stepover_m=0.016)
     result = plan_of(block((240, 120, 10)), tmp_path / "part.stl", plan, PadConfig(choice="given"))
-    assert result.figures["left_out"].get("shakes", 0.0) == 0.0
     path = result.path
     shaking = path.process & (np.abs(path.positions_work[:, 0]) < 0.06)
     rest, cut = path.rows(~shaking), CutOut("shakes", path.positions_work[shaking])
     # A lift stands where the stretch was: else both sides of it would be one stroke.
     rest = replace(rest, segment=np.where(np.diff(rest.s, append=rest.s[-1]) > 0.01, RETRACT, rest.segment))
-    account = account_area(result.ready.asked, rest, ProcessConfig(), result.tool.pad, [cut])
-    assert np.isnan(
-        [account.figures["furthest_from_path_m"], *account.figures["furthest_from_path_at_m"]]
-    ).all()
+    account = result.ready.measure(rest, [cut]).area
     # 120 mm less the two radii the pad covers from the turns on either side.
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
     gapped = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)])

@@ -36,7 +36,7 @@ from polish_sim.planning.moves.travel import AirSpace
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
-from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
+from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import BEFORE, ToolPath
 
@@ -142,7 +142,7 @@ class PlanResult:
         force *= 1.0 - np.interp(left.s - left.s[first], [0.0, 2.0 * pad], [twice / pad, 0.0])
         ready, done = self.ready, []
         if remaining.lost.any():  # before the tool has landed there is nothing done
-            begin = account_area(ready.asked, path.rows(path.s <= s), ready.process, self.tool.pad)
+            begin = ready.measure(path.rows(path.s <= s)).area
             ready = replace(ready, asked=ready.asked.after(self.area, begin, BEFORE))
             done = [mend_of(LEFT_OUT, BEFORE, 0.0, path, remaining.lost)]
         # Measured with its whole force: pressed with less, the pad yields less to what it was planned over.

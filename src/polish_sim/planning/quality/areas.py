@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Figures, Indices, norms
+from polish_sim.arrays import Array, Bools, Figures, Indices, next_corners, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground import Ground
@@ -86,10 +86,10 @@ class AreaAccount:
     left_out: Mapping[str, LeftOutRow]  #: By reason, the largest first
     reasons: tuple[str, ...]
     why: Indices  #: Number of each vertex's reason, -1: it is polished, shape (v,)
-    #: What is polished further than a step-over from the path, outside the edge margin a small pad keeps
+    #: What is polished further than a step-over from the path, outside what was left out before
     far: LeftOutRow
     far_m: float  #: Distance of its place, the furthest, from the path [m]
-    distances: Array  #: Of each polished vertex from the path [m], shape (v,); NaN if they are not known
+    distances: Array  #: Of each polished vertex from the path [m], shape (v,)
     furthest: Array  #: Where they are largest [m], shape (3,)
     beside: bool  #: Whether stretches of the path run beside each other: else no step-over is its own
 
@@ -145,17 +145,17 @@ def account_for(
     polished: Bools,
     pad: PadConfig,
     cuts: Sequence[CutOut],
-    distances: Array | float = np.nan,
-    stepover: float = np.inf,
-    beside: bool = True,
+    distances: Array,
+    stepover: float,
+    beside: bool,
 ) -> AreaAccount:
     """Sort the area of a region into rows.
 
     What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
     the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
     ``distances`` (v,) [m] of the vertices from the path are far if they are more than a ``stepover`` [m],
-    outside an edge margin; a note says so if stretches of the path run ``beside`` each other. Vertices at
-    the places of a cut for `UNPLAYED` are not polished either.
+    outside what was left out before; a note says so if stretches of the path run ``beside`` each other.
+    Vertices at the places of a cut for `UNPLAYED` are not polished either.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
     bare = [np.empty((0, 3)), *(cut.positions for cut in cuts if cut.reason == UNPLAYED)]
@@ -188,20 +188,32 @@ def account_for(
     why[polished] = -1
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
     off = np.where((why < 0) & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
-    furthest = np.where(np.isfinite(off.max()), mesh.vertices[off.argmax()], np.nan)
-    margin = [number for number, reason in enumerate(asked.reasons) if reason == MARGIN]
-    gaps = np.where(np.isin(asked.why, margin), 0.0, off)
+    gaps = np.where(asked.why >= 0, 0.0, off)
     far = _row(asked, gaps > stepover, mesh.vertices[gaps.argmax()])
     polished_m2 = asked.area_m2 - sum(row.area_m2 for row in left_out.values())
-    shown = far, gaps.max(), off, furthest, beside
+    shown = far, gaps.max(), off, mesh.vertices[off.argmax()], beside
     return AreaAccount(asked.area_m2, polished_m2, left_out, reasons, why, *shown)
 
 
 def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
-    """The row of a share of each vertex's area (v,)."""
+    """The row of a share of each vertex's area (v,); shown is where it is above a half."""
     mesh = asked.ground.mesh
-    shown = ((share[mesh.triangles] > 0.5).sum(axis=1) >= 2) & asked.ground.of_part[mesh.owners]
-    return LeftOutRow((asked.areas * share).sum(), mesh.vertices[mesh.triangles[shown]], place)
+    corners = mesh.triangles[asked.ground.of_part[mesh.owners]]
+    shown = _above_zero(mesh.vertices[corners], share[corners] - 0.5)
+    return LeftOutRow((asked.areas * share).sum(), shown, place)
+
+
+def _above_zero(triangles: Array, values: Array) -> Array:
+    """What of triangles (t, 3, 3) has values (t, 3) above zero, linear over each, as triangles (k, 3, 3)."""
+    above, size = values > 0.0, np.abs(values) + 1e-300
+    whole = above.all(axis=1)
+    # On each edge its zero, or any place where it has none: pieces are corners, and what is between two.
+    share = size / (size + next_corners(size))
+    between = triangles + share[:, :, None] * (next_corners(triangles) - triangles)
+    pieces = np.stack([triangles, between, np.roll(between, 1, axis=1)], axis=2)
+    return np.concatenate(
+        [triangles[whole], pieces[above & ~whole[:, None]], between[above.sum(axis=1) == 2]]
+    )
 
 
 def _middle(places: Array) -> Array:

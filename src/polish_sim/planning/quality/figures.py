@@ -176,16 +176,6 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
     }
 
 
-def account_area(
-    asked: AskedRegion, path: ToolPath, process: ProcessConfig, pad: PadConfig, cuts: Sequence[CutOut] = ()
-) -> AreaAccount:
-    """Where every cm^2 of a region is after a path with ``cuts`` in it: what the pad presses on, and the
-    rest."""
-    return account_for(
-        asked, expose(asked.ground, locate(asked.ground, path, process), pad).times > 0.0, pad, cuts
-    )
-
-
 def fit_doubt(surface: Surface) -> float:
     """How far apart arcs from either end of a smooth edge put its middle, on all but a hundredth of the area
     at most [m]; arcs of a circle agree."""
