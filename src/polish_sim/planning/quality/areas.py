@@ -189,13 +189,13 @@ def account_for(
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
     off = np.where((why < 0) & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
     gaps = np.where(asked.why >= 0, 0.0, off)
-    far = _row(asked, gaps > stepover, mesh.vertices[gaps.argmax()])
+    far = _row(asked, 1.0 * (gaps > stepover), mesh.vertices[gaps.argmax()])
     polished_m2 = asked.area_m2 - sum(row.area_m2 for row in left_out.values())
     shown = far, gaps.max(), off, mesh.vertices[off.argmax()], beside
     return AreaAccount(asked.area_m2, polished_m2, left_out, reasons, why, *shown)
 
 
-def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
+def _row(asked: AskedRegion, share: Array, place: Array) -> LeftOutRow:
     """The row of a share of each vertex's area (v,); shown is where it is above a half."""
     mesh = asked.ground.mesh
     corners = mesh.triangles[asked.ground.of_part[mesh.owners]]
@@ -206,14 +206,13 @@ def _row(asked: AskedRegion, share: Array | Bools, place: Array) -> LeftOutRow:
 def _above_zero(triangles: Array, values: Array) -> Array:
     """What of triangles (t, 3, 3) has values (t, 3) above zero, linear over each, as triangles (k, 3, 3)."""
     above, size = values > 0.0, np.abs(values) + 1e-300
-    whole = above.all(axis=1)
+    count: Indices = above.sum(axis=1)
     # On each edge its zero, or any place where it has none: pieces are corners, and what is between two.
     share = size / (size + next_corners(size))
     between = triangles + share[:, :, None] * (next_corners(triangles) - triangles)
     pieces = np.stack([triangles, between, np.roll(between, 1, axis=1)], axis=2)
-    return np.concatenate(
-        [triangles[whole], pieces[above & ~whole[:, None]], between[above.sum(axis=1) == 2]]
-    )
+    shown = above & (count < 3)[:, None]
+    return np.concatenate([triangles[count == 3], pieces[shown], between[count == 2]])
 
 
 def _middle(places: Array) -> Array:
