@@ -189,7 +189,7 @@ def account_for(
     left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
     off = np.where((why < 0) & (areas > 0.0), np.minimum(distances, asked.before), 0.0)
     gaps = np.where(asked.why >= 0, 0.0, off)
-    far = _row(asked, 1.0 * (gaps > stepover), mesh.vertices[gaps.argmax()])
+    far = _row(asked, (gaps > stepover).astype(np.float64), mesh.vertices[gaps.argmax()])
     polished_m2 = asked.area_m2 - sum(row.area_m2 for row in left_out.values())
     shown = far, gaps.max(), off, mesh.vertices[off.argmax()], beside
     return AreaAccount(asked.area_m2, polished_m2, left_out, reasons, why, *shown)
@@ -211,8 +211,7 @@ def _above_zero(triangles: Array, values: Array) -> Array:
     share = size / (size + next_corners(size))
     between = triangles + share[:, :, None] * (next_corners(triangles) - triangles)
     pieces = np.stack([triangles, between, np.roll(between, 1, axis=1)], axis=2)
-    shown = above & (count < 3)[:, None]
-    return np.concatenate([triangles[count == 3], pieces[shown], between[count == 2]])
+    return np.concatenate([triangles[count == 3], pieces[above & (count < 3)[:, None]], between[count == 2]])
 
 
 def _middle(places: Array) -> Array:
