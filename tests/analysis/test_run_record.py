@@ -26,8 +26,7 @@ def record():
 def test_a_run_reads_back_as_written_in_strict_json_with_null_for_an_undefined_figure(record, tmp_path):
     run_record.write_record(tmp_path, record)
     back = run_record.read_record(tmp_path)
-    assert back.scenario == record.scenario
-    assert back.metrics == record.metrics
+    assert (back.scenario, back.metrics) == (record.scenario, record.metrics)
     np.testing.assert_array_equal(back.path.curvature, record.path.curvature)
     for name in record.log.names:
         np.testing.assert_array_equal(back.log[name], record.log[name])

@@ -258,7 +258,6 @@ def test_what_cannot_be_done_is_refused(changes, kind, said):
         ("dual.arms_file=a dual.tool_file=t", "dual.tool_file .*dual.arms_file.* tool's"),
         ("dual.arm_poses=60 dual.bases_file=b", "dual.bases_file .*dual.arm_poses"),
         ("dual.arms_file=a dual.arm_poses=60", "dual.arm_poses .*dual.arms_file"),
-        ("dual.master_direction=[0,0,0]", "'dual.master_direction' is no direction"),
         ("dual.master_path=way.csv part.pose=[0,0,0,0,0,0]", "is held: leave part.pose"),
         ("dual.master_path=way.csv dual.master_turn_rad_s=0.2", "moves: leave dual.master_turn_rad_s"),
     ],

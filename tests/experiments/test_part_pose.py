@@ -58,8 +58,7 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
     turns = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     poses = transform(turns, apply(reach.T_base_work, path.positions_work))
     joints = track(poses, tool_on_flange(), reach.q_start)
-    assert joints.first_unreachable is None
-    assert joints.first_beyond_limit is None
+    assert joints.first_unreachable is joints.first_beyond_limit is None
     assert joints.smallest_singular_value > scenario.safety.singular_value_limit
     data = mujoco.MjData(model)
     for q in joints.q[::5]:
@@ -86,8 +85,11 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault)
 
 def test_a_path_below_that_the_arm_does_nowhere_names_the_side_to_turn_up(monkeypatch):
     monkeypatch.setattr(PartPlacing, "_reach", Mock(side_effect=ReachError("nowhere.")))
-    with pytest.raises(ReachError, match=r"nowhere\. .* --up -z\."):
-        reached(*planned("point:0,0,-40"))
+    scenario, plan = planned("point:0,0,-40")
+    around = replace(plan.path, axes_work=np.eye(3)[np.arange(len(plan.path.s)) % 3])  # on no one side
+    for path, said in ((plan.path, r"nowhere\. .* --up -z\."), (around, r"nowhere\.$")):
+        with pytest.raises(ReachError, match=said):
+            reached(scenario, replace(plan, path=path))
 
 
 def test_patches_are_setups_of_their_own_once_many_setups_could_not_be_done(monkeypatch):

@@ -286,8 +286,7 @@ def test_the_path_is_the_papers_circle_once_round_and_a_part_of_it_so_much_and_t
     length = 2.0 * np.pi * RADIUS
     ramps = 0.12 + 0.045  # up to the feed, and down again before its time is over [s]
     assert short_arc.figures["path_done"] == pytest.approx((4.0 - ramps) * 0.01 / length, rel=0.002)
-    assert short_arc.figures["T_base_work"] is None
-    assert short_arc.figures["protective_stop"] is None
+    assert short_arc.figures["T_base_work"] is short_arc.figures["protective_stop"] is None
     np.testing.assert_array_equal(short_arc.trace.normal_force_n, 0.0)
     assert 1 not in short_arc.trace.phase
 

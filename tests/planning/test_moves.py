@@ -58,8 +58,7 @@ def test_a_ramp_that_would_cut_a_wall_or_leave_a_tight_bowl_is_not_taken_and_fre
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
     air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
     start, end = leads.choose_leads(stroke(0.032, 0.07), "tangent", air)
-    assert start is leads.normal_lead
-    assert end is leads.tangent_lead
+    assert (start, end) == (leads.normal_lead, leads.tangent_lead)
     part = surface_of(block((200, 200, 10), (0, 0, -5)))
     air = travel.AirSpace(part, CLEARANCE, UP, PRESSED)
     for name, shape in leads.LEADS.items():

@@ -40,7 +40,7 @@ def check_pair_settings(scenario: Scenario) -> None:
     source, others = "dual.arm_poses", ["bases_file"]
     if dual.arms_file:
         source = "dual.arms_file"
-        others = [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
+        others = ["bases_file", "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
     if dual.arms_file or dual.arm_poses or scenario.robot.compensation == TRACKER:
         if given := [f"dual.{name}" for name in others if getattr(dual, name)]:
             raise ConfigError(

@@ -332,7 +332,7 @@ def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
             raise ConfigError(
                 "plan.removal_feed must be the least and the largest share of the feed, in this order."
             )
-        if scenario.dual.standoff_m > 0.0:
+        if scenario.dual.standoff_m > 0.0 and path is None:
             raise ConfigError(
                 "at a stand-off (dual.standoff_m, --standoff) nothing comes off: leave it or plan.removal "
                 "out."

@@ -207,7 +207,7 @@ class PartPlacing:
                 "--path FOLDER/setup_N."
             )
         looks = unit(self.axes.mean(axis=0))
-        if looks @ self.mesh.up < np.cos(UP_CONE):
+        if looks @ self.mesh.up < np.cos(UP_CONE) < (self.axes @ looks).min():
             raise ReachError(
                 f"{nowhere} Or turn the side up that the path is on: --up {side_name(np.round(looks, 1))}."
             )

@@ -319,7 +319,7 @@ class _Prover:
     def pass_drawn(self, first: int) -> Play | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
         None where a mend made that worthless."""
-        self._even_out()
+        self._prepare()
         other, mended = self._play(first), len(self.mends)
         with ThreadPoolExecutor(1) as thread:
             # A user's own controller may not stand two runs at once; a worker's siblings have the processors.
@@ -340,19 +340,27 @@ class _Prover:
     def settle(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
         while True:
-            before, wider = len(self.mends), 1.0
-            self._even_out()
-            while not self._keeps_clear(wider):
-                wider *= 2.0
-                self._even_out()
-            self._place_as_a_run()
+            if not begun:
+                self._prepare()
             mended = len(self.mends)
-            self.pass_through(seed, begun if mended == before else None)
+            self.pass_through(seed, begun)
             begun = None
             if len(self.mends) == mended:
                 return
             self.shares.clear()
             self._refuse_when_over(self.mends[-1].why)
+
+    def _prepare(self) -> None:
+        """Before the path is played from its start, keep it clear of the part. Where it was cut, take the
+        configuration of the arm that a run takes, which looks for one anew in this pose, and sample the part
+        along what is left."""
+        wider = 1.0
+        while not self._keeps_clear(wider):
+            wider *= 2.0
+        if self.cut:
+            pose = to_pose(self.place.reach.T_base_work)
+            self._place_anew(replace(self.scenario, part=replace(self.scenario.part, pose=pose)))
+            self.place, self.cut = replace(self.place), False
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""
@@ -364,12 +372,14 @@ class _Prover:
             )
 
     def _keeps_clear(self, wider: float) -> bool:
-        """Leave out where the tool would stand in the part, as the path is mended and with the force of an
-        even removal, which is found after it was planned; whether it stands there nowhere.
+        """Find the dwell of an even removal, and leave out where the tool would stand in the part with its
+        force, which is found after the path was planned, and as it is mended; whether it stands there
+        nowhere.
 
         Raises:
             PlanError: As `out_of_part`.
         """
+        self._even_out()
         # The rest of a path lands with less force on what its whole force was measured over.
         whole = self.path.force is None or self.scenario.plan.begin_m > 0.0
         as_planned = not self.mends and whole
@@ -383,14 +393,6 @@ class _Prover:
         self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
         self._keep(remaining)
         return False
-
-    def _place_as_a_run(self) -> None:
-        """Take the configuration of the arm that a run takes, which looks for one anew in this pose, and the
-        part as it is sampled along a path that was cut."""
-        if self.cut:
-            pose = to_pose(self.place.reach.T_base_work)
-            self._place_anew(replace(self.scenario, part=replace(self.scenario.part, pose=pose)))
-            self.place, self.cut = replace(self.place), False
 
     def _place_anew(self, asked: Checked) -> None:
         """Place the path as it is mended so far as a run of a scenario does."""

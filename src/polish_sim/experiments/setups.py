@@ -17,7 +17,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, unit
 from polish_sim.cell import Observer
-from polish_sim.config import Checked, PlanConfig
+from polish_sim.config import Checked
 from polish_sim.errors import PlanError
 from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.reach_map import outermost
@@ -25,10 +25,10 @@ from polish_sim.geometry import PartMesh, Surface, fit_surface
 from polish_sim.geometry.fit import joined_meshes, joined_surfaces, load_fixture
 from polish_sim.geometry.orientation import SIDES, UP_CONE, side_name
 from polish_sim.geometry.regions.patches import facing, middle_points
-from polish_sim.geometry.regions.region import SLIVER_SHARE, patches_of
+from polish_sim.geometry.regions.region import SLIVER_SHARE, inside_margins, patches_of
 from polish_sim.planning.feasibility import check_asked
 from polish_sim.planning.moves.travel import nearest_neighbours, turn_between
-from polish_sim.planning.part_plan import choose_region, load_mesh, prepare_region
+from polish_sim.planning.part_plan import load_mesh, prepare_region
 from polish_sim.planning.quality.tool_room import Tool
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -75,22 +75,22 @@ class SetupSearch:
         fixture = load_fixture(scenario.part.fixture_file, mesh)
         self._standing = joined_meshes(mesh, fixture), joined_surfaces(surface, fixture)
         observer.stage("look for what the pad reaches")
-        patches = [
-            _patch(number, region.surface) for number, region in enumerate(patches_of(surface, mesh), 1)
-        ]
+        pieces = patches_of(surface, mesh)
+        patches = [_patch(number, piece.surface) for number, piece in enumerate(pieces, 1)]
         self.count = len(patches)
         self.part_area = sum(patch.area for patch in patches)
         self.left: list[Patch] = []
         self.given_up: list[tuple[Patch, str]] = []  #: What cannot be planned, and why
         self.notes: tuple[str, ...] = ()  #: On the pad and the search
-        self._counted_by = side_name(mesh.up)
         for looked_at, patch in enumerate(sorted(patches, key=lambda patch: -patch.area)):
-            observer.progress(looked_at, len(patches))
+            observer.progress(looked_at, self.count)
             try:
                 if self.left and patch.area < SLIVER_SHARE * self.left[0].area:
                     raise PlanError(f"smaller than {SLIVER_SHARE:.1%} of the largest patch")
-                plan = self._only([patch.number], scenario.plan)
-                region = choose_region(mesh, surface, plan)
+                plan = scenario.plan
+                region = inside_margins(
+                    [pieces[patch.number - 1]], mesh.up, plan.edge_margin_m, plan.hole_margin_m
+                )
                 tool = Tool(scenario.pad, scenario.process.contact_force_n, fixture)
                 ready = prepare_region(mesh, surface, region, plan, scenario.process, tool)
             except PlanError as error:
@@ -103,6 +103,7 @@ class SetupSearch:
         if not self.left:
             raise PlanError(self.given_up[0][1])
         self._scenario = scenario
+        self._counted_by = side_name(mesh.up)
         self._sides = [mesh.up] if scenario.part.up != "auto" else _sides(mesh, self.left)
         self._refused: list[tuple[Array | None, frozenset[int]]] = []
         #: Whether the arm does patches with a side up, as tried so far
@@ -126,7 +127,9 @@ class SetupSearch:
             return None
         numbers = sorted(patch.number for patch in shown)
         self.left = [patch for patch in self.left if patch.number not in numbers]
-        part, plan = replace(self._scenario.part, up=side_name(up)), self._only(numbers, self._scenario.plan)
+        region = f"all:{','.join(map(str, numbers))}/{self._counted_by}"
+        part = replace(self._scenario.part, up=side_name(up))
+        plan = replace(self._scenario.plan, region=region)
         return Setup(up, tuple(shown), replace(self._scenario, part=part, plan=plan))
 
     def refuse(self, setup: Setup, why: str, elsewhere: bool) -> None:
@@ -145,13 +148,9 @@ class SetupSearch:
         )
         if len(self._refused) == MOST_REFUSED:
             self.notes += (
-                f"{MOST_REFUSED} setups could not be done, the last as {why} From there on each patch was "
-                "a setup of its own: fewer may do",
+                f"after {MOST_REFUSED} setups that could not be done each patch was a setup of its own, and "
+                f"there may be more than are needed. The last that could not be done: {why}",
             )
-
-    def _only(self, numbers: Sequence[int], plan: PlanConfig) -> PlanConfig:
-        """A plan of some patches."""
-        return replace(plan, region=f"all:{','.join(map(str, numbers))}/{self._counted_by}")
 
     def _in_view(self, up: Array) -> float:
         """Area of what looks up or, for less, to the side [m^2]: sides that show much are tried first."""

@@ -92,17 +92,21 @@ def select_region(
     patches, notes = _without_slivers(pick(whole, argument))
     if name == "auto":
         notes += _cut_off(whole, patches)
-    if max(edge_margin, hole_margin) > 0.0:
-        patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
-        notes += further
-    return _build_region(patches, mesh.up, notes)
+    return inside_margins(patches, mesh.up, edge_margin, hole_margin, notes)
 
 
-def patches_of(surface: Surface, mesh: PartMesh) -> list[Region]:
+def patches_of(surface: Surface, mesh: PartMesh) -> list[Clipped]:
     """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side
     up."""
-    patches = pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
-    return [_build_region([patch], mesh.up) for patch in patches]
+    return pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
+
+
+def inside_margins(
+    patches: Sequence[Clipped], up: Array, edge_margin: float, hole_margin: float, notes: tuple[str, ...] = ()
+) -> Region:
+    """A region of what is inside the margins of patches; arguments and errors as of `select_region`."""
+    patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
+    return _build_region(patches, up, notes + further)
 
 
 def cut_region(region: Region, room: Room, margin: float) -> Region | None:
