@@ -259,25 +259,26 @@ def join_surfaces(surfaces: Sequence[Surface]) -> Surface:
 CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is this close to them [m]
 
 
-def boundary_loops(surface: Surface) -> tuple[Array, ...]:
-    """Trace the border of an open surface, in one or several pieces; no loops for a closed one.
-
-    Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left seen
-    from outside; piece by piece, of each the outer loop first, the one that encloses the largest area seen
-    from where that looks largest.
-    """
-    traced = trace_border(surface.adjacency)
-    points = (along_edges(surface, loop, CHORD_ERROR)[0] for loop in traced)
-    loops = [np.concatenate([line, line[:1]]) for line in points]
+def border_edges(surface: Surface) -> list[Indices]:
+    """The border of a surface loop by loop, (k, 2) each, rows of (facet, edge) with the surface to the left
+    seen from outside; piece by piece, of each the outer loop first, the one that encloses the largest area
+    seen from where that looks largest."""
+    loops = trace_border(surface.adjacency)
     piece = connected_facets(surface)
-    of_piece = [piece[loop[0, 0]] for loop in traced]
-    areas = np.array([enclosed(loop) for loop in loops])
+    areas = np.array([enclosed(surface.control[tuple(loop.T)]) for loop in loops])
     # Holes of one size keep their order, however rounding has it.
     sizes = np.round(areas / areas.max(initial=1e-300), 6)
-    order = sorted(range(len(loops)), key=lambda at: (of_piece[at], -sizes[at]))
-    for loop in loops:
-        loop.setflags(write=False)
-    return tuple(loops[at] for at in order)
+    order = sorted(range(len(loops)), key=lambda at: (piece[loops[at][0, 0]], -sizes[at]))
+    return [loops[at] for at in order]
+
+
+def boundary_loops(surface: Surface) -> tuple[Array, ...]:
+    """Its border as closed polylines [m], each (p, 3) with the first point repeated at the end."""
+    loops = []
+    for edges in border_edges(surface):
+        line, _ = along_edges(surface, edges, CHORD_ERROR)
+        loops.append(_frozen(np.concatenate([line, line[:1]])))
+    return tuple(loops)
 
 
 def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:

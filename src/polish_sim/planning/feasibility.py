@@ -12,6 +12,7 @@ from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
 from polish_sim.geometry.mesh_file import STEP_ENDINGS
+from polish_sim.geometry.regions.choice import nearest_on
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.planning.curve import CurveSet
 from polish_sim.planning.ground import Ground, footprint
@@ -31,8 +32,6 @@ NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is
 planned, with a note where the pad hangs over."""
 
-#: A start asked for may be off the part by this share of the part's size, as a region's point may
-START_REACH = 0.1
 FAR_START = 2.0  #: A path that begins more than this many step-overs from there is noted
 
 FEW = 20  #: One vertex in this many is measured against the border
@@ -154,15 +153,8 @@ def check_start(part: Surface, plan: PlanConfig) -> None:
     Raises:
         PlanError: It is further off than a tenth of the part's size; names the nearest point.
     """
-    if not plan.start:
-        return
-    nearest = part.closest(np.array([plan.start])).positions[0]
-    distance = np.linalg.norm(nearest - plan.start)
-    if distance > START_REACH * longest_side(part.bounds):
-        raise PlanError(
-            f"the start {place_in_mm(plan.start)} is {distance * 1e3:.4g} mm away from the part. "
-            f"The nearest point of the part is {place_in_mm(nearest)}."
-        )
+    if plan.start:
+        nearest_on(part, np.array(plan.start), f"start {place_in_mm(plan.start)}")
 
 
 def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:

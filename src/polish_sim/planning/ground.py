@@ -152,7 +152,7 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
         )
     parts = []
     for component in region.components():
-        if not component.boundary_loops:
+        if not component.surface.is_open:
             raise PlanError(
                 "the region is closed all round, a path needs a border to start from. "
                 "Choose a region that looks one way, e.g. 'top', or a box."

@@ -17,7 +17,7 @@ from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.polygon_files import read_vertex_column
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
-from polish_sim.geometry.surface import Surface, connected_facets
+from polish_sim.geometry.surface import ClosestPoints, Surface, connected_facets
 from polish_sim.scenario_file import numbers_of
 
 CHOICES = (
@@ -180,17 +180,26 @@ def pick_patches(whole: Whole, argument: str) -> list[Clipped]:
     return [patches[number - 1] for number in np.unique(numbers)]
 
 
+def nearest_on(part: Surface, point: Array, what: str) -> ClosestPoints:
+    """The point of a part nearest to one a user names (3,) [m].
+
+    Raises:
+        PlanError: It is further off than a tenth of the part's size; says ``what`` is.
+    """
+    found = part.closest(point)
+    distance = norms(found.positions - point)[0]
+    if distance > _POINT_REACH * longest_side(part.bounds):
+        raise PlanError(
+            f"the {what} is {distance * 1e3:.4g} mm away from the part. "
+            f"The nearest point of the part is {place_in_mm(found.positions[0])}."
+        )
+    return found
+
+
 def pick_point(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the smooth face at a point; of one that goes round, what looks up with it or the way the point
     looks."""
-    point = parse_point(argument)
-    found = whole.surface.closest(point[None])
-    distance = np.linalg.norm(found.positions[0] - point)
-    if distance > _POINT_REACH * longest_side(whole.surface.bounds):
-        raise PlanError(
-            f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
-            f"The nearest point of the part is {place_in_mm(found.positions[0])}."
-        )
+    found = nearest_on(whole.surface, parse_point(argument), f"region's point ({argument}) mm")
     face = _flood(whole.kept, found.facets[0])
     if lies_open(face.surface):
         return [face]

@@ -24,8 +24,7 @@ from polish_sim.geometry.cut import (
     whole_facets,
 )
 from polish_sim.geometry.regions.patches import connected
-from polish_sim.geometry.surface import Surface, along_edges, enclosed
-from polish_sim.geometry.topology import trace_border
+from polish_sim.geometry.surface import Surface, along_edges, border_edges
 
 _SAMPLES_PER_REACH = 16.0  #: The border is sampled this densely, in shares of the distance of interest
 _CHORD_ERROR = 1e-6  #: The sampled border is this close to the curved one [m]
@@ -139,11 +138,11 @@ def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[
     roomiest = 0.0
     for patch in patches:
         kept = [patch]
-        outer, holes = _outer_and_holes(patch.surface)
-        for border, away in ((outer, margin), (holes, hole_margin)):
-            if not len(border) or away <= 0.0:
+        loops = border_edges(patch.surface)
+        for borders, away in ((loops[:1], margin), (loops[1:], hole_margin)):
+            if not borders or away <= 0.0:
                 continue
-            distance = _border_distance(patch.surface, away, border)
+            distance = _border_distance(patch.surface, away, np.concatenate(borders))
             kept, before = [inner for piece in kept for inner in keep_roomy(piece, distance, away)], kept
             if not kept and not left:
                 roomiest = max([roomiest, *(_most_room(piece, distance, away) for piece in before)])
@@ -171,17 +170,6 @@ def keep_roomy(patch: Clipped, room: Room, margin: float) -> list[Clipped]:
     fine = then(patch, _refined(patch.surface, room, margin))
     inner = then(fine, clip(fine.surface, _beyond_margin(fine.surface, room, margin), on=_ON_LINE * margin))
     return connected(inner) if len(inner.parents) else []
-
-
-def _outer_and_holes(surface: Surface) -> tuple[Indices, Indices]:
-    """Border edges (k, 2) of a connected patch, rows of (facet, edge): of its outer loop, and of the others,
-    which are holes."""
-    loops, none = trace_border(surface.adjacency), np.empty((0, 2), dtype=np.int64)
-    if not loops:
-        return none, none
-    sizes = [enclosed(surface.control[tuple(loop.T)]) for loop in loops]
-    outer = loops.pop(np.argmax(sizes))
-    return outer, np.concatenate([none, *loops])
 
 
 def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
