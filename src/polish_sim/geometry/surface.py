@@ -256,9 +256,6 @@ def join_surfaces(surfaces: Sequence[Surface]) -> Surface:
     return build_surface(faces=np.concatenate(faces).astype(np.int32), adjacency=adjacency, **joined)
 
 
-CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is this close to them [m]
-
-
 def border_edges(surface: Surface) -> list[Indices]:
     """The border of a surface loop by loop, (k, 2) each, rows of (facet, edge) with the surface to the left
     seen from outside; piece by piece, of each the outer loop first, the one that encloses the largest area
@@ -270,15 +267,6 @@ def border_edges(surface: Surface) -> list[Indices]:
     sizes = np.round(areas / areas.max(initial=1e-300), 6)
     order = sorted(range(len(loops)), key=lambda at: (piece[loops[at][0, 0]], -sizes[at]))
     return [loops[at] for at in order]
-
-
-def boundary_loops(surface: Surface) -> tuple[Array, ...]:
-    """Its border as closed polylines [m], each (p, 3) with the first point repeated at the end."""
-    loops = []
-    for edges in border_edges(surface):
-        line, _ = along_edges(surface, edges, CHORD_ERROR)
-        loops.append(_frozen(np.concatenate([line, line[:1]])))
-    return tuple(loops)
 
 
 def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:

@@ -18,13 +18,14 @@ from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.regions.choice import CHOICES, PLAIN, WITH_ARGUMENT, Whole, pick_all
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
 from polish_sim.geometry.regions.patches import connected, facing, unpinch
-from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets, join_surfaces
+from polish_sim.geometry.surface import Surface, along_edges, border_edges, connected_facets, join_surfaces
 from polish_sim.models import part_path
 
 if TYPE_CHECKING:
     from polish_sim.config import PartConfig, PlanConfig
 
 
+CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is this close to them [m]
 SLIVER_SHARE = 1e-3  #: Patches smaller than this share of the largest one are left out
 
 
@@ -44,7 +45,12 @@ class Region:
     def boundary_loops(self) -> tuple[Array, ...]:
         """Closed polylines [m], each (p, 3), first point repeated at the end, region on the left; component
         by component, of each the outer one first."""
-        return boundary_loops(self.surface)
+        loops = []
+        for edges in border_edges(self.surface):
+            line, _ = along_edges(self.surface, edges, CHORD_ERROR)
+            loops.append(np.concatenate([line, line[:1]]))
+            loops[-1].setflags(write=False)
+        return tuple(loops)
 
     def components(self) -> tuple[Region, ...]:
         """Connected components, each with its own border, the largest first; itself if it is connected."""
