@@ -162,7 +162,7 @@ def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tu
     covered, left = rows[reached], rows[~reached]
     values[covered] = 0.0
     pieces = []
-    for own, rest in _parts(front, piece, lines, left):
+    for own, rest in _parts(front, lines, left):
         if values[rest].max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
@@ -176,10 +176,10 @@ def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tu
 
 
 def _parts(
-    front: Front, piece: OpenPiece, lines: Sequence[LevelLine], left: Indices
+    front: Front, lines: Sequence[LevelLine], left: Indices
 ) -> Iterator[tuple[Sequence[LevelLine], Indices]]:
     """What is left of a piece part by part: the lines around each, and its vertices."""
-    if len(lines) <= 1 or _follow_one_by_one(front, piece, lines):
+    if len(lines) <= 1:
         yield lines, left
         return
     inner = np.zeros(len(front.values), dtype=bool)
@@ -189,13 +189,6 @@ def _parts(
         own = [line for line in lines if labels[line.vertices[0]] == label]
         if own:
             yield own, left[labels[left] == label]
-
-
-def _follow_one_by_one(front: Front, piece: OpenPiece, lines: Sequence[LevelLine]) -> bool:
-    """Whether each line follows another turn all the way round: then what is left is still in one part."""
-    followed = [np.unique(front.which[line.vertices]) for line in lines]
-    pure = all(line.closed and len(found) == 1 for line, found in zip(lines, followed, strict=True))
-    return pure and sorted(found[0] for found in followed) == list(range(len(piece.turns)))
 
 
 def _new_turn(
