@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,25 +25,13 @@ BEYOND = 0.6
 FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
 
 
-class Front:
+class Front(NamedTuple):
     """Distances of the vertices not covered yet, from turn to turn."""
 
-    def __init__(self, mesh: Triangulation, stepover: float) -> None:
-        count = len(mesh.vertices)
-        self.mesh, self.stepover = mesh, stepover
-        self.values = np.zeros(count)
-        """Distances to the last turns [m], exact near them, less than they are elsewhere; 0 where covered,
-        (n,)."""
-        self.which = np.full(count, -1)
-        """The nearest of the last turns around, -1 where unknown, (n,)."""
-
-    def look(self, rows: Indices, curves: CurveSet) -> None:
-        """Measure the distances of vertices (k,) to turns."""
-        cap = FAR * self.stepover
-        feet = curves.nearest(self.mesh.vertices[rows], cap)
-        same_side = dots(feet.normals, self.mesh.normals[rows]) > 0.0
-        self.which[rows] = np.where(same_side, feet.curve, -1)
-        self.values[rows] = np.where(same_side, feet.distances, cap)
+    mesh: Triangulation
+    stepover: float  #: [m]
+    #: Distances to the last turns [m], exact near them, less than they are elsewhere; 0 where covered, (n,)
+    values: Array
 
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
@@ -116,7 +105,7 @@ def grow_turns(
     of the area done.
     """
     roots = [Turn(curve) for curve in borders]
-    front = Front(mesh, stepover)
+    front = Front(mesh, stepover, np.zeros(len(mesh.vertices)))
     pieces = [OpenPiece(tuple(roots), np.arange(len(mesh.vertices)))]
     step = 0.5 * stepover
     area = total = mesh.areas.sum()
@@ -154,9 +143,9 @@ def ring_turns(
 def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tuple[list[OpenPiece], Indices]:
     """One step inwards [m]: the pieces left, their new turns hung below those they come from; and the
     vertices covered."""
-    curves, rows, values = CurveSet([turn.curve for turn in piece.turns]), piece.rows, front.values
+    curves, rows, values = [turn.curve for turn in piece.turns], piece.rows, front.values
     near = rows[values[rows] < step + BEYOND * front.stepover]
-    front.look(near, curves)
+    values[near] = distance_to(front.mesh, near, curves, FAR * front.stepover)
     lines = level_lines(front.mesh, values, step, front.triangles_around(near))
     reached = values[rows] <= step * (1.0 + ROUNDING)
     covered, left = rows[reached], rows[~reached]
@@ -165,7 +154,7 @@ def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tu
     for own, rest in _parts(front, lines, left):
         if values[rest].max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
-        turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
+        turns = tuple(_new_turn(surface, piece, curves, line, step) for line in own if line.closed)
         if turns:
             pieces.append(OpenPiece(turns, rest))
     for turn in piece.turns:
@@ -192,9 +181,9 @@ def _parts(
 
 
 def _new_turn(
-    surface: Surface, front: Front, piece: OpenPiece, curves: CurveSet, line: LevelLine, step: float
+    surface: Surface, piece: OpenPiece, curves: Sequence[Curve], line: LevelLine, step: float
 ) -> Turn:
-    turn = Turn(offset_curve(surface, curves.curves, line, step))
-    nearest = front.which[line.vertices]
-    piece.turns[np.bincount(nearest[nearest >= 0], minlength=1).argmax()].children.append(turn)
+    turn = Turn(offset_curve(surface, curves, line, step))
+    nearest = CurveSet(curves).nearest(line.positions).curve
+    piece.turns[np.bincount(nearest).argmax()].children.append(turn)
     return turn
