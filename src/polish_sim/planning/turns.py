@@ -143,9 +143,10 @@ def ring_turns(
 def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tuple[list[OpenPiece], Indices]:
     """One step inwards [m]: the pieces left, their new turns hung below those they come from; and the
     vertices covered."""
-    curves, rows, values = [turn.curve for turn in piece.turns], piece.rows, front.values
+    rows, values = piece.rows, front.values
     near = rows[values[rows] < step + BEYOND * front.stepover]
-    values[near] = distance_to(front.mesh, near, curves, FAR * front.stepover)
+    around = [turn.curve for turn in piece.turns]
+    values[near] = distance_to(front.mesh, near, around, FAR * front.stepover)
     lines = level_lines(front.mesh, values, step, front.triangles_around(near))
     reached = values[rows] <= step * (1.0 + ROUNDING)
     covered, left = rows[reached], rows[~reached]
@@ -154,7 +155,7 @@ def _shrink(surface: Surface, front: Front, piece: OpenPiece, step: float) -> tu
     for own, rest in _parts(front, lines, left):
         if values[rest].max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
             continue
-        turns = tuple(_new_turn(surface, piece, curves, line, step) for line in own if line.closed)
+        turns = tuple(_new_turn(surface, front.mesh, piece, line, step) for line in own if line.closed)
         if turns:
             pieces.append(OpenPiece(turns, rest))
     for turn in piece.turns:
@@ -180,10 +181,9 @@ def _parts(
             yield own, left[labels[left] == label]
 
 
-def _new_turn(
-    surface: Surface, piece: OpenPiece, curves: Sequence[Curve], line: LevelLine, step: float
-) -> Turn:
+def _new_turn(surface: Surface, mesh: Triangulation, piece: OpenPiece, line: LevelLine, step: float) -> Turn:
+    curves = [turn.curve for turn in piece.turns]
     turn = Turn(offset_curve(surface, curves, line, step))
-    nearest = CurveSet(curves).nearest(line.positions).curve
+    nearest = CurveSet(curves).nearest(mesh.vertices[line.vertices]).curve
     piece.turns[np.bincount(nearest).argmax()].children.append(turn)
     return turn
