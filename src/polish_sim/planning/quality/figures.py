@@ -218,8 +218,8 @@ HOW_WELL = (
     ("way at the full feed, starts and stops included", "%", "feed_kept", ".1f"),
     ("least feed, starts and stops left out", "mm/s", "feed_least_m_s", ".2f"),
     ("  at, along the path with its leads", "m", "feed_least_at_m", ".3f"),
-    ("motion beside the path, at most", "mm", "smoothed_off_max_m", ".2g"),
-    ("  tool axis", "deg", "smoothed_axis_off_max_rad", ".2g"),
+    ("motion beside the path, at most", "mm", "smoothed_off_max_m", ".3f"),
+    ("  tool axis", "deg", "smoothed_axis_off_max_rad", ".3f"),
     ("pad / step-over asked or found", "mm", "pad_diameter_m stepover_expected_m", ".4g"),
     (
         "step-over, min / p5 / mean / p95 / max",
@@ -241,7 +241,7 @@ HOW_WELL = (
     ("  over a length of the path", "m", "pad_in_part_length_m", ".3g"),
     ("retracts", "", "retracts", ".0f"),
     ("tool axis turned by smoothing, at most", "deg", "axis_deviation_max_rad", ".3g"),
-    ("largest distance to surface", "mm", "max_distance_to_surface_m", ".2g"),
+    ("largest distance to surface", "mm", "max_distance_to_surface_m", ".3f"),
     ("planned in", "s", "plan_time_s", ".2f"),
 )
 
