@@ -1,9 +1,6 @@
-"""What many tests need and none changes: it is made once.
-
-The processes of a test session share distance fields, plans of shipped parts and the run on the freeform
-part on disk. What is kept there is known by its inputs, the package's source and the versions of the
-libraries that compute. Shipped parts and the surfaces fitted to them are kept in each process.
-"""
+"""What many tests need and none changes: it is made once. Distance fields, plans of shipped parts and the run
+on the freeform part are shared on disk, by their inputs, the package's source and the versions of libraries;
+shipped parts and the surfaces fitted to them are kept in each process."""
 
 import copy
 import copyreg
@@ -77,9 +74,7 @@ def share_parts() -> None:
 
 def share_scenes() -> None:
     """Compile the scene in which motions of two robots are checked once for each part; its hulls take long.
-
-    To be called last: with the scene come modules that take the other functions by name.
-    """
+    To be called last: with the scene come modules that take the other functions by name."""
     from polish_sim.dual import scene
 
     made, known = scene.build_pair_scene, dict[Any, Any]()

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -237,3 +238,11 @@ def test_nodes_on_a_rings_sharp_edges_lie_as_the_part_does_beside_them(form_erro
     next_to = inside[cKDTree(nodes.mesh.vertices[inside]).query(nodes.mesh.vertices[edge])[1]]
     assert edge.sum() > 200
     assert np.abs(moved[edge] - moved[next_to]).max() < 1e-4
+
+
+def test_all_nodes_of_a_plate_as_thin_as_the_fields_cells_are_found_beside_its_edges_and_a_slot():
+    slot = shapely.LineString([(-0.006, -0.006), (0.0, 0.004), (0.006, -0.006)]).buffer(0.0007, cap_style=2)
+    plate = trimesh.creation.extrude_polygon(shapely.box(-0.03, -0.02, 0.03, 0.02) - slot, 0.001)
+    track = np.linspace([-0.02, 0.0, 0.0005], [0.02, 0.0, 0.0005], 41)
+    _, nodes = polished(plate, "top", track, 0.025).place(PartConfig())
+    assert nodes.pressed.normals[: len(nodes.mesh.vertices)].any(axis=1).all()

@@ -132,10 +132,8 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch, 
 class NewtonEuler:
     """Collects the difference between sensor and Newton-Euler at every instant.
 
-    After a step the engine's poses still belong to the instant before it, as do its sensors; only positions
-    and speeds have moved on, so the speeds are kept from one look to the next. The acceleration is what the
-    speeds changed by: the engine's own is that before its implicit integration, with which nothing ever
-    moves.
+    After a step the engine's poses and sensors still belong to the instant before it, so speeds are kept from
+    one look to the next. Accelerations are what speeds changed by: the engine's precede its implicit step.
     """
 
     def __init__(self, cell):

@@ -156,10 +156,12 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
     # The field rounds sharp edges off: its slope turns there, or is the wall's and `_project` keeps the
-    # drawing's. There the node next to it says how the part lies.
+    # drawing's, or it finds no surface where a cell reaches across an edge. There the node next to it says
+    # how the part lies.
+    lost = ~own[1].any(axis=1)
     away, _ = cKDTree(mesh.vertices[mesh.border[:, 0]]).query(mesh.vertices)
-    near = np.flatnonzero(away < part.field.spacing)
-    sure = np.flatnonzero(own[1].any(axis=1) & (away >= part.field.spacing))
+    near = np.flatnonzero(away < np.where(lost, math.sqrt(3.0), 1.0) * part.field.spacing)
+    sure = np.flatnonzero(~lost & (away >= part.field.spacing))
     if len(sure):
         next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[near])[1]]
         as_drawn = (own[1][near] == mesh.normals[near]).all(axis=1)

@@ -52,6 +52,9 @@ function makePlots(box, page, seek) {
     return [low === 0 ? 0 : low - pad, high + pad];
   }
 
+  // What cannot be seen in a plot is shown as 0: rounding, at rest.
+  for (const item of plots) { const [low, high] = limits(item.plot, 0, time.length - 1); item.slight = 1e-5 * (high - low); }
+
   // The parts of a plot that do not move with the cursor.
   function drawStill(item, index) {
     const { canvas, still, plot } = item, dense = window.devicePixelRatio || 1;
@@ -131,7 +134,7 @@ function makePlots(box, page, seek) {
       pen.fillRect(across(item, pulled.from), 0, across(item, pulled.to) - across(item, pulled.from), item.high - bottom(index));
     }
     const row = rowAt(time, hover ?? now);
-    for (const { value, line } of item.cells) value.textContent = tidy(line.values[row]);
+    for (const { value, line } of item.cells) value.textContent = tidy(Math.abs(line.values[row]) < item.slight ? 0 : line.values[row]);
   }
 
   const draw = () => plots.forEach(drawCursor);

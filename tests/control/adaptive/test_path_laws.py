@@ -161,11 +161,8 @@ def test_what_is_learned_is_stored_where_it_was_met_and_fed_forward_until_the_ne
 
 
 def level(true_tilt, noise=0.0, friction=0.0, seconds=4.0, gains=GAINS):
-    """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad].
-
-    The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a
-    spring.
-    """
+    """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad]. The moment is the
+    pad's tilt stiffness times what is left of the tilt, about the tool point behind a spring."""
     rng, m, state, track = np.random.default_rng(1), measurement_at_rest(), surface.NormalMemory(), []
     m.wrench[:3] = friction, -0.5 * friction, 20.0
     behind = 20.0 / GAINS.head_stiffness_n_m * np.array([m.wrench[1], -m.wrench[0]])
