@@ -110,7 +110,7 @@ def patches_of(surface: Surface, mesh: PartMesh) -> list[Clipped]:
 def inside_margins(
     patches: Sequence[Clipped], up: Array, edge_margin: float, hole_margin: float, notes: tuple[str, ...] = ()
 ) -> Region:
-    """A region of what is inside the margins of patches; arguments and errors as of `select_region`."""
+    """A region of patches without their margins; arguments and errors as of `select_region`."""
     patches, further = _without_slivers(trim(patches, edge_margin, hole_margin))
     return _build_region(patches, up, notes + further)
 
