@@ -277,7 +277,7 @@ def _head(figure: Figure, flat: Axes, result: PlanResult, name: str, views: View
     facts = (
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
         *(
-            [f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {near:.2f}-{far:.2f} mm"]
+            [f"step-over {MM * result.plan.stepover_m:.4g} mm, p5-p95 {near:.2f}-{far:.2f} mm"]
             if beside
             else []
         ),

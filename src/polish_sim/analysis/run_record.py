@@ -64,6 +64,15 @@ class RunRecord:
         """A column of the log while the tool is fed, in double precision, shape (n,) or (n, k)."""
         return self.log[name][self.log.fed]
 
+    def while_fed(self, name: str) -> Array:
+        """A column from the first feed to the last, as of `fed`; between two strokes no numbers, so that
+        lines break there."""
+        fed = self.log.fed
+        on = np.flatnonzero(fed)
+        values = self.log[name].copy()
+        values[~fed] = np.nan
+        return values[on[0] : on[-1] + 1] if len(on) else values[:0]
+
 
 Records = Sequence[RunRecord]
 

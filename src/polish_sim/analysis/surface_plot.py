@@ -30,7 +30,6 @@ from polish_sim.analysis.style import (
     shade_band,
     styled,
 )
-from polish_sim.arrays import Array
 from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.row_file import Metrics
@@ -96,10 +95,8 @@ def plot_surface_runs(records: Records) -> Figure:
         _draw_wanted(along, record, labelled=False)
         along.set(ylabel="force [N]", ylim=(low, high))
         along.set_title(_title(record), fontsize=9.0, color=color)
-        _, force = process_force(record)
-        share.hist(
-            force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True
-        )
+        force, bins = record.fed("normal_force_n"), np.linspace(low, high, 60)
+        share.hist(force, bins=bins, orientation="horizontal", color=color, density=True)
         shade_band(share, target, FOLLOW_BAND_N, "")
         within = facts_of(record.metrics, (f"in ±{FOLLOW_BAND_N:g} N: {{:.4g}}%", "force_within_4n", 100.0))
         share.set_title("".join(within), fontsize=9.0)
@@ -115,16 +112,11 @@ def plot_surface_runs(records: Records) -> Figure:
     return figure
 
 
-def process_force(record: RunRecord) -> tuple[Array, Array]:
-    """Place on the path [m] and exact force [N] of the logged rows of the process, each shape (n,)."""
-    return record.fed("path_s_m"), record.fed("normal_force_n")
-
-
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
-    place, force = process_force(record)
-    low, high = (record.fed(f"normal_force_{end}_n") for end in ("min", "max"))
+    place = record.while_fed("path_s_m")
+    low, high = (record.while_fed(f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
-    axes.plot(place, force, color=color, lw=0.7, label=label)
+    axes.plot(place, record.while_fed("normal_force_n"), color=color, lw=0.7, label=label)
 
 
 def _set_force(record: RunRecord) -> float:
@@ -139,8 +131,8 @@ def _draw_wanted(axes: Axes, record: RunRecord, labelled: bool) -> None:
             axes, _set_force(record), FOLLOW_BAND_N, f"{_set_force(record):g} {band}" if labelled else ""
         )
         return
-    s = record.path.s[record.path.process]
-    wanted = record.path.force_at(s, _set_force(record))
+    s = record.path.s
+    wanted = np.where(record.path.process, record.path.force_at(s, _set_force(record)), np.nan)
     axes.fill_between(
         s, wanted - FOLLOW_BAND_N, wanted + FOLLOW_BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0
     )
@@ -150,8 +142,8 @@ def _draw_wanted(axes: Axes, record: RunRecord, labelled: bool) -> None:
 
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:
-    process = path.process
-    axes.plot(path.s[process], path.curvature[process], color=GREY, lw=0.9, label="curvature of the path")
+    curvature = np.where(path.process, path.curvature, np.nan)
+    axes.plot(path.s, curvature, color=GREY, lw=0.9, label="curvature of the path")
     # From flat on, so that the fit's noise on a plane, a sphere or a cylinder stays as small as it is.
     low, high = min(axes.get_ylim()[0], -FLAT_1_M), max(axes.get_ylim()[1], FLAT_1_M)
     axes.set_ylim(1.2 * low, 1.2 * high)
@@ -192,7 +184,7 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
 
 def _error_limits(records: Records) -> tuple[float, float]:
     """How far below and above its set force any of the runs is to be shown [N]."""
-    offsets = np.concatenate([process_force(record)[1] - _set_force(record) for record in records])
+    offsets = np.concatenate([record.fed("normal_force_n") - _set_force(record) for record in records])
     below = min(-1.6 * FOLLOW_BAND_N, offsets.min(initial=0.0) - 1.0)
     return below, max(1.6 * FOLLOW_BAND_N, offsets.max(initial=0.0) + 1.0)
 

@@ -48,12 +48,12 @@ def plot_dual(record: RunRecord) -> Figure | None:
     """Draw the errors of the tool on the part over time, and the force if there is one; None before the
     feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    time = _while_fed(record, "time_s")
+    time = record.while_fed("time_s")
     if len(time) < 2:
         return None
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
     panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
-    error = _while_fed(record, "relative_error_m")
+    error = record.while_fed("relative_error_m")
     for k, color in enumerate(AXIS_COLORS):
         label = f"{'xyz'[k]} of the part"
         panels[0].plot(time - time[0], 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=label)
@@ -80,8 +80,8 @@ def plot_dual_runs(records: Records) -> Figure:
     """Draw the tool's error on the part along the path, one line a run."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
-        error = 1e3 * norms(_while_fed(record, "relative_error_m"))
-        return _while_fed(record, "path_s_m"), error
+        error = 1e3 * norms(record.while_fed("relative_error_m"))
+        return record.while_fed("path_s_m"), error
 
     return compare_runs(
         records, curve, ("rms {:.3f} mm", "relative_error_rms_m", 1e3), (BAND_MM, f"{BAND_MM:g} mm"),
@@ -89,20 +89,11 @@ def plot_dual_runs(records: Records) -> Figure:
     )  # fmt: skip
 
 
-def _while_fed(record: RunRecord, name: str) -> Array:
-    """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
-    fed = record.log.fed
-    on = np.flatnonzero(fed)
-    values = record.log[name].copy()
-    values[~fed] = np.nan
-    return values[on[0] : on[-1] + 1] if len(on) else values[:0]
-
-
 def _draw_force(axes: Axes, time: Array, record: RunRecord) -> None:
     target = record.scenario.process.contact_force_n
-    low, high = (_while_fed(record, f"normal_force_{end}_n") for end in ("min", "max"))
+    low, high = (record.while_fed(f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(time, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(time, _while_fed(record, "normal_force_n"), color=BLUE, lw=0.7)
+    axes.plot(time, record.while_fed("normal_force_n"), color=BLUE, lw=0.7)
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
     reach = max(1.6 * BAND_N, 1.1 * np.nanmax(np.abs([low - target, high - target]), initial=0.0))
     axes.set(ylabel="exact contact force [N]", ylim=(target - reach, target + reach))

@@ -320,7 +320,7 @@ SETTINGS = (
     Setting(
         "step-over",
         "mm",
-        lambda s: f"{1e3 * s.plan.stepover_m:g}" if Path(s.plan.file).suffix in ("", ".json") else "-",
+        lambda s: f"{1e3 * s.plan.stepover_m:.4g}" if Path(s.plan.file).suffix in ("", ".json") else "-",
         "plans",
     ),
     Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", "on_part"),
