@@ -115,8 +115,7 @@ def test_the_force_is_drawn_as_logged_with_its_peaks_numbered_and_up_to_a_stop_t
         figure = draw_plots(stopped)["force.png"]
         assert "a limit" in head_of(figure)
         for axes in figure.axes:
-            low, high = axes.get_xlim()
-            assert high - where < 0.1 * (high - low)
+            assert axes.get_xlim()[1] - where < 0.1 * np.ptp(axes.get_xlim())
             marked = [line for line in axes.lines if line.get_color() == RED]
             assert marked[0].get_xdata()[0] == pytest.approx(where, abs=0.01)
 

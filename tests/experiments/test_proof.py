@@ -126,11 +126,11 @@ def test_a_place_that_fails_is_eased_before_it_is_left_out_and_then_more_of_it_w
             prover._mend([Failure("the surface has fallen away", middle, FALLEN, False)])
         assert [mend.what for mend in prover.mends] == [*len(shares) * [EASED], LEFT_OUT]
         assert [mend.share for mend in prover.mends[:-1]] == shares
-    for lacking, mended in ((0.1, EASED), (1.0, LEFT_OUT)):  # of half the force, with which contact is lost
+    for off, mended in ((0.1, EASED), (1.0, LEFT_OUT)):  # of half the force, with which contact is lost
         prover = prover_of(scenario, plan)
         prover.share[:] = 0.25
-        lost = lacking * 0.5 * scenario.process.contact_force_n
-        prover._mend([Failure("the force leaves its band", middle, NO_STOP, False, lost)])
+        wrong = off * 0.5 * scenario.process.contact_force_n
+        prover._mend([Failure("the force leaves its band", middle, NO_STOP, False, wrong)])
         assert [mend.what for mend in prover.mends] == [mended]
     for aside_m, wider in ((0.0, 2.0), (0.008, 1.0)):  # not beside the cut of another line
         prover = prover_of(scenario, plan)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
+from polish_sim.config import LEAST_FORCE_N, PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import measure_given_path, plan_part
@@ -170,8 +170,7 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
         held = path.process & (path.s >= since)
         return np.trapezoid(path.force_at(path.s[held], plan.tool.force), path.s[held])
 
-    lands = 0.5 - 0.5 * plan.tool.pad.radius_m
-    landing = whole.positions_work[whole.process & (whole.s >= lands)][0]
+    landing = whole.positions_work[whole.process & (whole.s >= 0.5 - 0.5 * plan.tool.pad.radius_m)][0]
     np.testing.assert_array_equal(rest.path.positions_work[process][0], landing)
     assert pressed(rest.path, 0.0) == pytest.approx(pressed(whole, 0.5), rel=0.005)
     assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force, rel=0.02)
@@ -189,6 +188,8 @@ def test_a_plan_from_a_place_on_lands_before_it_by_what_its_rising_force_lacks(p
     begun = plan.behind(0.5 * places[0])
     assert begun.mends == ()
     assert set(begun.path.force) == {plan.tool.force}
+    light = replace(plan, path=replace(whole, force=np.full(len(whole.s), 0.6)))
+    assert light.behind(0.5).path.force.min() == LEAST_FORCE_N
     with pytest.raises(PlanError, match="nothing of the path is left behind"):
         plan.behind(1e3)
 

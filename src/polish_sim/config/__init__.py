@@ -26,7 +26,7 @@ from polish_sim.config.cell import (
 )
 from polish_sim.config.control import AdaptiveConfig, BaselinesConfig, ControllerConfig
 from polish_sim.config.key import RUN, Option, key
-from polish_sim.config.work import PartConfig, PlanConfig, ProcessConfig, SmoothingConfig
+from polish_sim.config.work import LEAST_FORCE_N, PartConfig, PlanConfig, ProcessConfig, SmoothingConfig
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from polish_sim.config.key import AXIS, DEG, DIRECTION, FEED, MM, NEWTON, PART, PATH, POSE, TOOL, Option, key
 
+LEAST_FORCE_N = 0.5  #: Of any point of a path in contact
 MOST_LEAN_RAD = math.radians(40.0)  #: Further over the pad touches with its edge only
 
 
@@ -211,7 +212,7 @@ class ProcessConfig:
     contact_force_n: float = key(
         20.0,
         "force to hold along the tool axis [N]",
-        0.5,
+        LEAST_FORCE_N,
         200.0,
         option=Option("--contact-force", TOOL, "N", NEWTON),
     )

@@ -30,7 +30,7 @@ from polish_sim.cell import guards as guard
 from polish_sim.cell.dwell import would_sink
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import NORMAL_SHARE
-from polish_sim.config import Checked, PadConfig, PlanConfig
+from polish_sim.config import LEAST_FORCE_N, Checked, PadConfig, PlanConfig
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, PolishSimError, ReachError, place_in_mm
 from polish_sim.experiments.assembly import (
@@ -442,7 +442,7 @@ class _Prover:
         if (self.share < 1.0).any():
             feed = self.share * (process.feed_m_s if feed is None else feed)
         if (self.pressed < 1.0).any():
-            force = self.pressed * path.force_at(path.s, process.contact_force_n)
+            force = np.maximum(self.pressed * path.force_at(path.s, process.contact_force_n), LEAST_FORCE_N)
         return self.place.along(replace(path, feed=feed, force=force), self.place.reach)
 
     def _row(self, failure: Failure) -> int:
@@ -518,7 +518,7 @@ class _Prover:
         elif (
             pressed > self.easiest
             and code in (*FORCE_FAILS, guard.FALLEN, guard.DEEP)
-            and less * usual > CONTACT_N + failure.lacking  # else less force would lose contact
+            and less * usual > CONTACT_N + failure.off  # else less force would lose contact: it is off as far
         ):
             what, share, reach = EASED, less, pad
         else:

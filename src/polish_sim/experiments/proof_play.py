@@ -54,7 +54,7 @@ class Failure(NamedTuple):
     s: float  #: Arc length of the plan [m]
     code: int  #: Of the guard; `NO_STOP` where the force left its band
     landing: bool  #: Before the feed of a stroke began
-    lacking: float = 0.0  #: Force that was lacking, where it left its band [N]
+    off: float = 0.0  #: How far the force was off, where it left its band [N]
 
 
 class _Saved(NamedTuple):
@@ -194,7 +194,7 @@ class Play:
         if len(beyond):
             k = beyond[0]
             said = f"the force leaves its band: {force[k]:.1f} N of {wanted[k]:.3g} N asked"
-            return Failure(said, float(s[k]), NO_STOP, not fed[k], max(wanted[k] - force[k], 0.0))
+            return Failure(said, float(s[k]), NO_STOP, not fed[k], abs(wanted[k] - force[k]))
         near = guard_shares(cell.state.guards)
         for name, most in self._most().items():
             if near[name].share > most:

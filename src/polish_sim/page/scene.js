@@ -172,13 +172,14 @@ function makeScene(canvas, page, changed) {
   const trace = thick(page.padOnPart, new Float32Array(page.padOnPart.length / 3));
   const others = page.others.map(({ padOnPart }) => thick(padOnPart, new Float32Array(padOnPart.length / 3)));
   const path = page.path.length > 3 ? thick(page.path, page.contact) : null;
-  let map = null;
+  let map = null, facing = [0, 0, 1e-12];  // where the polished region looks, in the part's frame
   if (page.wear) {
     const { vertices, faces } = page.wear, normals = new Float32Array(vertices.length);
     for (let f = 0; f < faces.length; f += 3) {
       const [a, b, c] = [0, 1, 2].map((k) => vertices.subarray(3 * faces[f + k], 3 * faces[f + k] + 3));
       const n = cross([b[0] - a[0], b[1] - a[1], b[2] - a[2]], [c[0] - a[0], c[1] - a[1], c[2] - a[2]]);
       for (let k = 0; k < 3; k++) for (let x = 0; x < 3; x++) normals[3 * faces[f + k] + x] += n[x];
+      facing = facing.map((v, x) => v + n[x]);
     }
     map = { array: gl.createVertexArray(), count: faces.length };
     gl.bindVertexArray(map.array);
@@ -197,8 +198,11 @@ function makeScene(canvas, page, changed) {
   let poses = [], tool = [0, 0, 0], tint = null;
   function look(name) {
     camera.follow = name;
-    const upright = name === "cell" ? 0.42 : 0.75;
-    Object.assign(camera, { rise: upright, turn: -0.95, far: { cell: 3.4 * page.reach, part: 2.0 * Math.max(work.size, 0.08), tool: 0.55 }[name] });
+    Object.assign(camera, { rise: name === "cell" ? 0.42 : 0.75, turn: -0.95, far: { cell: 3.4 * page.reach, part: 2.0 * Math.max(work.size, 0.08), tool: 0.55 }[name] });
+    const T = poses[page.part_body] ?? WORLD, way = [0, 4, 8].map((r) => dot([T[r], T[r + 1], T[r + 2]], facing));
+    const level = Math.hypot(way[0], way[1]);
+    // A region on the part's side is looked at from that side.
+    if (name === "part" && level > 0.7 * Math.hypot(...way)) Object.assign(camera, { rise: 0.5, turn: Math.atan2(way[1], way[0]) - 0.7 });
     aim();
   }
   function aim() {

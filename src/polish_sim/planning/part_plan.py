@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, norms
-from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
+from polish_sim.config import LEAST_FORCE_N, PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, number_text, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.geometry.fit import Fixture, joined_meshes, joined_surfaces, load_fixture
@@ -140,6 +140,7 @@ class PlanResult:
         first = left.process.argmax()
         twice = max(s - path.s[remaining.source[first]], 0.0)
         force *= 1.0 - np.interp(left.s - left.s[first], [0.0, 2.0 * pad], [twice / pad, 0.0])
+        force = np.maximum(force, LEAST_FORCE_N)
         ready, done = self.ready, []
         if remaining.lost.any():  # before the tool has landed there is nothing done
             begin = ready.measure(path.rows(path.s <= s)).area
