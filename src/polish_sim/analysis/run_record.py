@@ -65,13 +65,10 @@ class RunRecord:
         return self.log[name][self.log.fed]
 
     def while_fed(self, name: str) -> Array:
-        """A column from the first feed to the last, as of `fed`; between two strokes no numbers, so that
-        lines break there."""
-        fed = self.log.fed
-        on = np.flatnonzero(fed)
+        """A column of the log, no numbers while the tool is not fed, so that lines break there."""
         values = self.log[name].copy()
-        values[~fed] = np.nan
-        return values[on[0] : on[-1] + 1] if len(on) else values[:0]
+        values[~self.log.fed] = np.nan
+        return values
 
 
 Records = Sequence[RunRecord]

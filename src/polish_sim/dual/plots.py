@@ -48,22 +48,23 @@ def plot_dual(record: RunRecord) -> Figure | None:
     """Draw the errors of the tool on the part over time, and the force if there is one; None before the
     feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    time = record.while_fed("time_s")
-    if len(time) < 2:
+    if not record.log.fed.any():
         return None
+    time = record.while_fed("time_s")
+    begin = np.nanmin(time)
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
     panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
     error = record.while_fed("relative_error_m")
     for k, color in enumerate(AXIS_COLORS):
         label = f"{'xyz'[k]} of the part"
-        panels[0].plot(time - time[0], 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=label)
+        panels[0].plot(time - begin, 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=label)
     shade_band(panels[0], 0.0, BAND_MM, f"± {BAND_MM:g} mm")
     panels[0].set_ylabel("tool off its place [mm]")
     if pressing:
-        _draw_force(panels[1], time - time[0], record)
+        _draw_force(panels[1], time - begin, record)
     stop = stop_mark(record.metrics)
     if stop:
-        mark_stop(panels, stop.time - time[0])
+        mark_stop(panels, stop.time - begin)
     panels[-1].set_xlabel("time since the start of the feed [s]")
     facts = facts_of(
         record.metrics,
