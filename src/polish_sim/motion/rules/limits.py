@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import Field, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,7 +76,7 @@ class SmoothingLimits:
                     joint = f" of joint {j + 1}" if len(values) > 1 else ""
                     raise ConfigError(f"limit {spec.name}{joint} is {each:g}: every limit must be positive.")
 
-    @property
+    @cached_property
     def table(self) -> Array:
         """Speed, acceleration and jerk of tip, axis and six joints, shape (3, 8)."""
         return np.array(

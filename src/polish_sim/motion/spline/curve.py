@@ -17,8 +17,7 @@ from scipy.interpolate import BSpline
 from polish_sim.arrays import Array, Bools, Indices, crosses, evenly_to, midpoints, norms, running_sums
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot as dot3
-from polish_sim.kernels import minus, plus, scaled, set_to, turn_about
+from polish_sim.kernels import add_to, cross, dot, minus, plus, scaled, set_to, turn_about
 from polish_sim.motion.rules.chain import Chain
 
 # Functions of one variable with their derivatives, carried along exactly.
@@ -34,7 +33,7 @@ def jet_dot(f: Array, g: Array, out: Array) -> None:
     for m in range(4):
         out[m] = 0.0
         for k in range(m + 1):
-            out[m] += BINOMIAL[m, k] * (f[k, 0] * g[m - k, 0] + f[k, 1] * g[m - k, 1] + f[k, 2] * g[m - k, 2])
+            out[m] += BINOMIAL[m, k] * dot(f[k], g[m - k])
 
 
 @njit(_nrt=False)
@@ -42,8 +41,7 @@ def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
     """Add a vector f times a number g, with a sign."""
     for m in range(4):
         for k in range(m + 1):
-            for i in range(3):
-                out[m, i] += sign * BINOMIAL[m, k] * f[k, i] * g[m - k]
+            add_to(out[m], scaled(sign * BINOMIAL[m, k] * g[m - k], f[k]))
 
 
 @njit(_nrt=False)
@@ -51,10 +49,7 @@ def jet_cross(f: Array, g: Array, sign: float, out: Array) -> None:
     """Add the vector product, with a sign; as many orders as ``out`` has."""
     for m in range(out.shape[0]):
         for k in range(m + 1):
-            w = sign * BINOMIAL[m, k]
-            for i in range(3):
-                j, n = (i + 1) % 3, (i + 2) % 3
-                out[m, i] += w * (f[k, j] * g[m - k, n] - f[k, n] * g[m - k, j])
+            add_to(out[m], scaled(sign * BINOMIAL[m, k], cross(f[k], g[m - k])))
 
 
 @njit(_nrt=False)
@@ -84,14 +79,14 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
         z = axes[n]
         normalize_orders(jets[n, :, 6:9], numbers[:2], z)
         for m in range(4):
-            for i in range(3):
-                part[m, i], y[m, i] = jets[n, m, 3 + i], 0.0
+            set_to(part[m], jets[n, m, 3:])
+            set_to(y[m], (0.0, 0.0, 0.0))
         jet_dot(part, z, numbers[2])
         add_scaled(z, numbers[2], -1.0, part)
         normalize_orders(part, numbers[:2], x)
         jet_cross(z, x, 1.0, y)
         for i in range(3):
-            rotations[n, i, 0], rotations[n, i, 1], rotations[n, i, 2] = x[0, i], y[0, i], z[0, i]
+            set_to(rotations[n, i], (x[0, i], y[0, i], z[0, i]))
         # e x e' summed over the axes is twice the angular velocity.
         for e in (x, y, z):
             jet_cross(e[:3], e[1:], 0.5, spins[n])
@@ -379,15 +374,15 @@ def _mark_off(
     for n in range(u.shape[0]):
         aside = minus(drawn[n], wanted[n])
         turned = max(_angle(drawn[n, 3:6], wanted[n, 3:6]), _angle(drawn[n, 6:9], wanted[n, 6:9]))
-        if not (math.sqrt(dot3(aside, aside)) <= tolerances[0] and turned <= tolerances[1]):
+        if not (math.sqrt(dot(aside, aside)) <= tolerances[0] and turned <= tolerances[1]):
             off[min(max(np.searchsorted(knots, u[n], side="right") - 1, 0), off.shape[0] - 1)] = True
 
 
 @njit(_nrt=False)
 def _angle(one: Array, two: Array) -> float:
     """Between vectors, a half turn where one has no length [rad]."""
-    apart = minus(scaled(1.0 / math.sqrt(dot3(one, one)), one), scaled(1.0 / math.sqrt(dot3(two, two)), two))
-    sine = 0.5 * math.sqrt(dot3(apart, apart))
+    apart = minus(scaled(1.0 / math.sqrt(dot(one, one)), one), scaled(1.0 / math.sqrt(dot(two, two)), two))
+    sine = 0.5 * math.sqrt(dot(apart, apart))
     return 2.0 * math.asin(sine) if sine < 1.0 else math.pi
 
 

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpbsv
 
 from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums, spans_at
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import Vector, add_to, dot, kernel, plus, scaled, set_to
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import (
     FIRST_PARTS,
@@ -28,6 +29,7 @@ from polish_sim.motion.spline.bounded import (
     part_norms,
     time_factors,
 )
+from polish_sim.motion.trajectory import slowed_before
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
@@ -96,7 +98,7 @@ class Law(NamedTuple):
     launch: Launch  #: And, played backwards, the landing
 
 
-# The programme: rows of three control values each, compiled.
+# The programme: rows of three control values each.
 
 MOST_STEPS = 80
 GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
@@ -120,22 +122,18 @@ class Programme(NamedTuple):
 
     spans: Array  #: [m], shape (n - 1,)
     forms: Array  #: Acceleration, jerk over u' at both ends over their limits, shape (n, 3, 12, 3)
-    squares: Array  #: b where the kinds look, shape (n, 3, 3)
+    squares: Array  #: What jerk is times: b at both ends; of acceleration 0, shape (n, 3, 3)
     caps: Array  #: Control value k + 1, which b is never above on both spans beside, over its cap, shape (n,)
     fixed: Bools  #: Which unknowns stay 1, shape (n + 2,)
 
 
 class LawRoom(NamedTuple):
-    """Room for rows (n, 26) and unknowns (n + 2,)."""
+    """Room for the rows of every knot, each of three unknowns from the knot's on, and for their sums."""
 
-    value: Array
-    rates: Array  #: Shape (n, 3, 26)
-    slack: Array
-    weight: Array
-    slack_step: Array
-    weight_step: Array
-    bands: Array  #: Shape (n + 2, 3)
-    step: Array  #: Shape (n + 2,), at first the time's slope downwards
+    value: Array  #: Shape (n, 26)
+    rates: Array  #: Shape (3, n, 26)
+    bands: Array  #: Curvature, its diagonal and the two beside it, shape (n + 2, 3)
+    down: Array  #: Slope downwards, shape (n + 2,)
 
 
 def plan_law(
@@ -166,235 +164,131 @@ def plan_law(
     fixed[[0, 1, n - 1, n, n + 1]] = True
     size = np.append(size, 1.0)
     programme = _programme(squares, caps, bounded, size, fixed, shares)
-    unknowns, (r, m) = np.where(fixed, 1.0, FIRST_SHARE), ((n, ROWS), n + 2)
-    shapes = (r, (n, 3, ROWS), r, r, r, r, (m, 3), m)
-    work = LawRoom(*(np.zeros(shape) for shape in shapes))
-    found = _solve(programme, work, unknowns)
-    return Law(squares, (unknowns * size)[:-1], launch) if found else None
+    unknowns = _solve(programme, np.where(fixed, 1.0, FIRST_SHARE))
+    return None if unknowns is None else Law(squares, (unknowns * size)[:-1], launch)
 
 
 def _programme(
     squares: Squares, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array
 ) -> Programme:
     """Arrange what `plan_law` is given."""
-    n = len(caps)
-    sizes = size[np.minimum(np.arange(n)[:, None] + np.arange(3), n + 1)]
-    x1, x2, x3 = bounded.rates
+    n, half = len(caps), 0.5 * squares.bends
+    # How X1, X2 and X3 count.
+    by = np.zeros((n, KINDS, 3, 3))
+    by[:, 0, :2] = np.stack([0.5 * squares.slopes, squares.values], axis=1)
+    by[:-1, 1] = np.stack([half, 1.5 * squares.slopes[:-1], squares.values[:-1]], axis=1)
+    by[:-1, 2] = np.stack([half, 1.5 * squares.end_slopes, squares.end_values], axis=1)
+    by *= np.lib.stride_tricks.sliding_window_view(size, 3)[:, None, None]
+    rates = bounded.rates.transpose(1, 2, 0)
     limits = np.repeat(bounded.limits[1:], SIZES, axis=1)[:, :, None]
-    acceleration = limits[0] * shares[:, None, None]
     jerk = limits[1] * np.minimum(shares[1:], shares[:-1])[:, None, None]
-    forms, places, half = np.zeros((n, KINDS, PARTS, 3)), np.zeros((n, KINDS, 3)), 0.5 * squares.bends
-    forms[:, 0] = (_outer(squares.values, x2) + 0.5 * _outer(squares.slopes, x1)) / acceleration
-    begin = (
-        _outer(squares.values[:-1], x3[:-1])
-        + 1.5 * _outer(squares.slopes[:-1], x2[:-1])
-        + _outer(half, x1[:-1])
-    )
-    end = _outer(squares.end_values, x3[1:]) + 1.5 * _outer(squares.end_slopes, x2[1:]) + _outer(half, x1[1:])
-    forms[:-1, 1], forms[:-1, 2] = begin / jerk, end / jerk
-    places[:, 0], places[:-1, 1], places[:-1, 2] = squares.values, squares.values[:-1], squares.end_values
+    forms = np.zeros((n, KINDS, PARTS, 3))
+    forms[:, 0] = rates / (limits[0] * shares[:, None, None]) @ by[:, 0]
+    forms[:-1, 1], forms[:-1, 2] = rates[:-1] / jerk @ by[:-1, 1], rates[1:] / jerk @ by[:-1, 2]
     return Programme(
-        np.diff(squares.knots), forms * sizes[:, None, None], places * sizes[:, None],
-        sizes[:, 1] / np.minimum(caps, np.append(caps[1:], caps[-1])) ** 2, fixed,
+        np.diff(squares.knots), forms, np.ascontiguousarray(by[:, :, 2]),
+        size[1:-1] / np.minimum(caps, np.append(caps[1:], caps[-1])) ** 2, fixed,
     )  # fmt: skip
 
 
-def _outer(stencils: Array, rates: Array) -> Array:
-    return rates[:, :, None] * stencils[:, None, :]
+def _solve(programme: Programme, y: Array) -> Array | None:
+    """Unknowns (n + 2,) of the least time, from near ``y``; None where the steps do not lead there."""
+    n = len(programme.caps)
+    none = np.zeros((n, ROWS))
+    work = LawRoom(none.copy(), np.zeros((3, n, ROWS)), np.zeros((n + 2, 3)), np.zeros(n + 2))
+    # Smooth at first: least squares of norms, b but for its derivatives as it is, and of what they change by.
+    _sum_rows(programme, y, none + 1.0, none, none, work)
+    own = np.where(programme.fixed, KEEP, NEARNESS)
+    y = np.maximum(_solution(work, own, own * y), LEAST_FIRST * y)
+    time = _sum_rows(programme, y, none, none, none, work)
+    slack = np.maximum(1.0 - work.value, LEAST_SLACK)
+    weight = FIRST_WEIGHT * time / n / slack
+    own = np.where(programme.fixed, KEEP, 0.0)
+    for _ in range(MOST_STEPS):
+        total, stiff = (slack * weight).sum(), weight / slack
+        target = CENTRED * total / slack.size
+        time = _sum_rows(programme, y, weight, stiff, target / slack + stiff * (slack - 1.0), work)
+        off = work.value + slack - 1.0
+        worst = np.abs(off).max()
+        if not math.isfinite(total + worst):
+            return None
+        if total < GAP * time and worst < KEPT:
+            return y
+        step = _solution(work, own, 0.0)
+        slack_step = -off - sum(work.rates[i] * step[i : n + i, None] for i in range(3))
+        weight_step = (target - weight * slack_step) / slack - weight
+        taken = _share((slack_step / slack).min(), (step / y).min())
+        y, slack = y + taken * step, slack + taken * slack_step
+        weight = weight + _share((weight_step / weight).min()) * weight_step
+    return None
+
+
+def _share(*steps: float) -> float:
+    """Largest share, up to 1, of steps, each over what it is added to, that leaves that positive enough."""
+    return 1.0 / max(1.0, -min(steps) / TAKEN)
+
+
+def _solution(work: LawRoom, own: Array, down: Array | float) -> Array:
+    """The step (n + 2,) to where the slope is none, with more on the diagonal and in the slope downwards."""
+    work.bands[:, 0] += own
+    return np.asarray(dpbsv(work.bands.T, work.down + down, lower=True)[1])
 
 
 @njit(_nrt=False)
-def _solve(programme: Programme, work: LawRoom, y: Array) -> bool:
-    """Bring the unknowns ``y`` (n + 2,) to the least time; whether that was reached."""
-    n = programme.caps.shape[0]
-    _begin(programme, work, y)
-    time = _evaluate(programme, work, y)
-    for k in range(n):
-        for i in range(ROWS):
-            work.slack[k, i] = max(1.0 - work.value[k, i], LEAST_SLACK)
-            work.weight[k, i] = FIRST_WEIGHT * time / n / work.slack[k, i]
-    for _ in range(MOST_STEPS):
-        time = _evaluate(programme, work, y)
-        total, worst = 0.0, 0.0
-        for k in range(n):
-            for i in range(ROWS):
-                total += work.slack[k, i] * work.weight[k, i]
-                worst = max(worst, abs(work.value[k, i] + work.slack[k, i] - 1.0))
-        if not (math.isfinite(total) and math.isfinite(worst)):
-            return False
-        if total < GAP * time and worst < KEPT:
-            return True
-        _direct(programme, work, CENTRED * total / (n * ROWS))
-        by_y, by_weight = _longest(work, y)
-        for k in range(n):
-            for i in range(ROWS):
-                work.slack[k, i] += by_y * work.slack_step[k, i]
-                work.weight[k, i] += by_weight * work.weight_step[k, i]
-        for k in range(n + 2):
-            y[k] += by_y * work.step[k]
-    return False
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def _begin(programme: Programme, work: LawRoom, y: Array) -> None:
-    """Smooth the unknowns: least squares of norms, b but for its derivatives as it is, and of what they
-    change by."""
-    for k in range(work.weight.shape[0]):
-        for i in range(ROWS):
-            work.weight[k, i] = 1.0
-    _evaluate(programme, work, y)
-    for k in range(y.shape[0]):
-        own = KEEP if programme.fixed[k] else NEARNESS
-        work.bands[k, 0], work.step[k] = work.bands[k, 0] + own, own * y[k]
-    _factor(work.bands)
-    _substitute(work.bands, work.step)
-    for k in range(y.shape[0]):
-        y[k] = max(work.step[k], LEAST_FIRST * y[k])
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
-    """Write rows, their rates, slope and curvature of time and rows; the time."""
-    n, H, time = programme.caps.shape[0], work.bands, 0.0
-    for k in range(n + 2):
-        work.step[k] = H[k, 0] = H[k, 1] = H[k, 2] = 0.0
-    for k in range(n):
-        y0, y1, y2 = y[k], y[k + 1], y[k + 2] if k < n - 1 else 0.0
-        for kind in range(KINDS if k < n - 1 else 1):
-            c0, c1, c2 = programme.squares[k, kind]
-            b = c0 * y0 + c1 * y1 + c2 * y2
+def _sum_rows(
+    programme: Programme, y: Array, weight: Array, stiff: Array, push: Array, work: LawRoom
+) -> float:
+    """Write rows and their rates, and the sums of slope and curvature of the time and of all rows, which
+    count ``weight`` (n, 26) by their curvature, ``push`` and, by their value, ``stiff`` by their rates; the
+    time."""
+    time, H = 0.0, work.bands
+    H[:], work.down[:] = 0.0, 0.0
+    for k in range(programme.caps.shape[0]):
+        near, value, rates = (y[k], y[k + 1], y[k + 2]), work.value[k], work.rates[:, k]
+        for kind in range(KINDS):
+            c = programme.squares[k, kind]
+            b = dot(c, near) if kind > 0 else 1.0
             for q in range(8):
-                v = e0 = e1 = e2 = h00 = h01 = h02 = h11 = h12 = h22 = 0.0
+                row, size, slope = 8 * kind + q, 0.0, (0.0, 0.0, 0.0)
                 for i in range(FIRST_PARTS[q], FIRST_PARTS[q] + SIZES[q]):
-                    f0, f1, f2 = programme.forms[k, kind, i]
-                    form = f0 * y0 + f1 * y1 + f2 * y2
-                    v, e0, e1, e2 = v + form * form, e0 + form * f0, e1 + form * f1, e2 + form * f2
-                    h00, h01, h02 = h00 + f0 * f0, h01 + f0 * f1, h02 + f0 * f2
-                    h11, h12, h22 = h11 + f1 * f1, h12 + f1 * f2, h22 + f2 * f2
-                row, part = 8 * kind + q, 1.0 if kind == 0 else b
-                own = 0.0 if kind == 0 else v
-                work.value[k, row], rate = part * v, work.rates[k, :, row]
-                rate[0], rate[1] = 2.0 * part * e0 + own * c0, 2.0 * part * e1 + own * c1
-                rate[2] = 2.0 * part * e2 + own * c2
-                w = 2.0 * part * work.weight[k, row]
-                _add(H, k, w * h00, w * h01, w * h02, w * h11, w * h12, w * h22)
-        work.rates[k, 1, ROWS - 2], work.rates[k, 1, ROWS - 1] = programme.caps[k], -1.0
-        work.value[k, ROWS - 2], work.value[k, ROWS - 1] = programme.caps[k] * y1, 1.0 - y1
-        if k < n - 1:
-            time += _add_time(programme, work, y, k)
+                    form = programme.forms[k, kind, i]
+                    part = dot(form, near)
+                    size, slope = size + part * part, plus(slope, scaled(part, form))
+                    _add_square(H, k, 2.0 * b * weight[k, row], form)
+                value[row] = b * size
+                set_to(rates[:, row], plus(scaled(2.0 * b, slope), scaled(size, c)))
+        value[ROWS - 2], value[ROWS - 1] = programme.caps[k] * y[k + 1], 1.0 - y[k + 1]
+        rates[1, ROWS - 2], rates[1, ROWS - 1] = programme.caps[k], -1.0
+        for row in range(ROWS):
+            _add_square(H, k, stiff[k, row], rates[:, row])
+            add_to(work.down[k:], scaled(-push[k, row] - stiff[k, row] * value[row], rates[:, row]))
+        if k < len(programme.spans):
+            time += _add_time(programme, work, near, k)
     return time
 
 
 @kernel
-def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: float, h22: float) -> None:
-    H[k, 0], H[k, 1], H[k, 2] = H[k, 0] + h00, H[k, 1] + h01, H[k, 2] + h02
-    H[k + 1, 0], H[k + 1, 1], H[k + 2, 0] = H[k + 1, 0] + h11, H[k + 1, 1] + h12, H[k + 2, 0] + h22
+def _add_square(H: Array, k: int, weight: float, rate: Vector) -> None:
+    """Add to the curvature of unknowns k, k + 1 and k + 2 that of something's square, by its rates (3,)."""
+    for i in range(3):
+        for j in range(i + 1):
+            H[k + j, i - j] += weight * rate[i] * rate[j]
 
 
 @kernel
-def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
+def _add_time(programme: Programme, work: LawRoom, near: Vector, k: int) -> float:
     """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in
     b."""
-    a0, a1, a2 = programme.squares[k, 1]
-    c0, c1, c2 = programme.squares[k, 2]
-    v = math.sqrt(a0 * y[k] + a1 * y[k + 1] + a2 * y[k + 2])
-    w = math.sqrt(c0 * y[k] + c1 * y[k + 1] + c2 * y[k + 2])
+    a, c = programme.squares[k, 1], programme.squares[k, 2]
+    v, w = math.sqrt(dot(a, near)), math.sqrt(dot(c, near))
     time = 2.0 * programme.spans[k] / (v + w)
-    first, last = -0.5 * time / (v + w) / v, -0.5 * time / (v + w) / w
-    work.step[k] -= first * a0 + last * c0
-    work.step[k + 1] -= first * a1 + last * c1
-    work.step[k + 2] -= first * a2 + last * c2
-    m = 0.5 * time / (v + w) ** 2
-    p, q, r = m / (v * v) - 0.5 * first / (v * v), m / (w * w) - 0.5 * last / (w * w), m / (v * w)
-    _add(
-        work.bands, k,
-        p * a0 * a0 + q * c0 * c0 + 2.0 * r * a0 * c0,
-        p * a0 * a1 + q * c0 * c1 + r * (a0 * c1 + a1 * c0),
-        p * a0 * a2 + q * c0 * c2 + r * (a0 * c2 + a2 * c0),
-        p * a1 * a1 + q * c1 * c1 + 2.0 * r * a1 * c1,
-        p * a1 * a2 + q * c1 * c2 + r * (a1 * c2 + a2 * c1),
-        p * a2 * a2 + q * c2 * c2 + 2.0 * r * a2 * c2,
-    )  # fmt: skip
+    first, last, m = 0.5 * time / (v + w) / v, 0.5 * time / (v + w) / w, 0.5 * time / (v + w) ** 2
+    add_to(work.down[k:], plus(scaled(first, a), scaled(last, c)))
+    both = m / (v * w)
+    _add_square(work.bands, k, both, plus(a, c))
+    _add_square(work.bands, k, (m + 0.5 * first) / (v * v) - both, a)
+    _add_square(work.bands, k, (m + 0.5 * last) / (w * w) - both, c)
     return time
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def _factor(H: Array) -> None:
-    """L D L' in place of a symmetric matrix's diagonal and the two beside it."""
-    m = H.shape[0]
-    for i in range(m):
-        near, far = H[i, 1] / H[i, 0], H[i, 2] / H[i, 0]
-        if i + 1 < m:
-            H[i + 1, 0] -= near * H[i, 1]
-            H[i + 1, 1] -= near * H[i, 2]
-        if i + 2 < m:
-            H[i + 2, 0] -= far * H[i, 2]
-        H[i, 1], H[i, 2] = near, far
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def _substitute(H: Array, r: Array) -> None:
-    """Solve for a right side (m,) in place, with the factors of `_factor`."""
-    m = r.shape[0]
-    for k in range(m - 1):
-        r[k + 1] -= H[k, 1] * r[k]
-        if k + 2 < m:
-            r[k + 2] -= H[k, 2] * r[k]
-    for k in range(m - 1, -1, -1):
-        r[k] /= H[k, 0]
-        if k + 1 < m:
-            r[k] -= H[k, 1] * r[k + 1]
-        if k + 2 < m:
-            r[k] -= H[k, 2] * r[k + 2]
-
-
-@njit(_nrt=False, no_cpython_wrapper=True)
-def _direct(programme: Programme, work: LawRoom, target: float) -> None:
-    """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
-    n, H, r = programme.caps.shape[0], work.bands, work.step
-    for k in range(n):
-        value, slack, weight, rates = work.value[k], work.slack[k], work.weight[k], work.rates[k]
-        r0 = r1 = r2 = h00 = h01 = h02 = h11 = h12 = h22 = 0.0
-        for i in range(ROWS):
-            a, b, c, w = rates[0, i], rates[1, i], rates[2, i], weight[i] / slack[i]
-            pull = target / slack[i] + w * (value[i] + slack[i] - 1.0)
-            r0, r1, r2 = r0 + pull * a, r1 + pull * b, r2 + pull * c
-            h00, h01, h02 = h00 + w * a * a, h01 + w * a * b, h02 + w * a * c
-            h11, h12, h22 = h11 + w * b * b, h12 + w * b * c, h22 + w * c * c
-        r[k], r[k + 1], r[k + 2] = r[k] - r0, r[k + 1] - r1, r[k + 2] - r2
-        _add(H, k, h00, h01, h02, h11, h12, h22)
-    for k in range(n + 2):
-        if programme.fixed[k]:
-            H[k, 0] = KEEP
-    _factor(H)
-    _substitute(H, r)
-    for k in range(n):
-        value, slack, weight, rates = work.value[k], work.slack[k], work.weight[k], work.rates[k]
-        slack_step = work.slack_step[k]
-        weight_step = work.weight_step[k]
-        y0 = r[k]
-        y1 = r[k + 1]
-        y2 = r[k + 2]
-        for i in range(ROWS):
-            moved = rates[0, i] * y0 + rates[1, i] * y1 + rates[2, i] * y2
-            slack_step[i] = 1.0 - slack[i] - value[i] - moved
-            weight_step[i] = (target - weight[i] * slack_step[i]) / slack[i] - weight[i]
-
-
-@njit(_nrt=False, no_cpython_wrapper=True, fastmath={"nnan", "nsz"})
-def _longest(work: LawRoom, y: Array) -> tuple[float, float]:
-    """Largest shares, up to 1, of the steps of unknowns and of weights that leave enough of what is
-    positive."""
-    most_y = most_weight = 1.0
-    for k in range(work.slack.shape[0]):
-        slack, slack_step = work.slack[k], work.slack_step[k]
-        weight, weight_step = work.weight[k], work.weight_step[k]
-        for i in range(ROWS):
-            most_y = max(most_y, -slack_step[i] / slack[i] / TAKEN)
-            most_weight = max(most_weight, -weight_step[i] / weight[i] / TAKEN)
-    for k in range(y.shape[0]):
-        most_y = max(most_y, -work.step[k] / y[k] / TAKEN)
-    return 1.0 / most_y, 1.0 / most_weight
 
 
 def squares_at(law: Law, u: Array) -> Array:
@@ -408,21 +302,11 @@ def squares_at(law: Law, u: Array) -> Array:
 
 def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
     """Speeds a motion without a limit of tangential jerk could have [m/s], shape (n,), positive."""
-    square = np.minimum(caps, caps_of(bounded)[1]) ** 2
-    square[[0, -1]] = np.minimum(square[[0, -1]], launch.speed**2)
-    gain = 2.0 * bounded.limits[1, 0] / np.maximum(norms(bounded.rates[0, :, :3]), 1e-3)
-    _spread(u, square, gain)
-    return np.sqrt(square)
-
-
-@njit(_nrt=False)
-def _spread(u: Array, square: Array, gain: Array) -> None:
-    """Lower squares of speeds (n,) until they rise and fall by no more than ``gain`` (n,) a way."""
-    n = u.shape[0]
-    for row in range(1, n):
-        square[row] = min(square[row], square[row - 1] + gain[row] * (u[row] - u[row - 1]))
-    for row in range(n - 2, -1, -1):
-        square[row] = min(square[row], square[row + 1] + gain[row] * (u[row + 1] - u[row]))
+    speed = np.minimum(caps, caps_of(bounded)[1])
+    speed[[0, -1]] = np.minimum(speed[[0, -1]], launch.speed)
+    gain, way = 2.0 * bounded.limits[1, 0] / np.maximum(norms(bounded.rates[0, :, :3]), 1e-3), np.diff(u)
+    risen = slowed_before(speed[::-1].copy(), (gain[1:] * way)[::-1].copy())
+    return slowed_before(risen[::-1].copy(), gain[:-1] * way)
 
 
 # Between the knots a law may be beyond a limit: it is planned again with less of it there.
@@ -483,21 +367,8 @@ def fastest_law(
         if far.any():
             more = np.union1d(knots, midpoints(knots)[far])
             shares, knots = np.interp(more, knots, shares), more
-            bounded, caps = _with_halved(knots, far, bounded, caps, look)
+            bounded, caps = look(divided(knots))
     return best
-
-
-def _with_halved(
-    knots: Array, halved: Bools, bounded: Bounded, caps: Array, look: Look
-) -> tuple[Bounded, Array]:
-    """What ``look`` gives at the knots ``divided``: as before but in the old spans that were halved."""
-    before = np.repeat(np.arange(len(halved)), 1 + halved)
-    rates = bounded.rates[:, :-1].reshape(3, -1, LOOKS, PARTS)[:, before]
-    wanted, new = caps[:-1].reshape(-1, LOOKS)[before], halved[before]
-    there, wanted_there = look(divided(knots)[:-1].reshape(-1, LOOKS)[new].ravel())
-    rates[:, new], wanted[new] = there.rates.reshape(3, -1, LOOKS, PARTS), wanted_there.reshape(-1, LOOKS)
-    rates = np.concatenate([rates.reshape(3, -1, PARTS), bounded.rates[:, -1:]], axis=1)
-    return bounded._replace(rates=rates), np.append(wanted, caps[-1])
 
 
 # Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
