@@ -209,7 +209,7 @@ def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
 
     def follow(travel_m):
         scenario = dual(f"dual.master_travel_m={travel_m}")
-        way = master_motion(scenario.dual, task.place.path, task.place.region.up, chain).way
+        way = master_motion(scenario.dual, task.place.path, task.place.region.up, chain)
         poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
         follow_joints(poses, start.q_master, "master")
 

@@ -12,7 +12,7 @@ from polish_sim.config import Scenario
 from polish_sim.dual import master
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.dual.checks import MotionCheck, check_master, check_motion
-from polish_sim.dual.master import MasterMotion, about_axis, along_line
+from polish_sim.dual.master import about_axis, along_line
 from polish_sim.dual.placement import sampled
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.strokes import air_limits, pair_strokes
@@ -100,8 +100,7 @@ def short():
 
 
 def test_moments_out_of_reach_and_accelerations_at_once_between_those_tried_are_found(short):
-    way = MasterMotion(short.work.way)
-    check = MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
+    check = MotionCheck(short.work, short.reach, short.work.visits, Scenario().robot)
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")

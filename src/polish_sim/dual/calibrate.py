@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -281,7 +281,8 @@ class TcpTrial:
     seed: int = 0
     #: The tool as it really is, shape (4, 4); None: one is planted by the seed
     T_flange_tool: Array | None = None
-    read: Reading | None = None  #: What the host reads of an arm with gears; None: of one as its table says
+    read: Reading | None = None  #: What the host reads of an arm off its table; None: of one as that says
+    q_near: Array = field(default_factory=Q_NEAR.copy)  #: Says in which configuration, shape (6,) [rad]
 
 
 TcpCalibration = Calibrated[ToolMeasurements, ToolFrameEstimate]
@@ -303,7 +304,7 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
     """
     rng = np.random.default_rng([trial.seed, 11])
     T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
-    measured = simulate_touches(trial, T_flange_tool, rng, trial.read)
+    measured = simulate_touches(trial, T_flange_tool, rng)
     # Exact touches leave rounding: below a nanometre a stated noise says nothing. Gears err by more than the
     # noise.
     found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 and trial.read is None else None)
@@ -322,18 +323,9 @@ def planted_tool(rng: np.random.Generator) -> Array:
     return transform(turn, np.array([*SIDEWAYS * rng.uniform(-1.0, 1.0, 2), LENGTH]))
 
 
-def simulate_touches(
-    trial: TcpTrial,
-    T_flange_tool: Array,
-    rng: np.random.Generator,
-    read: Reading | None = None,
-    q_near: Array = Q_NEAR,
-) -> ToolMeasurements:
+def simulate_touches(trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator) -> ToolMeasurements:
     """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say
-    it.
-
-    ``read`` and ``q_near`` as of `reached`.
-    """
+    it."""
     R = plan_touch_orientations(trial.poses, trial.cone)
     tips = POINT + trial.noise * rng.standard_normal((len(R), 3))
     axes = TOOL_DOWN @ T_flange_tool[:3, :3]
@@ -341,18 +333,14 @@ def simulate_touches(
     start = POINT - trial.move * axes[:, 2]
     corners = start + trial.move * np.stack([np.zeros(3), axes[:, 0], axes[:, 2]])
     corners += trial.noise * rng.standard_normal((3, 3))
-    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), read, q_near)
+    touches = reached(transform(R, tips - R @ T_flange_tool[:3, 3]), trial.read, trial.q_near)
     R_moves = np.tile(TOOL_DOWN, (3, 1, 1))
-    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), read, q_near)
+    moved = reached(transform(R_moves, corners - R_moves @ T_flange_tool[:3, 3]), trial.read, trial.q_near)
     return ToolMeasurements(touches, moved)
 
 
-def reached(T_base_flange: Array, read: Reading | None, q_near: Array = Q_NEAR) -> Array:
+def reached(T_base_flange: Array, read: Reading | None, q_near: Array) -> Array:
     """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or
-    ReachError.
-
-    ``read``: what the host reads of an arm off its table; None: the arm is as its table says. ``q_near`` (6,)
-    [rad] says in which configuration.
-    """
+    ReachError. ``read`` and ``q_near`` as of `TcpTrial`."""
     q = np.stack([inverse_near(T, q_near) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

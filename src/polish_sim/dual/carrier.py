@@ -43,6 +43,7 @@ from polish_sim.kernels import (
     set_to,
 )
 from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.trajectory import blend_cubic
 from polish_sim.spatial import inverse, transform
 
 MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
@@ -234,14 +235,10 @@ def drive_master(master: Master, going: bool, stopping: bool, dt: float, ctrl: A
     state.clock = min(state.clock + state.rate * dt, state.duration)
     h = state.spacing
     row = min(int(state.clock / h), master.q.shape[0] - 2)
-    u = state.clock / h - row
+    places, speeds = ctrl[FIRST_CONTROL::2], ctrl[FIRST_CONTROL + 1 :: 2]
+    blend_cubic(master.q, master.qd, row, state.clock / h - row, h, places, speeds)
     for j in range(6):
-        a, b = master.q[row, j], master.q[row + 1, j]
-        va, vb = h * master.qd[row, j], h * master.qd[row + 1, j]
-        rise = b - a
-        c, d = 3.0 * rise - 2.0 * va - vb, va + vb - 2.0 * rise
-        ctrl[FIRST_CONTROL + 2 * j] = a + u * (va + u * (c + u * d))
-        ctrl[FIRST_CONTROL + 2 * j + 1] = state.rate * (va + u * (2.0 * c + 3.0 * u * d)) / h
+        speeds[j] *= state.rate
 
 
 @kernel

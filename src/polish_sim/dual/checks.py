@@ -11,7 +11,7 @@ from polish_sim.arrays import Array, norms
 from polish_sim.calibration.arm import LEAST_POSES
 from polish_sim.config import DualConfig, RobotConfig, Scenario
 from polish_sim.dual.carrier import RAMP_PEAK, MasterRows
-from polish_sim.dual.master import MasterMotion
+from polish_sim.dual.master import PartWay
 from polish_sim.dual.placement import Collides, PairReach, PairWork, sampled
 from polish_sim.dual.strokes import ON_THE_WAY, Visits
 from polish_sim.errors import ConfigError, InputError, ReachError
@@ -78,18 +78,17 @@ class MotionCheck(NamedTuple):
 
     work: PairWork
     reach: PairReach
-    motion: MasterMotion
     visits: Visits  #: Closer together than those the work was planned with
     robot: RobotConfig  #: Limits of both arms
 
 
-def check_length(visits: Visits, motion: MasterMotion) -> None:
+def check_length(visits: Visits, way: PartWay) -> None:
     """Refuse a motion that is over before the work; the InputError says by how much."""
     needed = visits.clock[-1]
-    lasts = motion.way.lasts
-    if motion.file and lasts < needed:
+    lasts = way.lasts
+    if way.file and lasts < needed:
         raise InputError(
-            f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
+            f"'{way.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
             f"s: {needed - lasts:.2f} s are missing. Extend the file, raise --feed, or stop early with --set "
             "process.max_feed_s=..."
         )
@@ -192,12 +191,12 @@ def _refuse(check: MotionCheck, found: Array, places: list[str], most: float, do
 
 
 def _place(check: MotionCheck, clock: float) -> str:
-    file = check.motion.file
+    file = check.work.way.file
     return f" {clock:.2f} s into its motion" + (f" ({file.place(clock)})" if file else "")
 
 
 def _change(check: MotionCheck) -> str:
-    if check.motion.file:
+    if check.work.way.file:
         return (
             "Give it more time. Rows of a robot's own log are noisy or dense, and the motion goes through "
             "all of them: smooth them or leave most of them out first; more time would not help there."

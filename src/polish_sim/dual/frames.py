@@ -23,7 +23,6 @@ from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms
 from polish_sim.dual.calibrate import (
     Q_NEAR,
     Bases,
-    Reading,
     TcpTrial,
     reached,
     simulate_arcs,
@@ -117,12 +116,13 @@ def find_parts(
     )
     circles = fit_bases(turned, tracker)
     T_master_follower, covariance = arms.bases or (circles.T_master_follower, circles.covariance)
-    trial = TcpTrial(noise=config.touch_noise_m)
-    follower = arms.reading("follower", rng), site.q_near["follower"]
-    tool = fit_tool_frame(simulate_touches(trial, true.T_flange_tool, rng, *follower), touch)
-    master = arms.reading("master", rng), site.q_near["master"]
+    master, follower = (
+        TcpTrial(noise=config.touch_noise_m, read=arms.reading(robot, rng), q_near=site.q_near[robot])
+        for robot in ROBOTS
+    )
+    tool = fit_tool_frame(simulate_touches(follower, true.T_flange_tool, rng), touch)
     marks = [
-        fit_tool_point(_touch_with_mark(trial, mark, rng, *master), touch)
+        fit_tool_point(_touch_with_mark(master, mark, rng), touch)
         for mark in apply(true.T_flange_work, site.marks_work)
     ]
     parts = PairParts(
@@ -139,8 +139,8 @@ def find_parts(
         # Errors of gears belong together: many readings of one place are no better than one.
         parts = parts._replace(
             bases_covariance=covariance * (config.arm_poses or ARC_POINTS),
-            tip_covariance=parts.tip_covariance * trial.poses,
-            marks_covariance=parts.marks_covariance * trial.poses,
+            tip_covariance=parts.tip_covariance * follower.poses,
+            marks_covariance=parts.marks_covariance * master.poses,
         )
     return parts
 
@@ -151,12 +151,10 @@ def _noise(noise: float, arms: PairArms) -> float | None:
     return None if arms.gears else max(noise, LEAST_NOISE)
 
 
-def _touch_with_mark(
-    trial: TcpTrial, mark: Array, rng: np.random.Generator, read: Reading | None, q_near: Array
-) -> Array:
+def _touch_with_mark(trial: TcpTrial, mark: Array, rng: np.random.Generator) -> Array:
     """A fixed point touched with a mark on the part, at (3,) on the master's flange [m]."""
     try:
-        return simulate_touches(trial, transform(np.eye(3), mark), rng, read, q_near).touches
+        return simulate_touches(trial, transform(np.eye(3), mark), rng).touches
     except ReachError as error:
         raise ReachError(
             f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, "

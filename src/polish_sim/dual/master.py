@@ -34,6 +34,7 @@ class PartWay(NamedTuple):
     shift: Callable[[Array], Array]
     turn: Callable[[Array], Array]  #: Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)
     lasts: float = math.inf  #: How long it lasts [s]
+    file: MasterPath | None = None  #: Where it comes from, if from a file
 
     def __call__(self, T_base_start: Array, times: Array) -> Array:
         """Poses of the part at times [s], (n, 4, 4), from that at time zero, (4, 4)."""
@@ -143,27 +144,17 @@ def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> N
     )
 
 
-class MasterMotion(NamedTuple):
-    """What is asked of the master."""
-
-    way: PartWay
-    file: MasterPath | None = None  #: Where it comes from, if from a file
-    #: How a file says the part is held at the start, master's base, (1, 4, 4)
-    T_start: Array = np.empty((0, 4, 4))
-
-
-def master_motion(config: DualConfig, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
+def master_motion(config: DualConfig, path: ToolPath, up: Array, chain: ClosedChain) -> PartWay:
     """The motion that is asked for along the follower's path, on the side ``up`` of the part, in the believed
     chain; InputError if its file cannot be used."""
     if config.master_path:
         file = read_master_path(Path(config.master_path))
-        poses = file.part_poses(chain)
-        return MasterMotion(through_poses(file.times, poses), file, poses[:1])
+        return through_poses(file.times, file.part_poses(chain))._replace(file=file)
     size = np.linalg.norm(config.master_direction)
     velocity = config.master_speed_m_s * (np.array(config.master_direction) / size)
     leg = config.master_travel_m / max(config.master_speed_m_s, 1e-9)
     turn = about_axis(up / np.linalg.norm(up), middle_of(path), config.master_turn_rad_s)
-    return MasterMotion(PartWay(along_line(velocity, leg), turn))
+    return PartWay(along_line(velocity, leg), turn)
 
 
 def middle_of(path: ToolPath) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, box_middle
 from polish_sim.dual.arms import ClosedChain
-from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
+from polish_sim.dual.master import PartWay
 from polish_sim.dual.strokes import Visits
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import (
@@ -88,12 +88,14 @@ def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterat
         yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
-def held_poses(pose: tuple[float, ...], work: PairWork, motion: MasterMotion, up: Array) -> Iterator[Array]:
+def held_poses(pose: tuple[float, ...], work: PairWork, up: Array) -> Iterator[Array]:
     """Where the part may be held at the start, base of the master, each (4, 4): at ``part.pose``, else
     candidates."""
     if pose:
         return iter([work.chain.T_master_follower @ from_pose(pose)])
-    return default_poses(work.chain, up, work.middle) if motion.file is None else iter(motion.T_start)
+    if file := work.way.file:
+        return iter(file.part_poses(work.chain)[:1])
+    return default_poses(work.chain, up, work.middle)
 
 
 def _frame(up: Array, wanted: Array) -> Array:
@@ -147,11 +149,7 @@ class Failed(NamedTuple):
 
 
 def find_pair_reach(
-    work: PairWork,
-    poses: Iterable[Array],
-    collides: Collides,
-    file: MasterPath | None,
-    like: PairReach | None,
+    work: PairWork, poses: Iterable[Array], collides: Collides, like: PairReach | None
 ) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 
@@ -171,13 +169,12 @@ def find_pair_reach(
         if best and best.value > GOOD:
             break
     if best is None:
-        raise ReachError(
-            f"the two robots cannot do this: {furthest.reason}{_what_to_change(work, furthest, file)}"
-        )
+        raise ReachError(f"the two robots cannot do this: {furthest.reason}{_what_to_change(work, furthest)}")
     return best
 
 
-def _what_to_change(work: PairWork, failed: Failed, file: MasterPath | None) -> str:
+def _what_to_change(work: PairWork, failed: Failed) -> str:
+    file = work.way.file
     if file is None:
         return (
             ". Hold the part elsewhere with --part-pose (follower's base), place the follower elsewhere "

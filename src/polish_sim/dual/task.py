@@ -18,7 +18,7 @@ from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, spread_marks, tracker_sees, true_chain
-from polish_sim.dual.master import MasterMotion, master_motion
+from polish_sim.dual.master import master_motion
 from polish_sim.dual.placement import (
     Collides,
     PairReach,
@@ -102,11 +102,11 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     marks = spread_marks(region, surface, dual.marks)
     made = NOMINAL_ARMS
     drawn = None
-    work, motion = _asked_of_both(job, true)
-    site = Site(_half_way(work, next(held_poses(scenario.part.pose, work, motion, region.up))), marks)
+    work = _asked_of_both(job, true)
+    site = Site(_half_way(work, next(held_poses(scenario.part.pose, work, region.up))), marks)
     if scenario.robot.elastic:
         # Gears err by pose: arms are calibrated as they will stand at work.
-        drawn = _find_way(job, true, observer)[2]
+        drawn = _find_way(job, true, observer)[1]
         q_work = {"master": drawn.q_master, "follower": drawn.q_follower}
         made = real_arms(scenario.robot.real, scenario.seed, _scene(job, true), q_work)
         site = Site(_half_way(work, drawn.T_master_work), marks, q_work)
@@ -115,7 +115,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     arms = pair_arms(dual, scenario.robot.compensation, tracker_sees(true.T_master_follower), rng, made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(dual, true, site, rng, arms)
-    work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
+    work, reach, collides = _find_way(job, frames.believed, observer, drawn)
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
     own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
@@ -123,11 +123,8 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
     placed = PlacedTool(T_base_work, rotations, None)
     master = _master_rows(dual, frames, arms, reach, work)
-    check_motion(
-        MotionCheck(work, reach, motion, plan_visits(loose, min(CHECK_S, CHECK_M / feed)), scenario.robot),
-        master,
-        collides,
-    )
+    close = plan_visits(loose, min(CHECK_S, CHECK_M / feed))
+    check_motion(MotionCheck(work, reach, close, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
     return DualTask(place, frames, arms, seat, reach, work, strokes, master, _residual(work, reach, arms))
 
@@ -145,16 +142,16 @@ class PairJob(NamedTuple):
 
 def _find_way(
     job: PairJob, chain: ClosedChain, observer: Observer, like: PairReach | None = None
-) -> tuple[PairWork, MasterMotion, PairReach, Collides]:
+) -> tuple[PairWork, PairReach, Collides]:
     """A way to do it with a chain, ``like`` one found before for another chain close to it; else
     ReachError."""
     observer.stage("check the reach of both robots")
-    work, motion = _asked_of_both(job, chain)
+    work = _asked_of_both(job, chain)
     dual, pose = job.scenario.dual, job.scenario.part.pose
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
     collides = pair_contacts(_scene(job, chain, clearances), clearances)
-    held = held_poses(pose, work, motion, job.up) if like is None else iter([like.T_master_work])
-    return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
+    held = held_poses(pose, work, job.up) if like is None else iter([like.T_master_work])
+    return work, find_pair_reach(work, held, collides, like), collides
 
 
 def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:
@@ -175,11 +172,11 @@ def _given_or_rim(
     return mesh, surface, region, rim_path(surface, region, asked.clearance_m)
 
 
-def _asked_of_both(job: PairJob, chain: ClosedChain) -> tuple[PairWork, MasterMotion]:
-    """The work of both robots with a chain, and the master's motion in it."""
-    motion = master_motion(job.scenario.dual, job.path, job.up, chain)
-    check_length(job.visits, motion)
-    return PairWork(chain, job.visits, motion.way), motion
+def _asked_of_both(job: PairJob, chain: ClosedChain) -> PairWork:
+    """The work of both robots with a chain."""
+    way = master_motion(job.scenario.dual, job.path, job.up, chain)
+    check_length(job.visits, way)
+    return PairWork(chain, job.visits, way)
 
 
 def _half_way(work: PairWork, T_master_work: Array) -> Array:

@@ -129,12 +129,12 @@ def blend_cubic(
     """Cubic Hermite interpolation a share ``u`` of the way from a row to the next, ``h`` apart, with its
     derivative.
 
-    ``points`` and their derivatives ``slopes`` are (n, 3), ``point`` and ``slope`` (3,) are written.
+    ``points`` and their derivatives ``slopes`` are (n, d), ``point`` and ``slope`` (d,) are written.
     """
     h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
     h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
     d00, d10, d11 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
-    for i in range(3):
+    for i in range(points.shape[1]):
         p0, p1, t0, t1 = points[row, i], points[row + 1, i], slopes[row, i], slopes[row + 1, i]
         point[i] = h00 * p0 + h01 * p1 + h * (h10 * t0 + h11 * t1)
         slope[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
