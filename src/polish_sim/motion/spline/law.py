@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.linalg.lapack import dpbsv
 
 from polish_sim.arrays import Array, Bools, Indices, in_groups, midpoints, norms, running_sums, spans_at
@@ -30,42 +31,6 @@ from polish_sim.motion.spline.bounded import (
     time_factors,
 )
 from polish_sim.motion.trajectory import slowed_before
-
-# The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
-#
-# b(u) has one control value more than knots. At a knot b and its slope depend on two of them, on a span
-# between knots the second derivative, which is constant there, on three: control values k, k + 1 and k + 2
-# for row k.
-
-
-class Squares(NamedTuple):
-    """How b and its derivatives follow from n + 1 control values with n knots."""
-
-    knots: Array  #: [m], rising, shape (n,)
-    values: Array  #: Of b at the knots, shape (n, 3)
-    slopes: Array  #: Of b_u at the knots [1/m], shape (n, 3)
-    bends: Array  #: Of b_uu on the spans [1/m^2], shape (n - 1, 3)
-    end_values: Array  #: Of b at the end of every span, shape (n - 1, 3)
-    end_slopes: Array  #: Of b_u there [1/m], shape (n - 1, 3)
-
-
-def squares_on(knots: Array) -> Squares:
-    """The spline on knots (n,) [m], n at least 3."""
-    spans = np.diff(knots)
-    before, after = np.concatenate([[0.0], spans]), np.concatenate([spans, [0.0]])
-    whole = before + after
-    none = np.zeros_like(whole)
-    values = np.stack([after / whole, before / whole, none], axis=1)
-    slopes = np.stack([-2.0 / whole, 2.0 / whole, none], axis=1)
-    end_values, end_slopes = np.roll(values[1:], 1, axis=1), np.roll(slopes[1:], 1, axis=1)
-    return Squares(knots, values, slopes, (end_slopes - slopes[:-1]) / spans[:, None], end_values, end_slopes)
-
-
-def around(stencils: Array, controls: Array) -> Array:
-    """What the stencils (m, 3) give of control values, shape (m,)."""
-    padded = np.concatenate([controls, [0.0]])
-    m = len(stencils)
-    return sum(stencils[:, k] * padded[k : k + m] for k in range(3))
 
 
 class Launch(NamedTuple):
@@ -93,12 +58,18 @@ class Launch(NamedTuple):
 class Law(NamedTuple):
     """b(u) between the launches."""
 
-    squares: Squares
-    controls: Array  #: Its control values [m^2/s^2], shape (n + 1,)
+    spline: BSpline  #: Quadratic [m^2/s^2]
     launch: Launch  #: And, played backwards, the landing
 
+    @property
+    def knots(self) -> Array:
+        """From the end of the launch to the start of the landing [m], shape (n,)."""
+        return np.asarray(self.spline.t[2:-2])
 
-# The programme: rows of three control values each.
+
+# The programme: b has one control value more than knots. At a knot b and its slope depend on two of them, on
+# a span between knots the second derivative, which is constant there, on three: values k, k + 1 and k + 2 for
+# row k.
 
 MOST_STEPS = 80
 GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
@@ -152,8 +123,8 @@ def plan_law(
     Returns:
         The law; it keeps the limits at the knots. None where the method does not converge.
     """
-    squares, n = squares_on(knots), len(knots)
-    expected = envelope(knots, caps, bounded, launch) ** 2 if near is None else squares_at(near, knots)
+    n = len(knots)
+    expected = envelope(knots, caps, bounded, launch) ** 2 if near is None else near.spline(knots)
     # Control values near the squares at the knots.
     size = np.concatenate([expected[:1], midpoints(expected), expected[-1:]])
     caps = np.minimum(caps, caps_of(bounded)[0])
@@ -163,21 +134,30 @@ def plan_law(
         size[two] = launch.speed**2 + np.array([0.0, launch.acceleration * span])
     fixed[[0, 1, n - 1, n, n + 1]] = True
     size = np.append(size, 1.0)
-    programme = _programme(squares, caps, bounded, size, fixed, shares)
+    programme = _programme(knots, caps, bounded, size, fixed, shares)
     unknowns = _solve(programme, np.where(fixed, 1.0, FIRST_SHARE))
-    return None if unknowns is None else Law(squares, (unknowns * size)[:-1], launch)
+    if unknowns is None:
+        return None
+    return Law(BSpline(np.pad(knots, 2, mode="edge"), (unknowns * size)[:-1], 2), launch)
 
 
 def _programme(
-    squares: Squares, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array
+    knots: Array, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array
 ) -> Programme:
     """Arrange what `plan_law` is given."""
-    n, half = len(caps), 0.5 * squares.bends
+    n, spans = len(knots), np.diff(knots)
+    before, after = np.append(0.0, spans), np.append(spans, 0.0)
+    whole, none = before + after, np.zeros(n)
+    # What b and its slope are at the knots, and those at the spans' ends, by the control values.
+    values = np.stack([after / whole, before / whole, none], axis=1)
+    slopes = np.stack([-2.0 / whole, 2.0 / whole, none], axis=1)
+    end_values, end_slopes = np.roll(values[1:], 1, axis=1), np.roll(slopes[1:], 1, axis=1)
+    half_bends = 0.5 * (end_slopes - slopes[:-1]) / spans[:, None]
     # How X1, X2 and X3 count.
     by = np.zeros((n, KINDS, 3, 3))
-    by[:, 0, :2] = np.stack([0.5 * squares.slopes, squares.values], axis=1)
-    by[:-1, 1] = np.stack([half, 1.5 * squares.slopes[:-1], squares.values[:-1]], axis=1)
-    by[:-1, 2] = np.stack([half, 1.5 * squares.end_slopes, squares.end_values], axis=1)
+    by[:, 0, :2] = np.stack([0.5 * slopes, values], axis=1)
+    by[:-1, 1] = np.stack([half_bends, 1.5 * slopes[:-1], values[:-1]], axis=1)
+    by[:-1, 2] = np.stack([half_bends, 1.5 * end_slopes, end_values], axis=1)
     by *= np.lib.stride_tricks.sliding_window_view(size, 3)[:, None, None]
     rates = bounded.rates.transpose(1, 2, 0)
     limits = np.repeat(bounded.limits[1:], SIZES, axis=1)[:, :, None]
@@ -186,7 +166,7 @@ def _programme(
     forms[:, 0] = rates / (limits[0] * shares[:, None, None]) @ by[:, 0]
     forms[:-1, 1], forms[:-1, 2] = rates[:-1] / jerk @ by[:-1, 1], rates[1:] / jerk @ by[:-1, 2]
     return Programme(
-        np.diff(squares.knots), forms, np.ascontiguousarray(by[:, :, 2]),
+        spans, forms, np.ascontiguousarray(by[:, :, 2]),
         size[1:-1] / np.minimum(caps, np.append(caps[1:], caps[-1])) ** 2, fixed,
     )  # fmt: skip
 
@@ -291,15 +271,6 @@ def _add_time(programme: Programme, work: LawRoom, near: Vector, k: int) -> floa
     return time
 
 
-def squares_at(law: Law, u: Array) -> Array:
-    """b at places (m,) between launch and landing [m], shape (m,)."""
-    old = law.squares
-    i = spans_at(old.knots, u)
-    value, slope, bend = (around(each, law.controls)[i] for each in (old.values, old.slopes, old.bends))
-    past = u - old.knots[i]
-    return value + (slope + 0.5 * bend * past) * past
-
-
 def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
     """Speeds a motion without a limit of tangential jerk could have [m/s], shape (n,), positive."""
     speed = np.minimum(caps, caps_of(bounded)[1])
@@ -325,15 +296,12 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
 
     ``bounded`` is at the knots ``divided``.
     """
-    squares, controls = law.squares, law.controls
-    spans = np.diff(squares.knots)[:, None]
-    bend, slope = around(squares.bends, controls)[:, None], around(squares.slopes, controls)[:-1, None]
-    past = chebyshev_nodes(LOOKS + 1) * spans
-    speed = np.sqrt(around(squares.values, controls)[:-1, None] + (slope + 0.5 * bend * past) * past).ravel()
-    acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
-    places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
+    spans, u = len(law.knots) - 1, divided(law.knots)
+    places = (LOOKS * np.arange(spans)[:, None] + np.arange(LOOKS + 1)).ravel()
+    square, slope = (law.spline(u, order)[places] for order in (0, 1))
+    speed, bend = np.sqrt(square), np.repeat(law.spline(law.knots[:-1], 2), LOOKS + 1)
     here = bounded._replace(rates=bounded.rates.take(places, axis=1))
-    return time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1)
+    return time_factors(here, speed, 0.5 * slope, 0.5 * speed * bend).reshape(spans, -1).max(axis=1)
 
 
 def fastest_law(

@@ -31,7 +31,6 @@ from polish_sim.motion.spline.curve import (
 )
 from polish_sim.motion.spline.law import (
     Law,
-    around,
     envelope,
     fastest_law,
     launch_of,
@@ -64,17 +63,16 @@ class Passage(NamedTuple):
 
 def pass_by(law: Law) -> Passage:
     """When the parameter is where."""
-    squares, controls, launch = law
-    speeds = np.sqrt(around(squares.values, controls))
-    bends, slopes = 0.5 * around(squares.bends, controls), 0.5 * around(squares.slopes, controls)
+    (spline, launch), knots = law, law.knots
+    speeds, slopes, bends = np.sqrt(spline(knots)), 0.5 * spline(knots, 1), 0.5 * spline(knots[:-1], 2)
     # The way over the sum of both speeds is tan(w T / 2) / w, with w^2 = -beta, or tanh.
-    share, rate = np.diff(squares.knots) / (speeds[1:] + speeds[:-1]), np.sqrt(np.abs(bends))
+    share, rate = np.diff(knots) / (speeds[1:] + speeds[:-1]), np.sqrt(np.abs(bends))
     angles = np.where(bends > 0.0, np.arctanh(np.minimum(rate * share, 1.0 - 1e-15)), np.arctan(rate * share))
     spans = 2.0 * np.where(rate * share > 1e-6, angles / np.maximum(rate, 1e-300), share)
     times = np.cumsum([0.0, launch.duration, *spans, launch.duration])
     jerks = np.zeros(len(times) - 1)
     jerks[[0, -1]] = launch.jerk
-    places = np.concatenate([[0.0], squares.knots, [squares.knots[-1] + launch.way]])
+    places = np.concatenate([[0.0], knots, [knots[-1] + launch.way]])
     bends = np.concatenate([[0.0], bends, [0.0]])
     return Passage(times, places, np.append(0.0, speeds), np.append(0.0, slopes), bends, jerks)
 
