@@ -8,19 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Figures, Indices, in_groups, norms
+from polish_sim.arrays import Array, Figures, Indices, norms
 from polish_sim.calibration.tables import JOINTS
 from polish_sim.exchange import WayPoints
 from polish_sim.log import write_arrays
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import BLOCK, MANY, SHORTEST_S, Deviation
+from polish_sim.motion.rules.deviation import BLOCK, Deviation, stretch_times
 from polish_sim.motion.rules.limits import ORDERS, Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
-EDGE = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
 NODES, STEP_S = 5, 0.01  #: Samples in a smooth stretch: least number, largest distance [s]
-FEWEST = 2  #: In a motion of more than ``MANY`` stretches, at least so few samples each
 NPZ, CSV = "trajectory.npz", "trajectory.csv"
 TOOL = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
 TIP_UNITS = ("m_s", "m_s2", "m_s3")
@@ -76,30 +74,12 @@ def sample_in_blocks(
         arm = arm and arm._replace(q_start=seen.q[0, -1])
 
 
-def stretch_times(edges: Array) -> Iterator[Array]:
-    """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising
-    times."""
-    widths = np.diff(edges)
-    begins = edges[:-1][widths > SHORTEST_S]
-    widths = widths[widths > SHORTEST_S]
-    least = NODES if len(widths) <= MANY else FEWEST
-    counts = np.maximum(least, np.ceil(widths / STEP_S).astype(np.int64) + 1)
-    # Never on the edge itself, where rounding would let pieces overlap.
-    edges = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))
-    block = np.cumsum(counts) // BLOCK
-    for number in np.unique(block):
-        some = np.flatnonzero(block == number)
-        k, place = in_groups(counts[some])
-        k = some[k]
-        yield begins[k] + edges[k] + (widths[k] - 2.0 * edges[k]) * place / (counts[k] - 1)
-
-
 def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
     """Peaks of a motion, looked for at both ends of every smooth stretch and between them."""
     columns = 2 if arm is None else 8
     best = np.full((3, columns), -1.0)
     at = np.zeros((3, columns))
-    for seen in sample_in_blocks(motion, stretch_times(motion.edges), arm):
+    for seen in sample_in_blocks(motion, stretch_times(motion.edges, NODES, STEP_S), arm):
         rates = seen.rates
         row = rates.argmax(axis=1)
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]

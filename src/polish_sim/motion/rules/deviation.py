@@ -15,14 +15,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, norms
+from polish_sim.arrays import Array, Indices, in_groups, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
 from polish_sim.motion.rules.schedule import SmoothMotion
 
-SAMPLES, FEW_SAMPLES = 12, 2  #: Of each smooth span; of motions of more than ``MANY`` spans
-MANY, BLOCK = 200_000, 100_000
+SAMPLES = 13  #: Of each smooth span
+EDGE = 1e-7  #: Share of a span that is kept from its ends, where the jerk jumps
+MANY, FEWEST = 200_000, 2  #: In a motion of more than so many spans, at least so few samples each
+BLOCK = 100_000
 SHORTEST_S = 1e-9  #: A shorter span is rounding where pieces meet [s]
 NARROWED, ZOOM, ZOOMS = 32, 9, 14
 """Largest samples whose neighbourhoods are narrowed down; places in one, and how often it shrinks, by 4 each
@@ -61,7 +63,7 @@ class DeviationCurve(NamedTuple):
 def measure_deviation(motion: SmoothMotion, raw: Chain) -> Deviation:
     """Measure a motion against its way points."""
     found = [np.zeros((0, 3)), np.zeros((0, 3))]
-    for times in _sample_times(motion):
+    for times in stretch_times(motion.edges, SAMPLES):
         curve = deviation_curve(motion, raw, times)
         for i, values in enumerate(curve):
             rows = np.argsort(values)[-NARROWED:]
@@ -88,7 +90,7 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
     """Distance of every way point from the tip's trajectory, and when it is least."""
     m = len(raw.tips)
     best, low, high = np.full(m, np.inf), np.zeros(m), np.full(m, motion.end)
-    for times in _sample_times(motion):
+    for times in stretch_times(motion.edges, SAMPLES):
         _nearest(
             raw.tips,
             np.ascontiguousarray(motion.sample(times).tips[:, 0]),
@@ -122,15 +124,22 @@ def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> Deviation
     return curve
 
 
-def _sample_times(motion: SmoothMotion) -> Iterator[Array]:
-    """Rising times in every smooth span, its ends included, block by block."""
-    edges = motion.edges
-    edges = edges[np.concatenate([np.diff(edges) > SHORTEST_S, [True]])]
-    samples = SAMPLES if len(edges) < MANY else FEW_SAMPLES
-    for first in range(0, len(edges) - 1, BLOCK // samples):
-        part = edges[first : first + BLOCK // samples + 1]
-        inner = part[:-1, None] + np.diff(part)[:, None] * np.arange(samples) / samples
-        yield np.append(inner.ravel(), part[-1])
+def stretch_times(edges: Array, least: int, longest: float = np.inf) -> Iterator[Array]:
+    """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising
+    times; at least so many a stretch, both its ends among them, no further apart than ``longest`` [s]."""
+    widths = np.diff(edges)
+    begins = edges[:-1][widths > SHORTEST_S]
+    widths = widths[widths > SHORTEST_S]
+    least = least if len(widths) <= MANY else FEWEST
+    counts = np.maximum(least, np.ceil(widths / longest).astype(np.int64) + 1)
+    # Never on the edge itself, where rounding would let pieces overlap.
+    edges = np.maximum(EDGE * widths, 8.0 * np.spacing(begins + widths))
+    block = np.cumsum(counts) // BLOCK
+    for number in np.unique(block):
+        some = np.flatnonzero(block == number)
+        k, place = in_groups(counts[some])
+        k = some[k]
+        yield begins[k] + edges[k] + (widths[k] - 2.0 * edges[k]) * place / (counts[k] - 1)
 
 
 def _narrowed(value: Callable[[Array], Array], low: Array, high: Array) -> tuple[Array, Array]:
