@@ -475,12 +475,12 @@ def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
     """Each file under the key of its kind of calibration; InputError: two of one kind, or none a run
     takes."""
-    from polish_sim.calibration import calibration_kind  # the numerical libraries are slow to import
+    from polish_sim.calibration import read_table  # the numerical libraries are slow to import
 
     taken: dict[str, str] = {}
     table: dict[str, Any] = {}
     for file in files:
-        kind = calibration_kind(Path(file), tuple(_IN_RUNS) if experiment == "dual" else ("payload",))
+        kind = read_table(Path(file), *(_IN_RUNS if experiment == "dual" else ["payload"])).values["kind"]
         if kind in taken:
             raise InputError(
                 f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."

@@ -260,23 +260,10 @@ def _kernels(tree):
                 yield node, decorators
 
 
-def _bare(tree):
-    return {kernel.name for kernel, decorators in _kernels(tree) if BARE in decorators}
-
-
-def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only():
-    """From Python it would crash the interpreter."""
+def test_no_kernel_gives_up_its_python_wrapper():
+    """Called from Python it would crash the interpreter."""
     folders = ("src", "cli", "models", "tests", "benchmarks", "examples")
     texts = [file.read_text("utf-8") for folder in folders for file in (ROOT / folder).rglob("*.py")]
-    bare = set[str]().union(*(_bare(ast.parse(text)) for text in texts if BARE in text))
-    assert len(bare) > 5
-    for text in texts:
-        if not re.search(rf"\b({'|'.join(bare)})\b", text):
-            continue
-        tree = ast.parse(text)
-        own = _bare(tree)
-        for kernel, _ in _kernels(tree):
-            kernel.body = [ast.Pass()]
-        called = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        called |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        assert not called & (own | {name for name in bare if name[0] != "_"}), text.splitlines()[0]
+    kernels = [kernel for text in texts if "njit" in text for kernel in _kernels(ast.parse(text))]
+    assert len(kernels) > 100
+    assert not [kernel.name for kernel, decorators in kernels if BARE in decorators]

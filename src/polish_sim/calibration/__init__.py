@@ -15,10 +15,10 @@ if TYPE_CHECKING:
         plan_payload_poses,
     )
     from polish_sim.calibration.tables import (
-        calibration_kind,
         estimate_figures,
         read_calibrated_tool,
         read_readings,
+        read_table,
         residual_table,
         write_calibration,
     )

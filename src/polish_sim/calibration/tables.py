@@ -119,7 +119,6 @@ class Quantity(NamedTuple):
     """A kind of calibration.toml."""
 
     name: str  #: The command that makes it, ``calibrate NAME``
-    what: str  #: For messages, e.g. ``"a payload"``.
     head: str  #: Comment at the top of the file: quantities, units, axes
 
 
@@ -129,28 +128,16 @@ def write_table(file: Path, kind: Quantity, figures: Mapping[str, Any]) -> None:
     file.write_text(text, encoding="utf-8")
 
 
-def read_table(file: Path, kind: Quantity) -> Calibration:
-    """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something
-    else."""
+def read_table(file: Path, *kinds: str) -> Calibration:
+    """Read a calibration of one of some kinds; InputError for no such file, no TOML, or the calibration
+    of something else."""
     values = read_toml(file, "calibration", InputError)
-    if values.get("kind") != kind.name:
+    if values.get("kind") not in kinds:
         raise InputError(
-            f"'{file}' is not the calibration of {kind.what} (kind = {values.get('kind')!r}). "
-            f"Give a calibration.toml made by 'calibrate {kind.name}'."
+            f"'{file}' is not the calibration that is wanted (kind = {values.get('kind')!r}). "
+            f"Give a calibration.toml made by 'calibrate {' | '.join(kinds)}'."
         )
     return Calibration(file, values)
-
-
-def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
-    """The kind of a calibration.toml, one of those ``wanted``; InputError for no file, no TOML, or another
-    kind."""
-    kind = read_toml(file, "calibration", InputError).get("kind")
-    if kind not in wanted:
-        raise InputError(
-            f"'{file}' is no calibration that a run can take (kind = {kind!r}): give a calibration.toml "
-            f"made by 'calibrate {' | '.join(wanted)}'."
-        )
-    return str(kind)
 
 
 @dataclass(frozen=True)
@@ -192,7 +179,6 @@ class Calibration:
 
 PAYLOAD = Quantity(
     "payload",
-    "a payload",
     "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings "
     "at rest. Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t "
     "= c x (m g u) + b_t, u against gravity. Covariance in the order of: mass, first moment xyz [kg m], "
@@ -239,7 +225,7 @@ def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
 def read_calibrated_tool(file: Path) -> tuple[float, Array]:
     """Mass [kg] and centre of mass in the sensor frame [m], (3,), from a calibration.toml: what a host needs
     to compensate the tool's weight. InputError if it is not the calibration of a payload."""
-    table = read_table(file, PAYLOAD)
+    table = read_table(file, PAYLOAD.name)
     mass = float(table.numbers("mass_kg", ()))
     if not 0.0 < mass < 1e3:
         raise InputError(f"'{file}': mass_kg is {mass!r}, wanted a number above 0 [kg].")

@@ -39,7 +39,6 @@ from polish_sim.tables import csv_text
 FOLDS = 5  #: Parts of the poses that are predicted from the others in turn
 ARM = Quantity(
     "arm",
-    "two arms",
     "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six "
     "each, and transform, the follower's base in the master's, which goes with them. `pair` names the two "
     "robots it is true for. true_...: of simulated robots only.",
@@ -153,7 +152,7 @@ def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
         InputError: No such file, not the calibration of arms, or a value that cannot be.
         CalibrationError: The calibration of another pair of robots, or of arms of another make.
     """
-    table = read_table(file, ARM)
+    table = read_table(file, ARM.name)
     table.refuse_other_pair(pair)
     simulated = "true_transform" in table.values
     return CalibratedArms(

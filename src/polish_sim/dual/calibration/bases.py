@@ -26,7 +26,6 @@ T = TypeVar("T")
 ROBOTS = ("master", "follower")
 BASE = Quantity(
     "base",
-    "two bases",
     "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the "
     "origin xyz [m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
     "true_transform: of simulated robots only.",
@@ -138,7 +137,7 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
 
     Raises InputError for a file that is no calibration of bases, CalibrationError for that of another pair.
     """
-    table = read_table(file, BASE)
+    table = read_table(file, BASE.name)
     table.refuse_other_pair(pair)
     T_true = table.pose("true_transform") if "true_transform" in table.values else None
     return CalibratedBases(table.pose("transform"), T_true)

@@ -40,7 +40,6 @@ LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
 LEAST_SINE = 0.1  #: Least sine of the angle between the two moves
 TCP = Quantity(
     "tcp",
-    "a tool frame",
     "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), "
     "covariance of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
 )
@@ -307,7 +306,7 @@ def write_tool_calibration(file: Path, figures: Figures, found: ToolFrameEstimat
 
 def read_tool_calibration(file: Path) -> Array:
     """T_flange_tool from a calibration.toml; InputError if it is not the calibration of a tool frame."""
-    table = read_table(file, TCP)
+    table = read_table(file, TCP.name)
     quaternion = table.numbers("quaternion_wxyz", (4,))
     if abs(np.linalg.norm(quaternion) - 1.0) > 1e-6:
         raise InputError(f"'{file}': quaternion_wxyz has length {np.linalg.norm(quaternion):.4g}, wanted 1.")

@@ -23,7 +23,7 @@ from polish_sim.motion.rules.schedule import SmoothMotion
 
 SAMPLES = 13  #: Of each smooth span
 EDGE = 1e-7  #: Share of a span that is kept from its ends, where the jerk jumps
-MANY, FEWEST = 200_000, 2  #: In a motion of more than so many spans, at least so few samples each
+MANY, FEWEST = 200_000, 2  #: Spans of a long motion, samples of each of them
 BLOCK = 100_000
 SHORTEST_S = 1e-9  #: A shorter span is rounding where pieces meet [s]
 NARROWED, ZOOM, ZOOMS = 32, 9, 14
@@ -126,7 +126,7 @@ def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> Deviation
 
 def stretch_times(edges: Array, least: int, longest: float = np.inf) -> Iterator[Array]:
     """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising
-    times; at least so many a stretch, both its ends among them, no further apart than ``longest`` [s]."""
+    times; at least ``least`` a stretch, both its ends among them, no further apart than ``longest`` [s]."""
     widths = np.diff(edges)
     begins = edges[:-1][widths > SHORTEST_S]
     widths = widths[widths > SHORTEST_S]
