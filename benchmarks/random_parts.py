@@ -100,7 +100,8 @@ def mesh_of(part: RandomPart) -> PartMesh:
 def exact_mesh(vertices: Array, faces: NDArray[Any], up: Array) -> PartMesh:
     """A mesh that comes from no file, vertices (n, 3) [m] and faces (m, 3)."""
     numbers = np.arange(len(faces), dtype=np.int32)
-    return PartMesh(vertices, faces.astype(np.int32), up, "exact", Path("exact"), "", "m", numbers, ())
+    last = numbers[-1]
+    return PartMesh(vertices, faces.astype(np.int32), up, "exact", Path("exact"), "", "m", numbers, last, ())
 
 
 def write_stl(file: Path, triangles: Array) -> None:

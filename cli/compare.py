@@ -27,7 +27,7 @@ FREE_SHARE = 0.01  #: Of the time; a shorter excess is no contact
 REPLAY = ("--arm", "--payload", "--payload-center", "--set")
 LogFile = Annotated[
     Path,
-    argument("REAL", "CSV of ur_rtde or an RTDE recorder, ROS bag (.mcap, .db3, folder), or npz."),
+    argument("REAL", "CSV of ur_rtde or an RTDE recorder, ROS bag (.mcap, .db3, folder), npz or run folder."),
 ]  # fmt: skip
 
 
@@ -181,7 +181,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     measured = from_contact(log.time, force[:, 0], asked)
     simulated = from_contact(record.log["time_s"], record.log["normal_force_n"], asked)
     found = compare_steps(measured, simulated)
-    title = f"{real.name} {given['--run'] or ''} beside {record.name}"
+    title = f"{given['--run'] or real.name} beside {record.name}"
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     save_page(draft, step_page(found, title))

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Annotated
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.cli.inspect import check_part
-from polish_sim.cli.options import OUTPUT_OPTIONS, OWN, Given, Own, argument, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, OWN, Given, Own, argument, build_scenario, takes
 from polish_sim.cli.output_folder import RESULTS, occupied, refuse_taken, room_for, unused
 from polish_sim.cli.plan import PartFile
+from polish_sim.config import Scenario
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError, count_text
 from polish_sim.page import Table, number_or_dash, save_page
@@ -134,23 +135,21 @@ def job(what: JobFile, given: Given) -> int:
 
 
 @takes(
+    "--units",
     OWN["--out"]._replace(metavar="FILE.toml", text="File to write; default: the part's name, .toml."),
     OWN["--overwrite"]._replace(text="Replace the file."),
 )
 def init_job(part: PartFile, given: Given) -> int:
     """Write a job's file for a part, with comments, to begin with."""
-    from polish_sim.job.job_file import TEMPLATE
-    from polish_sim.models import part_path
-    from polish_sim.toml_text import toml_value
+    from polish_sim.job.job_file import begin_job
 
-    if not part_path(part).is_file():
-        raise InputError(f"job init PART: '{part}' is no mesh and no shipped part.")
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
     name = shlex.quote(str(file))
+    text = begin_job(build_scenario(Scenario(), {**given, "--part": part}).part, name)
     with room_for(file):
-        put_file(file.parent, file.name, TEMPLATE.format(part=toml_value(part), name=name))
+        put_file(file.parent, file.name, text)
     console.say(f"{file}: run it with polish-sim job {name}")
     return DONE
 

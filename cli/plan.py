@@ -74,7 +74,7 @@ def plan(part: PartFile, given: Given) -> int:
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
     """
     dual = bool(given["--dual"])
-    refuse_beside(given, "--dual", "--reach-map")
+    refuse_beside(given, "--dual", "--reach-map", "--proof")
     given = {**given, "--part": part}
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     row = experiment("dual" if dual else "surface")

@@ -35,16 +35,16 @@ from polish_sim.workers import processors
 
 # As they are imported, matplotlib lists the settings of each class in docstrings, scipy completes those of
 # its functions, and imports all there is of numpy: 0.3 s that no command needs.
-ArtistInspector.get_setters = lambda _: []  # type: ignore[assignment, method-assign]
-ArtistInspector.get_aliases = lambda _: {}  # type: ignore[assignment, method-assign]
+ArtistInspector.get_setters = lambda *_: []  # type: ignore[assignment, method-assign]
+ArtistInspector.get_aliases = lambda *_: {}  # type: ignore[assignment, method-assign]
 with suppress(ImportError, AttributeError):
     unused = {"f2py", "testing"}
     numpy.__all__ = list({*numpy.__all__} - unused)
     numpy.__numpy_submodules__.difference_update(unused)
     from scipy._lib import _array_api
 
-    _array_api.xp_capabilities = lambda **_: lambda function: function
-    _array_api.FunctionDoc._parse = lambda _: None
+    _array_api.xp_capabilities = lambda *_, **__: lambda function: function
+    _array_api.FunctionDoc._parse = lambda *_, **__: None
 FIRST_START = "compiling kernels: at the first start only, they are kept"
 REHEARSED = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
 LINE_S = 10.0  #: Least time between two lines where no bar can be shown [s]

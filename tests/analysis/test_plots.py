@@ -140,10 +140,11 @@ def test_runs_and_seeds_beside_each_other_have_one_scale_the_band_of_their_own_f
     figure = draw_seeds([force_record(), force_record(synthetic.force_trace(tau=0.3), seed=1)])["seeds.png"]
     assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
     records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
-    records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})
-    plots = draw_seeds(records)
-    names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
-    assert names["force error, max [N]"] == "seed 7: 7"
+    off = {"force_max_deviation_n": 7.0, "force_within_4n": 0.9}
+    records[1] = replace(records[1], metrics={**records[1].metrics, **off})
+    panels = {axes.get_title(loc="left"): axes for axes in draw_seeds(records)["seeds.png"].axes}
+    assert panels["force error, max [N]"].texts[0].get_text() == "seed 7: 7"
+    assert {axes.get_xlim()[1] for name, axes in panels.items() if "±4 N" in name} == {100.0}
 
 
 def test_a_path_without_bends_says_so_and_noise_of_its_curvature_stays_small():
@@ -157,19 +158,17 @@ def test_a_path_without_bends_says_so_and_noise_of_its_curvature_stays_small():
 
 def test_a_removal_map_is_counted_drawn_without_what_was_never_touched_and_kept_as_a_mesh(tmp_path):
     relative, absolute = (measure_removal(synthetic.removal_map(3e5 * UNEVEN, wear)) for wear in (0.0, 1e-13))
+    known = {
+        "under_polished_share": 0.10, "over_polished_share": 0.10, "unpolished_share": 0.05,
+        "removal_cv": math.sqrt(float(np.mean((UNEVEN - 1.0) ** 2))), "exposure_mean_n_m": 3e5,
+        "exposure_nm": 3e5 * 40 * 1e-4, "removal_max": 2.0,
+    }  # fmt: skip
     for figures in (relative, absolute):
-        assert figures["under_polished_share"] == pytest.approx(0.10)
-        assert figures["over_polished_share"] == pytest.approx(0.10)
-        assert figures["unpolished_share"] == pytest.approx(0.05)
-        assert figures["removal_max"] == pytest.approx(2.0)
-        assert figures["removal_cv"] == pytest.approx(math.sqrt(float(np.mean((UNEVEN - 1.0) ** 2))))
-        assert figures["exposure_mean_n_m"] == pytest.approx(3e5)
-        assert figures["exposure_nm"] == pytest.approx(3e5 * 40 * 1e-4)
+        assert {name: figures[name] for name in known} == pytest.approx(known)
     assert math.isnan(relative["removal_volume_m3"])
     assert math.isnan(relative["removal_mean_m"])
-    assert absolute["removal_mean_m"] == pytest.approx(3e-8)
-    assert absolute["removal_max_m"] == pytest.approx(6e-8)
-    assert absolute["removal_volume_m3"] == pytest.approx(3e-8 * 40 * 1e-4)
+    sizes = [absolute[f"removal_{name}"] for name in ("mean_m", "max_m", "volume_m3")]
+    assert sizes == pytest.approx([3e-8, 6e-8, 3e-8 * 40 * 1e-4])
     even, nothing = (measure_removal(synthetic.removal_map(np.full(20, size))) for size in (7.0, 0.0))
     assert (even["removal_p5"], even["removal_p95"]) == pytest.approx((1.0, 1.0))
     assert math.isnan(nothing["removal_cv"])

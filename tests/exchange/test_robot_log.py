@@ -112,7 +112,7 @@ def test_ros_bags(tmp_path, kind):
 
 def test_npz_with_runs_and_mapped_columns_and_units_are_read_and_wrong_maps_refused(tmp_path):
     file = write_npz(tmp_path / "log.npz", {f"b/{name}": values for name, values in LOG.items()})
-    check(read_robot_recording(file, run="b"), "q_rad", "force_n")
+    check(read_robot_recording(tmp_path, run="b"), "q_rad", "force_n")  # in a run folder
     refuse("--run", file)
     refuse("Known: b", file, run="c")
     names = {"time_s": "clock", "q_rad": "Joint {i} angle"}

@@ -6,18 +6,20 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.integrate import quad
 
 from polish_sim.cell.dwell import exposure_rates
+from polish_sim.config import PartConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.job_file import TEMPLATE, read_job
+from polish_sim.job.job_file import begin_job, read_job
 from polish_sim.job.run_job import check_regions
 from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
 from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 
-TEXT = TEMPLATE.format(part='"plate"', name="job.toml")
+TEXT = begin_job(PartConfig("plate"), "job.toml")
 
 
 def read(folder, text):
@@ -32,12 +34,14 @@ def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_
     assert one.scenario.plan.raster_direction == (1.0, 0.0, 0.0)
     assert one.scenario.robot.arm == "ur5e"
     assert other.scenario.process.contact_force_n == 15.0
+    trimesh.creation.box((30.0, 15.0, 22.0)).export(tmp_path / "block.stl")  # its largest faces look along y
+    small = read(tmp_path, begin_job(PartConfig(str(tmp_path / "block.stl")), "job.toml")).passes
+    assert [step.scenario.pad.radius_m for step in small] == [0.01, 0.01]
+    assert [step.scenario.plan.raster_direction for step in small] == [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
     text = TEXT.replace('regions = ["auto"]', 'regions = ["top", "auto"]')
     folders = [one.folder for one in read(tmp_path, text + "\n[[setup]]\n[[setup.pass]]\n").passes]
-    assert folders == [
-        *(f"setup_1/region_{region}/pass_{number}" for region in (1, 2) for number in (1, 2)),
-        "setup_2/region_1/pass_1",
-    ]
+    crossed = [f"setup_1/region_{region}/pass_{number}" for region in (1, 2) for number in (1, 2)]
+    assert folders == [*crossed, "setup_2/region_1/pass_1"]
 
 
 @pytest.mark.parametrize(
@@ -106,9 +110,7 @@ def test_every_shipped_tool_is_a_scenario_an_orbit_takes_off_evenly_and_a_worn_a
     found = exposure_rates(nodes, pose, R, STIFFNESS, slide).rates.toarray()[0]
     under = np.linalg.norm(nodes.positions[:, :2], axis=1) < 0.98 * R
     np.testing.assert_allclose(found[under], FORCE / (math.pi * R**2) * exact, rtol=0.02)
-    tool = JobTool(wear_nm=1000.0)
-    assert tool.left(0.0) == 1.0
-    assert tool.left(1000.0) == pytest.approx(0.5)
+    assert [JobTool(wear_nm=1000.0).left(work) for work in (0.0, 1000.0)] == pytest.approx([1.0, 0.5])
     assert JobTool().left(1e9) == 1.0
 
 

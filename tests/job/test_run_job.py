@@ -169,8 +169,7 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path):
     job = read_job(file)
     ((_, programme),) = programs(job, tmp_path)
     assert job.passes[0].scenario.controller.name == "position"
-    assert "Mount active-flange" in programme
-    assert "the flange's own programme" in programme
+    assert re.search("Mount active-flange.*the flange's own programme", programme, re.DOTALL)
     assert "force_mode" not in programme
     file.write_text(text + 'controller.name = "hybrid-pi"\n')
     with pytest.raises(PolishSimError, match="hybrid-pi"):
@@ -259,8 +258,7 @@ def test_another_job_in_a_folder_does_its_own_passes_a_changed_part_ends_it(tmp_
         patch.undo()
         patch.setattr("polish_sim.cli.job.put_file", interrupted)
         refused(job("--overwrite"), code=130)
-    assert not (out / "job.toml").exists()
-    assert not (out / "job.json").exists()
+    assert not {"job.toml", "job.json"} & {file.name for file in out.iterdir()}
     done(job("--overwrite"))
     assert seconds() == first
     trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)

@@ -283,33 +283,24 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
     """One figure of all seeds on a line, what is asked of it, and its worst seed by number."""
     met = np.array([claim.met_by(value) for value in values])
     limits = [claim.scale * limit for limit in (claim.low, claim.high) if math.isfinite(limit)]
-    for rows, mark, color, label in (
-        (met, "o", BLUE, "seed"),
-        (~met, "X", ORANGE, "seed, falls short of what is asked"),
-    ):
-        if rows.any():
-            axes.plot(
-                claim.scale * values[rows],
-                0.0 * values[rows],
-                mark,
-                color=color,
-                ms=6,
-                alpha=0.7,
-                label=label,
-            )
+    drawn = claim.scale * values
+    for rows, mark, color in ((met, "o", BLUE), (~met, "X", ORANGE)):
+        axes.plot(drawn[rows], 0.0 * drawn[rows], mark, color=color, ms=6, alpha=0.7, clip_on=False)
     if not claim.is_mean:
         worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
         name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
-        place = (claim.scale * values[worst], 0.0)
-        axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
+        axes.annotate(
+            name, (drawn[worst], 0.0), (0, 6), textcoords="offset points", ha="center", fontsize=8.0
+        )
     for limit in limits:
-        axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")
+        axes.axvline(limit, color=GREEN, ls="--", lw=1.4)
     asked = f", asked {bound_text(claim)}: {met.sum()} of {len(seeds)}" if claim.bounded else ""
     small_title(axes, f"{claim.label.strip()} [{claim.unit or '-'}]{asked}")
     # From a spread of 10% on to scale: a smaller one looks small.
-    shown = np.array([claim.scale * np.nanmin(values), claim.scale * np.nanmax(values), *limits])
+    shown = np.array([np.nanmin(drawn), np.nanmax(drawn), *limits])
     room = 0.12 * max(np.ptp(shown), 0.1 * np.abs(shown).max())
-    axes.set_xlim(shown.min() - room, shown.max() + room)
+    most = 100.0 if claim.unit == "%" and shown.max() <= 100.0 else math.inf
+    axes.set_xlim(shown.min() - room, min(shown.max() + room, most))
     axes.ticklabel_format(axis="x", useOffset=False)
     axes.set(ylim=(-1.0, 2.2), yticks=[])
     axes.spines["left"].set_visible(False)

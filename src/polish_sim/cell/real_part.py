@@ -159,7 +159,7 @@ def pressed_side(surface: Surface, touch: Touch) -> Surface:
     The pad's depth is counted from this side. From the nearest side, whichever it is, a pad on a thin plate
     would be pushed out at the bottom once it is half through.
     """
-    return surface.restrict(np.flatnonzero(facing_tool(surface, touch)).astype(np.int32))
+    return surface.restrict(np.flatnonzero(facing_tool(surface, touch)))
 
 
 def facing_tool(surface: Surface, touch: Touch) -> Bools:

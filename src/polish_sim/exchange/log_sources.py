@@ -28,13 +28,15 @@ class Block(NamedTuple):
 
 
 def open_source(file: Path, run: str) -> LogSource:
-    """A log by the ending of its name; ``run``: which of several in an npz.
+    """A log by the ending of its name, or that of a run folder; ``run``: which of several in an npz.
 
     Raises:
         InputError: There is no such file, or it is of no known kind.
     """
     if not file.exists():
         raise InputError(f"there is no log '{file}'.{near_file(file)}")
+    if (file / "log.npz").is_file():
+        file /= "log.npz"
     if file.is_dir() or file.suffix in (".mcap", ".db3", ".bag"):
         return BagSource(file)
     if file.suffix == ".npz":
@@ -180,7 +182,7 @@ class BagSource:
             reader.open()
         except Exception as error:
             raise InputError(
-                f"'{self.file}' is no whole ROS bag ({error}). Was the recording cut?"
+                f"'{self.file}' is no run folder and no whole ROS bag ({error}). Was the recording cut?"
             ) from error
         return closing(reader)
 

@@ -104,7 +104,8 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     Raises:
         SmoothingError: There is no such motion; names the place.
     """
-    settings = repr((asked, cell_limits(asked, stroke.limits))).encode()
+    stroke = stroke._replace(limits=cell_limits(asked, stroke.limits))
+    settings = repr((asked, stroke.limits)).encode()
     columns = (*stroke[:4], *(arm or ()), NOMINAL)
     content = b"".join(np.ascontiguousarray(column).tobytes() for column in columns)
     key = hashlib.sha256(settings + content).digest()
@@ -132,10 +133,9 @@ def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm:
     from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
     marks = stroke.marks
-    limits = cell_limits(asked, stroke.limits)
     tolerances = asked.tolerance_m, asked.axis_tolerance_rad
     return time_schedule(
-        plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks
+        plan_spline(chain, marks, Feed(stroke.s, stroke.feed), stroke.limits, tolerances, arm), marks
     )
 
 
@@ -152,7 +152,7 @@ def by_rule(
     top = stroke.feed.max()
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
     stretch = np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)
-    limits = cell_limits(asked, stroke.limits, top * stretch)
+    limits = replace(stroke.limits, tip_speed=top * stretch)
     for share in AXIS_SHARES:
         tool = replace(
             limits, axis_acceleration=share * limits.axis_acceleration, axis_jerk=share**2 * limits.axis_jerk
@@ -191,13 +191,10 @@ def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool
     return bool(np.all(np.abs(joints[1:]) <= limits.table[:, None, 2:]))
 
 
-def cell_limits(
-    asked: SmoothingConfig, otherwise: SmoothingLimits, feed: float = math.inf
-) -> SmoothingLimits:
-    """Limits of a stroke: those of the file asked for, else the given ones; the tip's speed is the feed
-    [m/s]."""
+def cell_limits(asked: SmoothingConfig, otherwise: SmoothingLimits) -> SmoothingLimits:
+    """Limits of a stroke: those of the file asked for, else the given ones; the tip's speed is the rule's."""
     limits = load_limits(Path(asked.limits_file), otherwise) if asked.limits_file else otherwise
-    return replace(limits, tip_speed=feed)
+    return replace(limits, tip_speed=math.inf)
 
 
 # How long the smoothed motion along a path takes and where it is slower than the feed.

@@ -113,6 +113,7 @@ class PartMesh:
     sha256: str  #: Hash of the file (of the arrays, where there was none)
     unit: str  #: Unit the file was read in
     stl_facets: Ints  #: Number of each facet in the file, -1 where it closes a hole, shape (m,)
+    last_facet: int  #: Number of the file's last facet, which repair may have dropped
     notes: tuple[str, ...]  #: What was assumed or repaired, for the user
     noise: ScanNoise = NOISELESS  #: Of a scan, what smoothing left of it
 
@@ -188,6 +189,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
         sha256=sha256,
         unit=unit,
         stl_facets=stl_facets,
+        last_facet=int(triangles.numbers.max()),
         notes=(size_note, *unit_notes, *triangles.notes, *skin.notes, up_note),
         noise=skin.noise,
     )

@@ -147,7 +147,7 @@ class Surface:
         """Whether the surface has a border."""
         return bool((self.neighbours < 0).any())
 
-    def evaluate(self, facets: Ints, barycentric: Array) -> SurfacePoints:
+    def evaluate(self, facets: Ints | Indices, barycentric: Array) -> SurfacePoints:
         """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
         facets = np.ascontiguousarray(facets, dtype=np.int32)
         barycentric = np.ascontiguousarray(barycentric, dtype=np.float64)
@@ -192,9 +192,8 @@ class Surface:
         length2 = np.maximum(dots(tangents, tangents), 1e-300)
         return np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2
 
-    def restrict(self, facets: Ints) -> Surface:
+    def restrict(self, facets: Ints | Indices) -> Surface:
         """The part of the surface made of these facets (k,); facet i of it is ``facets[i]`` of this one."""
-        facets = np.asarray(facets, dtype=np.int32)
         used = np.bincount(self.faces.ravel(), minlength=len(self.vertices)) > 0
         if used.all() and np.array_equal(facets, np.arange(len(self.faces))):
             return self  # as it is: surfaces are not changed, and fine ones take memory

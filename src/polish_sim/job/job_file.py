@@ -9,14 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from polish_sim.config import Checked, Scenario
+import numpy as np
+
+from polish_sim.config import Checked, PartConfig, Scenario
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, named_place, nearest, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.registry import default_scenario
+from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.job.tools import JobTool, naming_line, read_tools
+from polish_sim.models import part_path
+from polish_sim.planning.feasibility import widest_piece
 from polish_sim.scenario_file import merge, region_with_file, with_files
-from polish_sim.toml_text import read_toml
+from polish_sim.toml_text import read_toml, toml_value
 
 T = TypeVar("T")
 SECTIONS = ("plan", "process", "smoothing", "safety", "controller")
@@ -81,6 +86,11 @@ class Pass(NamedTuple):
     def folder(self) -> str:
         """Below the job's folder."""
         return f"setup_{self.setup}/region_{self.region}/pass_{self.number}"
+
+    @property
+    def abrasive(self) -> tuple[str, int]:
+        """What is mounted for it: tool and grit."""
+        return self.head.tool, self.head.grit
 
 
 class Job(NamedTuple):
@@ -170,13 +180,27 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     return merge(default, own, ""), {k: table[k] for k in inner if k in table}  # type: ignore[type-var]
 
 
-TEMPLATE = """\
+def begin_job(part: PartConfig, name: str) -> str:
+    """The text of a job's file for a part, to begin with; ``name`` is what a shell calls the file.
+
+    Its pad is the first of the shipped tools that is no wider than the largest smooth face, else the smallest
+    one; lines run along two axes across the side turned up.
+    """
+    mesh = load_part(part_path(part.file), part.unit)
+    width = widest_piece(select_region(fit_surface(mesh), mesh))
+    shipped = read_tools()
+    fitting = (name for name, row in shipped.items() if 2.0 * row.radius_m <= width)
+    tool = next(fitting, "spindle-pad-12")
+    stepover = 0.32 * shipped[tool].radius_m  # 8 mm for 50 mm, as plans have it
+    along, across = np.delete(np.eye(3), np.abs(mesh.up).argmax(), axis=0).tolist()
+    return f"""\
 # A job: setups x regions x passes. Run it: polish-sim job {name}
-part = {part}
+part = {toml_value(part.file)}
 parts = 1  # of the batch
 
 [cell]
 # Any key of `polish-sim config surface`; SI units.
+part.unit = "{mesh.unit}"
 robot.arm = "ur5e"
 
 [[setup]]
@@ -186,18 +210,20 @@ clamp_s = 60.0
 regions = ["auto"]  # or box:..., polygon:..., faces:FILE, as --region
 
 [[setup.pass]]
-tool = "spindle-pad"  # polish-sim list tools
+tool = "{tool}"  # polish-sim list tools
 grit = 120
 plan.pattern = "raster"
-plan.raster_direction = [1.0, 0.0, 0.0]
+plan.raster_direction = {along}
+plan.stepover_m = {stepover:.4g}
 process.contact_force_n = 20.0
 process.feed_m_s = 0.01
 
 [[setup.pass]]
-tool = "spindle-pad"
+tool = "{tool}"
 grit = 240
 plan.pattern = "raster"  # across the first pass
-plan.raster_direction = [0.0, 1.0, 0.0]
+plan.raster_direction = {across}
+plan.stepover_m = {stepover:.4g}
 process.contact_force_n = 15.0
 process.feed_m_s = 0.015
 # edge_force = 0.7    # less force near edges

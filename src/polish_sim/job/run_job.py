@@ -89,13 +89,12 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
     for part in range(1, job.head.parts + 1):
         for one in job.passes:
             here = f"part_{part}/{one.folder}" if job.head.parts > 1 else one.folder
-            abrasive = one.head.tool, one.head.grit
             target = folder / here
             observer.stage(here)
             if not (target / "run").is_dir():
                 seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
                 with naming_line(job.file), named_place(here):
-                    run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
+                    run_pass(seeded, target, worn.get(one.abrasive, 0.0), observer)
             try:
                 figures = {**plan_facts(target / "plan"), **read_record(target / "run").metrics}
                 read_removal(target / "run" / REMOVAL)
@@ -104,7 +103,7 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[PassRow]:
             for key in ("sliding_work_after_nm", *PASS_KEYS):
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} is not in run/{METRICS}.")
-            worn[abrasive] = figures["sliding_work_after_nm"]
+            worn[one.abrasive] = figures["sliding_work_after_nm"]
             figures["notes"] += experiment(one.scenario.experiment).notes_of(figures, one.scenario)
             figures["bad_figures"] += [
                 f"{claim.label} {value_text(claim, figure_of(figures, claim.figure))} {claim.unit}, "
@@ -274,15 +273,15 @@ def job_figures(job: Job, folder: Path, rows: list[PassRow]) -> dict[str, Any]:
     """What job.json says: passes, times, and the removal of each region summed over its passes."""
     regions: dict[str, list[PassRow]] = {}
     operator = 0.0
-    before = None
+    clamped = mounted = None
     for row in rows:
         one = row.work
         regions.setdefault(row.folder.rpartition("/")[0], []).append(row)
-        if before is None or (row.part, one.setup) != before[:2]:
+        if clamped != (row.part, one.setup):
             operator += one.setup_head.clamp_s
-        if before is None or (one.head.tool, one.head.grit) != before[2:]:
+        if mounted != one.abrasive:
             operator += one.head.change_s
-        before = (row.part, one.setup, one.head.tool, one.head.grit)
+        clamped, mounted = (row.part, one.setup), one.abrasive
     sums = [
         {
             "region": name,
@@ -343,11 +342,10 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
         clamped = those[0].setup_head
         calls = [_say(f"Clamp the part: {clamped.name or clamped.up}.")]
         for k, one in enumerate(those, 1):
-            abrasive = one.head.tool, one.head.grit
-            if abrasive != mounted:
+            if mounted != one.abrasive:
                 grit = f", grit {one.head.grit}" if one.head.grit else ""
                 calls.append(_say(f"Mount {one.head.tool}{grit}."))
-            mounted = abrasive
+            mounted = one.abrasive
             if one.tool.flange.bandwidth_hz:
                 calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
                 continue

@@ -35,7 +35,7 @@ def step_on_surface(
     length and any normal part. Where the surface ends before S its closest border point is the end; zero
     distances stay.
     """
-    step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
+    step = np.broadcast_to(distance, (len(start),))
     tangents = unit(into_plane(directions, normals))
     height = np.zeros(len(start))
     foot = None

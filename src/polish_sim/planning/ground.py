@@ -360,6 +360,6 @@ def _finish(surface: Surface, vertices: Array, cut: CutFacets) -> Triangulation:
     triangles, owners = cut.faces, cut.parents.astype(np.int64)
     place = np.zeros(len(vertices), dtype=np.int64)
     place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]
-    found = surface.evaluate(owners[place // 3].astype(np.int32), cut.barycentric[place // 3, place % 3])
+    found = surface.evaluate(owners[place // 3], cut.barycentric[place // 3, place % 3])
     _, areas = facet_normals(vertices, triangles)
     return Triangulation(found.positions, found.normals, triangles, areas, owners)

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, longest_side, norms
+from polish_sim.arrays import Array, Bools, Indices, longest_side, norms
 from polish_sim.errors import InputError, PlanError, place_in_mm, read_bytes
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
+from polish_sim.geometry.mesh import PartMesh
 from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.polygon_files import read_vertex_column
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
@@ -144,8 +145,12 @@ class Whole(NamedTuple):
     """The part a region is chosen from."""
 
     surface: Surface  #: Its surface, creases as the user wants them
-    up: Array  #: Unit vector away from the table, shape (3,)
-    stl_facets: Ints  #: Number of each facet in the file, -1 where there is none, shape (m,)
+    mesh: PartMesh  #: The mesh it was fitted to
+
+    @property
+    def up(self) -> Array:
+        """Unit vector away from the table, shape (3,)."""
+        return self.mesh.up
 
     @property
     def kept(self) -> Clipped:
@@ -211,14 +216,14 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
 def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the facets a file lists by their numbers in the part's file."""
     numbers = read_facet_numbers(argument)
-    highest = whole.stl_facets.max()
-    unknown = numbers[(numbers < 0) | (numbers > highest)]
+    last = whole.mesh.last_facet
+    unknown = numbers[(numbers < 0) | (numbers > last)]
     if len(unknown):
         raise InputError(
-            f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}."
+            f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {last}."
         )
     # A facet of the file may be several of ours, and one that closes a hole is none of the file's.
-    facets = np.flatnonzero(np.isin(whole.stl_facets, numbers)).astype(np.int32)
+    facets = np.flatnonzero(np.isin(whole.mesh.stl_facets, numbers))
     if len(facets) == 0:
         raise PlanError(
             f"{argument}: all facets it lists were dropped when the part was repaired. List others."
@@ -298,13 +303,13 @@ def _largest(kept: Clipped, up: Array, passable: Bools | None) -> Clipped:
     height = middle_points(kept.surface).normals @ up
     area = np.bincount(labels, weights=kept.surface.facet_areas * np.maximum(height, 0.0))
     best = np.flatnonzero(area >= (1.0 - 1e-9) * area.max())[0]
-    return restricted(kept, np.flatnonzero(labels == best).astype(np.int32))
+    return restricted(kept, np.flatnonzero(labels == best))
 
 
 def _flood(kept: Clipped, start: int) -> Clipped:
     """Keep all that is smoothly joined to a facet."""
     labels = connected_facets(kept.surface, kept.surface.smooth)
-    return restricted(kept, np.flatnonzero(labels == labels[start]).astype(np.int32))
+    return restricted(kept, np.flatnonzero(labels == labels[start]))
 
 
 _ON_OUTLINE = 1e-7  #: Vertices this close to an outline lie on it [m]
@@ -339,7 +344,7 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     inside = Outline(flat).contains_points(middle_points(kept.surface).positions @ frame.T)
     if not inside.any():
         raise _nothing_in(f"polygon:{argument}", whole.surface)
-    kept = restricted(kept, np.flatnonzero(inside).astype(np.int32))
+    kept = restricted(kept, np.flatnonzero(inside))
     return connected(kept, kept.surface.smooth)
 
 

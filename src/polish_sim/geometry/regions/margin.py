@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints, dots, foot_on_chord, next_corners, norms
+from polish_sim.arrays import Array, Indices, dots, foot_on_chord, next_corners, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import (
@@ -227,7 +227,7 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
     # From the facet's corner e on, which may be the edge's other end.
     forward = surface.faces[facets, edge] == edges.ends[cut, 0]
     start, end = (np.where(forward, ends[cut, k], ends[cut, 1 - k]) for k in (0, 1))
-    share = _zero_along(surface, facets.astype(np.int32), edge, (start, end), distance, margin)
+    share = _zero_along(surface, facets, edge, (start, end), distance, margin)
     # The control value that puts the quadratic's zero there.
     control = ends.mean(axis=1)
     control[cut] = -((1.0 - share) ** 2 * start + share**2 * end) / (2.0 * share * (1.0 - share))
@@ -236,7 +236,7 @@ def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
 
 
 def _zero_along(
-    surface: Surface, facets: Ints, edge: Indices, ends: tuple[Array, Array], distance: Room, margin: float
+    surface: Surface, facets: Indices, edge: Indices, ends: tuple[Array, Array], distance: Room, margin: float
 ) -> Array:
     """Where along edges the distance is the margin, by false position (Illinois), shape (k,)."""
     corners = np.eye(3)

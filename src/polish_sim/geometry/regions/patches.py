@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, crosses, dots, norms
+from polish_sim.arrays import Array, Bools, Indices, crosses, dots, norms
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
 from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets
@@ -45,14 +45,14 @@ def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
     """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) marks the edges that
     join."""
     piece = connected_facets(kept.surface, passable)
-    order = np.argsort(piece, kind="stable").astype(np.int32)
+    order = np.argsort(piece, kind="stable")
     ends = np.cumsum(np.bincount(piece))
     if len(ends) == 1:
         return [kept]
     return [restricted(kept, facets) for facets in np.split(order, ends[:-1])]
 
 
-def restricted(kept: Clipped, facets: Ints) -> Clipped:
+def restricted(kept: Clipped, facets: Indices) -> Clipped:
     """Some of the facets kept."""
     return Clipped(kept.surface.restrict(facets), kept.parents[facets])
 
@@ -114,7 +114,7 @@ def _charts(kept: Clipped, up: Array) -> list[Clipped]:
                 )
         if len(chart.parents):
             # What is left looks along the axis or against it.
-            ahead = np.flatnonzero(middle_points(chart.surface).normals @ axis > 0.0).astype(np.int32)
+            ahead = np.flatnonzero(middle_points(chart.surface).normals @ axis > 0.0)
             patches += connected(restricted(chart, ahead)) if len(ahead) else []
     return patches
 

@@ -94,7 +94,7 @@ def select_region(
     check_choice(choice)
     name, _, argument = choice.partition(":")
     pick = (WITH_ARGUMENT if argument else PLAIN)[name].pick
-    whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
+    whole = Whole(_with_creases(surface, mesh, feature_angle), mesh)
     patches, notes = _without_slivers(pick(whole, argument))
     if name == "auto":
         notes += _cut_off(whole, patches)
@@ -104,7 +104,7 @@ def select_region(
 def patches_of(surface: Surface, mesh: PartMesh) -> list[Clipped]:
     """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side
     up."""
-    return pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
+    return pick_all(Whole(surface, mesh), "")
 
 
 def inside_margins(

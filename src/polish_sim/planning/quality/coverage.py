@@ -92,7 +92,7 @@ def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: A
     is positive, a and b the tool axis' slopes along both directions, ``tilts`` (n, 2).
     """
     count = len(curvatures)
-    mean_depths = np.broadcast_to(np.asarray(force, dtype=np.float64) / pad.stiffness_n_m, (count,))
+    mean_depths = np.broadcast_to(force / pad.stiffness_n_m, (count,))
     springs = _disc_points(pad.radius_m)
     columns = (np.ascontiguousarray(a, dtype=np.float64) for a in (curvatures, tilts, mean_depths))
     return _solve(*columns, springs)
