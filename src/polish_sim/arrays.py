@@ -2,7 +2,7 @@
 docstrings say shapes and units."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
@@ -112,6 +112,13 @@ def turned(first: Array, second: Array, angles: Any) -> Array:
 def two_waves(phase: Array) -> Array:
     """Sine and cosine of angles (...) [rad], and those of twice the angles, shape (..., 4)."""
     return np.stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)], axis=-1)
+
+
+def parts_between(values: Array, edges: Iterable[Any]) -> Array:
+    """The parts of values (...) from zero to the first of k rising edges, between them and beyond the last,
+    which add up to the values, shape (k + 1, ...); edges broadcast."""
+    ends = [np.minimum(np.abs(values), edge) for edge in (0.0, *edges, np.inf)]
+    return np.sign(values) * np.diff(ends, axis=0)
 
 
 def running_sums(values: Any) -> Any:

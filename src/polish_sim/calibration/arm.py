@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, rms, two_waves
+from polish_sim.arrays import Array, Bools, parts_between, rms, two_waves
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import kabsch, moved_frame, point_slopes
 from polish_sim.config import RealArmConfig
@@ -96,14 +96,9 @@ def links_behind(q: Array, weight: Array, gears: Array, catalogue: RealArmConfig
 def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:
     """What turns the links off their encoders: torque by parts between the knees, error once and twice, (n,
     6, 7)."""
-    size = np.abs(weight)
-    way = -np.sign(weight)
-    first = np.array(catalogue.knee_1_nm)
-    second = np.array(catalogue.knee_2_nm)
-    parts = (np.minimum(size, first), np.clip(size, first, second) - first, np.maximum(size - second, 0.0))
-    return np.concatenate(
-        [np.stack([way * part for part in parts], axis=2), two_waves(2.0 * catalogue.gear_ratio * q)], axis=2
-    )
+    parts = parts_between(weight, (catalogue.knee_1_nm, catalogue.knee_2_nm))
+    waves = two_waves(2.0 * catalogue.gear_ratio * q)
+    return np.concatenate([-np.moveaxis(parts, 0, -1), waves], axis=-1)
 
 
 def fit_arm(tracked: TrackedArm, noise: float | None, tolerance: Tolerance = USUAL) -> ArmEstimate:

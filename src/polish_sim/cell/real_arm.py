@@ -13,7 +13,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array, two_waves
+from polish_sim.arrays import Array, parts_between, two_waves
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, with_error
 from polish_sim.cell.scene import bend_links, links_of, tool_on_flange
 from polish_sim.config import RealArmConfig, RobotConfig
@@ -69,23 +69,13 @@ def take_arm(robot: RobotConfig) -> None:
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
-    (knees, bends), stiffness, size = _knees(real), gear_stiffness(real), np.abs(torque)
-    below = size / stiffness[0]
-    between, above = (bends[k] + (size - knees[k]) / stiffness[k + 1] for k in range(2))
-    twist = np.where(size <= knees[0], below, np.where(size <= knees[1], between, above))
-    return np.copysign(twist, torque)
+    parts = parts_between(torque, (real.knee_1_nm, real.knee_2_nm))
+    return np.sum(parts / gear_stiffness(real)[:, None], axis=0)
 
 
 def gear_stiffness(real: RealArmConfig) -> Array:
     """Of the gears below, between and above the knees, shape (3, 6) [N m/rad]."""
     return np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
-
-
-def _knees(real: RealArmConfig) -> tuple[Array, Array]:
-    """Torques [N m] and twists [rad] at which the stiffness changes, each of shape (2, 6)."""
-    knees, stiffness = np.array([real.knee_1_nm, real.knee_2_nm]), gear_stiffness(real)
-    first = knees[0] / stiffness[0]
-    return knees, np.array([first, first + (knees[1] - knees[0]) / stiffness[1]])
 
 
 def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE, speeding: Array | float = 0.0) -> Array:
@@ -172,7 +162,7 @@ def slip_along(real: RealArmConfig, torques: Array, slipped: Array) -> Array:
     """Torques of the hysteresis (n, 6) [N m] after the gears carried ``torques`` (m, n, 6) one after the
     other: `gears.slip` with the twist each change makes."""
     stiffness = gear_stiffness(real)
-    (first, second), rise = _knees(real)[0], real.lost_motion_rise_rad
+    first, second, rise = real.knee_1_nm, real.knee_2_nm, real.lost_motion_rise_rad
     spring = torques[0] - slipped
     for torque in torques[1:]:
         size, left = np.abs(spring), torque - spring - slipped
@@ -259,14 +249,14 @@ def build_joints(
     """
     rng = place.rng(seed, 1)
     dt = model.opt.timestep
-    knees, bends = _knees(real)
+    knees = np.array([real.knee_1_nm, real.knee_2_nm])
     waves = 2.0 * real.gear_ratio
     servos = slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
         elastic=True,
         stiffness=gear_stiffness(real).T,
         knees=knees.T,
-        bends=bends.T,
+        bends=gear_twists(real, knees).T,
         lost_torque=lost_torque(real),
         rise=real.lost_motion_rise_rad,
         inertia=real.rotor_kg_m2,

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
-from polish_sim.arrays import Array, Bools, Indices, two_waves
+from polish_sim.arrays import Array, Bools, Indices, running_sums, two_waves
 from polish_sim.cell.gears import slip
 from polish_sim.cell.real_arm import gear_stiffness, lost_torque
 from polish_sim.config import RealArmConfig
@@ -255,13 +255,9 @@ def _passed_on(
 def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
     """Torque of a spring [N m] whose slopes change at two torques; what slopes are not given are the last
     one's."""
-    first, second, third = (slopes[min(k, len(slopes) - 1)] for k in range(3))
-    bend = knees[0] / first
-    size = np.abs(twist)
-    width = (knees[1] - knees[0]) / second
-    between = np.clip(size - bend, 0.0, width)
-    above = np.maximum(size - bend - width, 0.0)
-    return np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist)
+    torques = np.array([0.0, *knees, 1e6])  # the last one is out of reach
+    twists = running_sums(np.diff(torques) / slopes[np.minimum(range(3), len(slopes) - 1)])
+    return np.copysign(np.interp(np.abs(twist), twists, torques), twist)
 
 
 @njit
