@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -140,9 +140,7 @@ class Smoothed(NamedTuple):
 
     def under_way(self, times: Array) -> tuple[Indices, Indices]:
         """See `SmoothMotion`."""
-        index = self.lookup
-        first = np.searchsorted(index.all_ended, times, side="right")
-        return first, np.maximum(first, np.searchsorted(index.none_begun, times, side="right"))
+        return _under_way.py_func(self.lookup, times)  # type: ignore[no-any-return]
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
         """See `SmoothMotion`."""
@@ -183,9 +181,10 @@ class ScheduleIndex(NamedTuple):
 
 
 @njit(_nrt=False)
-def _under_way(index: ScheduleIndex, time: float) -> tuple[int, int]:
-    first = int(np.searchsorted(index.all_ended, time, side="right"))
-    return first, max(first, int(np.searchsorted(index.none_begun, time, side="right")))
+def _under_way(index: ScheduleIndex, times: Any) -> tuple[Any, Any]:
+    """First segment under way and the one past the last at one time [s] or, in Python, at many."""
+    first = np.searchsorted(index.all_ended, times, side="right")
+    return first, np.maximum(first, np.searchsorted(index.none_begun, times, side="right"))
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:

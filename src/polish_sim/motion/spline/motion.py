@@ -154,10 +154,8 @@ class SplineMotion(NamedTuple):
         u, knots = passage_at(self.passage, times)[0], self.curve.knots
         i = np.searchsorted(knots, u, side="right") - 1
         low, high = knots[np.maximum(i - REACH, 0)], knots[np.minimum(i + 1 + REACH, len(knots) - 1)]
-        first = np.searchsorted(self.line.u, low + 1e-12, side="right") - 1
-        return np.maximum(first, 0), np.minimum(
-            np.searchsorted(self.line.u, high - 1e-12), len(self.line.u) - 1
-        )
+        stop = np.searchsorted(self.line.u, high - 1e-12)
+        return spans_at(self.line.u, low + 1e-12), np.minimum(stop, len(self.line.u) - 1)
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
         """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments +
