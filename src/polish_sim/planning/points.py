@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, longest_side
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot, minus
 
 MOST_ACROSS = 96  #: Cells along the longest side: with more the table itself would cost more than it saves
 
@@ -64,31 +63,10 @@ class Thinned(NamedTuple):
 def thin(points: Array, spacing: float) -> Thinned:
     """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one
     kept."""
-    grid = build_point_grid(points, spacing)
-    cells = ((points - grid.low) / grid.cell).astype(np.int64)
-    kept = np.flatnonzero(_keep(points, cells, grid.size, spacing))
-    return Thinned(kept, np.asarray(cKDTree(points[kept]).query(points)[1], dtype=np.int64))
-
-
-@njit
-def _keep(points, cells, size, spacing):  # type: ignore[no-untyped-def]
-    kept = np.zeros(len(points), np.bool_)
-    # Kept points of each cell as a chain: the last one kept, and for each point the one kept before it.
-    last = np.full(size[0] * size[1] * size[2], -1, np.int64)
-    before = np.full(len(points), -1, np.int64)
-    for i in range(len(points)):
-        free = True
-        for a in range(max(cells[i, 0] - 1, 0), min(cells[i, 0] + 2, size[0])):
-            for b in range(max(cells[i, 1] - 1, 0), min(cells[i, 1] + 2, size[1])):
-                for c in range(max(cells[i, 2] - 1, 0), min(cells[i, 2] + 2, size[2])):
-                    j = last[(a * size[1] + b) * size[2] + c]
-                    while j >= 0 and free:
-                        gap = minus(points[i], points[j])
-                        free = dot(gap, gap) >= spacing * spacing
-                        j = before[j]
-        if free:
-            kept[i] = True
-            cell = (cells[i, 0] * size[1] + cells[i, 1]) * size[2] + cells[i, 2]
-            before[i] = last[cell]
-            last[cell] = i
-    return kept
+    tree, free, kept = cKDTree(points), np.ones(len(points), dtype=bool), list[int]()
+    for k, point in enumerate(points):
+        if free[k]:
+            kept.append(k)
+            free[tree.query_ball_point(point, np.nextafter(spacing, 0.0))] = False
+    numbers = np.array(kept, dtype=np.int64)
+    return Thinned(numbers, np.asarray(cKDTree(points[numbers]).query(points)[1], dtype=np.int64))
