@@ -13,7 +13,7 @@ from polish_sim.cli.many import Means, carry_out
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, takes
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual import CALIBRATIONS
-from polish_sim.errors import unknown_name
+from polish_sim.errors import check_name
 from polish_sim.experiments.registry import SEED_OPTIONS
 from polish_sim.row_file import Metrics, put_file, save_plots, write_metrics
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 CALIBRATION = "calibration.toml"
 PANEL = "Instrument and measurements"
-LARGEST_NOISE = 10.0  #: [mm]
+LARGEST_NOISE = 0.01  #: [m]
 TRIAL_OPTIONS = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
 DATA = Own(
     "--data",
@@ -67,8 +67,8 @@ def noise_option(name: str, of: str, default: str) -> Own:
         "DEG",
         "Tilt of the tool in the touches, 3 to 90 (deg); default 45.",
         float,
-        3.0,
-        90.0,
+        3.0 * DEG.si,
+        90.0 * DEG.si,
         DEG,
     ),
     Own(
@@ -154,8 +154,7 @@ def _elastic(given: Given) -> bool:
     from polish_sim.config.cell import ARM_PRESETS
 
     name = given["--arm"] or "ideal"
-    if name not in ARM_PRESETS:
-        raise unknown_name("--arm", name, ARM_PRESETS)
+    check_name("--arm", name, ARM_PRESETS)
     return name != "ideal"
 
 

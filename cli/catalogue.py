@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 from polish_sim.cli import console
 from polish_sim.cli.options import argument
-from polish_sim.errors import unknown_name
+from polish_sim.errors import check_name
 from polish_sim.experiments.registry import ROWS, default_scenario, experiments, known_faults
 from polish_sim.experiments.rows import PAYLOAD_SCENARIO
 from polish_sim.scenario_file import to_toml
@@ -85,8 +85,7 @@ def config(experiment: Name) -> None:
     """
     payload = PAYLOAD_SCENARIO.experiment
     known = (*ROWS, payload, LIMITS)
-    if experiment not in known:
-        raise unknown_name("experiment", experiment, known)
+    check_name("experiment", experiment, known)
     if experiment == LIMITS:
         from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml
 
@@ -98,13 +97,12 @@ def config(experiment: Name) -> None:
 
 def list_names(kind: Kind = None) -> None:
     """List the parts, controllers, experiments, patterns, faults and tools that ship with the package."""
-    if kind is not None and kind not in KINDS:
-        raise unknown_name("kind of thing to list", kind, KINDS)
     known = _known()
     if kind is None:
         for each, entries in known.items():
             console.say(f"{each}: {', '.join(entries)}")
         return
+    check_name("kind of thing to list", kind, known)
     width = max(len(name) for name in known[kind])
     for name, text in known[kind].items():
         console.say(f"{name:<{width}}  {text}".rstrip())

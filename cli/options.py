@@ -9,9 +9,8 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from functools import wraps
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -26,9 +25,11 @@ from polish_sim.scenario_file import (
     COUNTS,
     load_scenario,
     merge,
+    nested,
     numbers_of,
     override,
     presets_in,
+    section_keys,
     with_files,
 )
 from polish_sim.workers import engine
@@ -36,42 +37,63 @@ from polish_sim.workers import engine
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
 PURE = Unit("", 1.0)
-_IN_RUNS: Mapping[str, tuple[str, str]] = {
-    "payload": ("payload", "file"),
-    "base": ("dual", "bases_file"),
-    "tcp": ("dual", "tool_file"),
-    "arm": ("dual", "arms_file"),
+_IN_RUNS = {
+    "payload": "payload.file",
+    "base": "dual.bases_file",
+    "tcp": "dual.tool_file",
+    "arm": "dual.arms_file",
 }
 """The key of each kind of calibration file."""
 
 
 class Own(NamedTuple):
-    """An option that sets no key of the config."""
+    """An option of a command."""
 
     name: str
     panel: str
     metavar: str  #: What stands for its value; empty for a switch
     text: str
     kind: type = str  #: Of its value: str, int, float, Path, or list for one that may be repeated
-    low: float = -math.inf  #: Least value [unit]
-    high: float = math.inf  #: Largest value [unit]
+    low: float = -math.inf  #: Least value [SI]
+    high: float = math.inf  #: Largest value [SI]
     unit: Unit = PURE
     parser: Callable[[str], Any] | None = None  #: Of its value, where the above does not say all
+    key: str = ""  #: Of the config, dotted, which it sets; empty if it sets none
+    meaning: str = ""  #: Of that key, without a unit
 
     def read(self, text: str) -> Any:
         """Read its value, a number into SI.
 
         Raises:
-            InputError: It is not a number or out of range.
+            InputError: It is not a number; says its unit.
+            ConfigError: It is out of range; in the unit.
         """
         if self.parser:
             return self.parser(text)
-        if self.kind is int:
-            return read_count(self.name, text, self.low, self.high)
-        if self.kind is float:
-            low, high = self.low * self.unit.si, self.high * self.unit.si
-            return read_number(self.name, text, self.unit, low, high)
-        return Path(text) if self.kind is Path else text
+        if self.kind not in (int, float):
+            return Path(text) if self.kind is Path else text
+        unit, word = self.unit, text.strip()
+        if word in unit.words:
+            return unit.words[word]
+        try:
+            number = self.kind(word)
+        except ValueError:
+            wanted = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
+            said = re.fullmatch(rf"([-+.\de]+) *{unit.name}", word)
+            write = f" Write {said[1]}." if said and unit.name else ""
+            whole = "whole " if self.kind is int else ""
+            raise InputError(f"{self.name} '{text[:40]}' is not a {whole}number{wanted}.{write}") from None
+        value = number * unit.si if self.kind is float else number
+        if not self.low <= value <= self.high:
+            low, high = (number_text(self.kind(end / unit.si), 4) for end in (self.low, self.high))
+            bounds = f"{low} to {high} {unit.name}".rstrip()
+            meaning = f": {self.meaning}" if self.meaning else ""
+            message = f"{self.name} {number_text(number)} is outside {bounds}{meaning}."
+            if unit.name.startswith("mm") and self.low <= number <= self.high:
+                metres = unit.name.replace("mm", "m", 1)
+                message += f" For {number_text(number)} {metres} write {number_text(1e3 * number)}."
+            raise ConfigError(message)
+        return value
 
     def given(self, words: Any) -> Any:
         """What was given, read; None where nothing was: neither is a switch that is off."""
@@ -192,68 +214,32 @@ CONFIG_OPTIONS = ("--config", "--set")
 OUTPUT_OPTIONS = ("--out", "--overwrite")
 
 
-class Key(NamedTuple):
-    """A key of the config that has an option."""
-
-    section: str  #: Empty for a key of the scenario itself
-    name: str
-    default: Any
-    spec: Mapping[str, Any]  #: Meaning and range
-    option: Option
-
-    @property
-    def meaning(self) -> str:
-        """What it is, without a unit."""
-        text = self.option.help or re.sub(r" \[[^]]*\]", "", str(self.spec["text"]))
-        return text.replace("radius", "diameter") if self.option.unit is DIAMETER else text
-
-    def read(self, text: str) -> Any:
-        """Read the option's value into the key's unit.
-
-        Raises:
-            InputError: It cannot be understood.
-            ConfigError: It is out of range; in the option's unit.
-        """
-        unit = self.option.unit
-        low = self.spec["low"]
-        high = self.spec["high"]
-        if isinstance(self.default, tuple):
-            return _read_list(self, text)
-        if isinstance(unit, Unit):
-            return read_number(self.option.name, text, unit, low, high, self.meaning)
-        if isinstance(self.default, int):
-            return read_count(self.option.name, text, low, high)
-        return text
-
-    @property
-    def own(self) -> Own:
-        """Its option."""
-        named = self.option
-        kind = list if named.repeat else str
-        return Own(named.name, named.panel, named.metavar, _help(self), kind, parser=self.read)
-
-    def table(self, value: Any) -> dict[str, Any]:
-        """The key and a value as a table of the scenario."""
-        leaf = {self.name: ", ".join(value) if self.option.repeat else value}
-        return {self.section: leaf} if self.section else leaf
+def config_keys(defaults: Scenario) -> dict[str, Own]:
+    """The options of the config's keys by their names; ``teach`` has a ``--direction`` of its own."""
+    found: dict[str, Own] = {}
+    for key, field, value in section_keys(defaults):
+        option = field.metadata.get("option")
+        if option and (option.name not in found or defaults.experiment == "teach"):
+            found[option.name] = _own_of(key, option, value, field.metadata)
+    return found
 
 
-def config_keys(defaults: Scenario) -> dict[str, Key]:
-    """The keys with an option, by the option's name; ``teach`` has a ``--direction`` of its own."""
-    keys: dict[str, Key] = {}
-    for key in _keys(defaults, ""):
-        if key.option.name not in keys or defaults.experiment == "teach":
-            keys[key.option.name] = key
-    return keys
-
-
-def _keys(table: Any, section: str) -> Iterator[Key]:
-    for f in fields(table):
-        value = getattr(table, f.name)
-        if is_dataclass(value) and not section:
-            yield from _keys(value, f.name)
-        elif f.metadata.get("option"):
-            yield Key(section, f.name, value, f.metadata, f.metadata["option"])
+def _own_of(key: str, option: Option, default: Any, spec: Mapping[str, Any]) -> Own:
+    """The option of a key with its meaning and range."""
+    meaning = option.help or re.sub(r" \[[^]]*\]", "", spec["text"])
+    if option.unit is DIAMETER:
+        meaning = meaning.replace("radius", "diameter")
+    own = Own(
+        option.name, option.panel, option.metavar, _help(meaning, option, default), str, spec["low"],
+        spec["high"], key=key, meaning=meaning,
+    )  # fmt: skip
+    if option.repeat:
+        return own._replace(kind=list)
+    if isinstance(default, tuple):
+        return own._replace(parser=partial(_read_list, option, spec["length"], default))
+    if isinstance(option.unit, Unit):
+        return own._replace(kind=float, unit=option.unit)
+    return own._replace(kind=int) if isinstance(default, int) else own
 
 
 def takes(
@@ -265,10 +251,8 @@ def takes(
     They are named as in the config or ``OWN``, or the command's own; the help names the values of
     ``defaults``.
     """
-    keys = config_keys(defaults)
-    chosen = [
-        option if isinstance(option, Own) else OWN.get(option) or keys[option].own for option in options
-    ]
+    known = config_keys(defaults) | OWN
+    chosen = [option if isinstance(option, Own) else known[option] for option in options]
     chosen.sort(key=lambda option: PANELS.index(option.panel) if option.panel in PANELS else -1)
     named = {f"option_{number}": option for number, option in enumerate(chosen)}
 
@@ -319,79 +303,32 @@ def argument(name: str, text: str) -> Any:
     return typer.Argument(metavar=name, help=text, show_default=False)
 
 
-def _help(key: Key) -> str:
+def _help(meaning: str, option: Option, default: Any) -> str:
     """Meaning, unit and default of an option."""
-    meaning = key.meaning
-    unit = key.option.unit
-    word = "empty" if key.default == "" else AUTO
+    unit = option.unit
+    word = "empty" if default == "" else AUTO
     text, _, empty = meaning.partition(f"; {word} = ")
     if isinstance(unit, Unit):
         text += f" ({unit.name})" if unit.name and f"({unit.name})" not in text else ""
         text += "".join(f"; {name} = {number_text(value / unit.si)}" for name, value in unit.words.items())
-    if key.option.repeat:
+    if option.repeat:
         text += "; may be repeated"
-    if empty and key.default in ("", ()):
+    if empty and default in ("", ()):
         text += f"; default: {empty}" if word == "empty" else f", or auto: {empty}; default auto"
-    elif key.default not in ("", ()) and key.default == key.default:  # not a number: found by the command
-        shown = str(key.default)
-        if isinstance(unit, Unit) and isinstance(key.default, float):
-            shown = number_text(key.default / unit.si, 4)
+    elif default not in ("", ()) and default == default:  # not a number: found by the command
+        shown = str(default)
+        if isinstance(unit, Unit) and isinstance(default, float):
+            shown = number_text(default / unit.si, 4)
         text += f"; default {shown}"
     listed = text.partition(" ")[0][-1:] in ",:"
     return (text if listed else text[:1].upper() + text[1:]) + "."
 
 
-def read_number(name: str, text: str, unit: Unit, low: float, high: float, meaning: str = "") -> float:
-    """Read the text of option ``name`` as a number of a unit, between ``low`` and ``high`` [SI], into SI.
-
-    Raises:
-        InputError: It is not a number; says its unit.
-        ConfigError: It is out of range.
-    """
-    word = str(text).strip()
-    if word in unit.words:
-        return unit.words[word]
-    try:
-        number = float(word)
-    except ValueError:
-        wanted = f" ({' or '.join([unit.name, *unit.words])})" if unit.name else ""
-        said = re.fullmatch(rf"([-+.\de]+) *{unit.name}", word)
-        write = f" Write {said[1]}." if said and unit.name else ""
-        raise InputError(f"{name} '{text}' is not a number{wanted}.{write}") from None
-    if not low <= number * unit.si <= high:
-        bounds = f"{number_text(low / unit.si, 4)} to {number_text(high / unit.si, 4)} {unit.name}".rstrip()
-        message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
-        if unit.name.startswith("mm") and low <= number <= high:
-            metres = unit.name.replace("mm", "m", 1)
-            message += f" For {number_text(number)} {metres} write {number_text(1e3 * number)}."
-        raise ConfigError(message)
-    return number * unit.si
-
-
-def read_count(name: str, text: str, low: float, high: float) -> int:
-    """Read a whole number.
-
-    Raises:
-        InputError: It is none.
-        ConfigError: It is out of range.
-    """
-    try:
-        number = int(str(text).strip())
-    except ValueError:
-        raise InputError(f"{name} '{text[:40]}' is not a whole number.") from None
-    if not low <= number <= high:
-        raise ConfigError(
-            f"{name} {number_text(number)} is outside {number_text(low)} to {number_text(high)}."
-        )
-    return number
-
-
-def _read_list(key: Key, text: str) -> list[float]:
+def _read_list(option: Option, count: int, default: tuple[float, ...], text: str) -> list[float]:
     """Read X,Y,Z or X,Y,Z,RX,RY,RZ (rotation vector, as the robot shows it) into SI."""
-    if text.strip() == AUTO and key.default == ():
+    if text.strip() == AUTO and default == ():
         return []
-    count = key.spec["length"]
-    unit = key.option.unit
+    unit = option.unit
     units: Any = POSE if unit == POSE else (unit,) * count
     numbers = numbers_of(text, count)
     direction = not units[0].name
@@ -402,7 +339,7 @@ def _read_list(key: Key, text: str) -> list[float]:
             said = "six numbers in mm and deg, e.g. -100,-500,50,0,0,90"
         else:
             said = f"{COUNTS[count]} numbers in {units[0].name}"
-        raise InputError(f"{key.option.name} '{text}' is not {key.option.metavar}: {said}.")
+        raise InputError(f"{option.name} '{text}' is not {option.metavar}: {said}.")
     return [number * unit.si for number, unit in zip(numbers, units, strict=True)]
 
 
@@ -439,30 +376,32 @@ def with_options(scenario: Scenario, given: Given) -> Scenario:
         tool = choose_tool(given["--tool"])
         scenario = merge(scenario, tool.settings(), "tool.")
     keys = config_keys(Scenario(experiment=scenario.experiment))
-    for option, value in given.items():
-        if value is not None and option in keys:
-            scenario = merge(scenario, keys[option].table(value), "")
-    if given.get("--calibration") is not None:
-        scenario = merge(scenario, _calibrations(given["--calibration"], scenario.experiment), "")
+    settings = {
+        keys[option].key: ", ".join(value) if keys[option].kind is list else value
+        for option, value in given.items()
+        if value is not None and option in keys
+    }
+    settings |= _calibrations(given.get("--calibration") or (), scenario.experiment)
+    for key, value in settings.items():
+        scenario = merge(scenario, nested(key, value), "")
     if given.get("--even-removal") and given.get("--removal") is not None:
         raise InputError("--even-removal is --removal even: give one of them.")
     switched = [word for option, word in SWITCHES.items() if given.get(option)]
     scenario = override(scenario, [*switched, *(given.get("--set") or ())])
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
-        scenario = merge(scenario, _overlapping(scenario.pad, given, keys["--stepover"]), "")
+        scenario = merge(scenario, _overlapping(scenario.pad, given, keys["--stepover"].low), "")
     if tool:
         tool.check_force(given["--tool"], scenario.process.contact_force_n)
     return with_files(scenario, Path())
 
 
-def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
+def _overlapping(pad: PadConfig, given: Given, least: float) -> dict[str, Any]:
     """Settings with the step-over that leaves neighbouring turns the overlap asked for."""
     overlap = given["--overlap"]
     if given.get("--stepover") is not None:
         raise InputError("--overlap and --stepover both set the distance between turns: give one of them.")
     distance = 2.0 * pad.radius_m * (1.0 - 0.01 * overlap)
-    least = stepover.spec["low"]
     if distance < least:
         raise InputError(
             f"--overlap {number_text(overlap)} of a pad of {number_text(pad.radius_m * 2e3)} mm "
@@ -472,23 +411,21 @@ def _overlapping(pad: PadConfig, given: Given, stepover: Key) -> dict[str, Any]:
     return {"plan": {"stepover_m": distance}, "pad": {"choice": pad.choice}}
 
 
-def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
-    """Each file under the key of its kind of calibration; InputError: two of one kind, or none a run
-    takes."""
+def _calibrations(files: Sequence[str], experiment: str) -> dict[str, str]:
+    """Each file by the key of its kind of calibration; InputError: two of one kind, or none a run takes."""
     from polish_sim.calibration import read_table  # the numerical libraries are slow to import
 
+    known = tuple(_IN_RUNS) if experiment == "dual" else ("payload",)
     taken: dict[str, str] = {}
-    table: dict[str, Any] = {}
     for file in files:
-        kind = read_table(Path(file), *(_IN_RUNS if experiment == "dual" else ["payload"])).values["kind"]
-        if kind in taken:
+        kind = read_table(Path(file), *known).values["kind"]
+        key = _IN_RUNS[kind]
+        if key in taken:
             raise InputError(
-                f"'{taken[kind]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
+                f"'{taken[key]}' and '{file}' are both calibrations of the kind '{kind}': give one of each."
             )
-        taken[kind] = file
-        section, name = _IN_RUNS[kind]
-        table.setdefault(section, {})[name] = file
-    return table
+        taken[key] = file
+    return taken
 
 
 def chosen(given: Given, *names: str) -> dict[str, Any]:
@@ -513,7 +450,7 @@ def refuse_beside(given: Given, chosen: str, *options: str) -> None:
 def named_options(given: Given) -> dict[str, str]:
     """The options that were given, or whose keys are set or varied by name, and other such keys, each as the
     user said it."""
-    keys = {f"{key.section}.{key.name}".strip("."): name for name, key in config_keys(Scenario()).items()}
+    keys = {own.key: name for name, own in config_keys(Scenario()).items()}
     said = {
         keys.get(name, name): f"{by} {name}"
         for by in ("--vary", "--set")
@@ -531,9 +468,9 @@ def refuse_idle_on_path(plan: PlanConfig, given: Given) -> None:
     """
     from polish_sim.planning import PATTERNS  # numpy is slow to import
 
-    for option, key in config_keys(Scenario()).items():
-        of_plan = key.section == "plan"
-        where = [name for name, pattern in PATTERNS.items() if of_plan and key.name in pattern.listens]
+    for option, own in config_keys(Scenario()).items():
+        name = own.key.removeprefix("plan.")
+        where = [of for of, pattern in PATTERNS.items() if name in pattern.listens]
         if where and given.get(option) is not None and plan.pattern in PATTERNS.keys() - where:
             raise InputError(
                 f"{option} would change nothing with the pattern '{plan.pattern}': leave it out. "

@@ -25,7 +25,7 @@ from polish_sim.cli.progress import end_with_starter
 from polish_sim.cli.run import checked_run, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, count_text, leave_out, unknown_name
+from polish_sim.errors import InputError, check_name, count_text, leave_out
 from polish_sim.experiments.registry import check_flange, experiment
 from polish_sim.page import save_page
 from polish_sim.row_file import put_file, write_json
@@ -83,8 +83,8 @@ def serve(given: Given) -> int:
     """Serve a simulated UR with sensor, pad and part to programmes written for a real one; Ctrl-C ends it."""
     addresses = given["--address"] or ["127.0.0.1"]
     for name, known in (("--speed", SPEEDS), ("--polyscope", POLYSCOPES)):
-        if given[name] not in (None, *known):
-            raise unknown_name(name, given[name], known)
+        if given[name]:
+            check_name(name, given[name], known)
     for address in addresses:
         try:
             near = ipaddress.IPv4Address(address).is_loopback

@@ -32,7 +32,7 @@ OPTIONS = (
         "tip's motion (the others) (mm); 0 stops at every corner; default 0.02.",
         float,
         0.0,
-        10.0,
+        0.01,
         MM,
     ),
     Own(
@@ -42,7 +42,7 @@ OPTIONS = (
         "Largest angle of the tool axis to its path (deg); default 0.02.",
         float,
         0.0,
-        10.0,
+        10.0 * DEG.si,
         DEG,
     ),
     Own(
@@ -58,8 +58,8 @@ OPTIONS = (
         "MM/S",
         "Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
         float,
-        0.001,
-        5000.0,
+        1e-6,
+        5.0,
         MM_S,
     ),
     Own("--no-joints", MOTION, "", "Smooth the tool's motion alone, without a robot."),

@@ -26,7 +26,7 @@ from polish_sim.cli.options import (
 )
 from polish_sim.cli.run import OF_RUNS, checked_run
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import count_text, duration_text, needed, refuse_idle, unknown_name
+from polish_sim.errors import check_name, count_text, duration_text, needed, refuse_idle
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
@@ -105,12 +105,11 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
         if out is None and file.name == STUDY and (file.parent / ROWS).is_file():
             out = file.parent
         given = {"--vary": [axis.key for axis in study.axes], "--path": study.base.plan.file or None}
-    elif what in EXPERIMENTS:
+    else:
+        check_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
         base = build_scenario(default_scenario(what), given)
         axes = tuple(read_axis(text) for text in given["--vary"] or [])
         study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)
-    else:
-        raise unknown_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
     study.check()
     _, base = checked_run(study.base, given)
     plan = Path(base.plan.file)

@@ -13,7 +13,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, needed, number_text, unknown_name
+from polish_sim.errors import InputError, check_name, needed, number_text
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import Rows, put_file, write_metrics
@@ -127,8 +127,7 @@ def asked_search(controller: str, given: Given) -> Search:
         raise InputError("what shall be tuned? Name it, e.g. --over force_p,force_i.")
     name = user_entry(controller).name
     sampler = given["--sampler"] or "tpe"
-    if sampler not in SAMPLERS:
-        raise unknown_name("sampler", sampler, SAMPLERS)
+    check_name("sampler", sampler, SAMPLERS)
     over = read_over(name, [word.strip() for word in given["--over"].split(",")])
     keys = [searched.key for searched in over]
     if len(set(keys)) < len(keys):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from decimal import Decimal
 from errno import EINVAL
@@ -87,6 +87,12 @@ def unknown_name(
     meant = (others or {}).get(name.lower(), "")
     guess = f" Did you mean '{meant}'?" if meant else did_you_mean(name, names)
     return InputError(f"unknown {kind} '{name}'.{guess} Known: {', '.join(names)}.")
+
+
+def check_name(kind: str, name: str, known: Collection[str], others: Mapping[str, str] | None = None) -> None:
+    """Refuse a name that is not known, as `unknown_name` says."""
+    if name not in known:
+        raise unknown_name(kind, name, known, others)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

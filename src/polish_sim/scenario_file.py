@@ -6,11 +6,12 @@ import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, named_place, nearest, number_text, unknown_name
+from polish_sim.errors import ConfigError, check_name, named_place, nearest, number_text
 from polish_sim.toml_text import read_toml, toml_text
 
 T = TypeVar("T")
@@ -85,11 +86,15 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
         dotted, separator, text = assignment.partition("=")
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
-        table = parse_value(text.strip())
-        for name in reversed(dotted.strip().split(".")):
-            table = {name: table}
-        scenario = merge(scenario, table, "")
+        scenario = merge(scenario, nested(dotted.strip(), parse_value(text.strip())), "")
     return scenario
+
+
+def nested(key: str, value: Any) -> Any:
+    """A dotted key and its value as a nested table."""
+    for name in reversed(key.split(".")):
+        value = {name: value}
+    return value
 
 
 def counted_seeds(first: int | None, count: int) -> range:
@@ -101,11 +106,11 @@ def counted_seeds(first: int | None, count: int) -> range:
 
 def with_files(scenario: Scenario, folder: Path) -> Scenario:
     """Give the whole path of every file a scenario names from a folder."""
-    for section, name in (key.split(".") for key in FILE_KEYS):
-        word = getattr(getattr(scenario, section), name)
+    for key in FILE_KEYS:
+        word = attrgetter(key)(scenario)
         file = folder / word
         if word and file.exists():
-            scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
+            scenario = merge(scenario, nested(key, str(file.resolve())), "")
     scenario = merge(scenario, {"plan": {"region": region_with_file(scenario.plan.region, folder)}}, "")
     file_name, _, class_name = scenario.controller.name.rpartition(":")
     if (file := folder / file_name).is_file():
@@ -194,8 +199,7 @@ def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, F
         presets, word = spec.metadata.get("presets"), table.get(name)
         if not presets or not isinstance(word, str):
             continue
-        if word not in presets:
-            raise unknown_name(f"{place}{name}", word, presets)
+        check_name(f"{place}{name}", word, presets)
         base = _turned(base, presets.values(), presets.get(getattr(base, name), {}), presets[word])
     return base
 
@@ -227,26 +231,31 @@ def _nearest_key(name: str, place: str, known: Iterable[str], section: bool) -> 
     return f" Did you mean '{everywhere[near]}'?" if near else ""
 
 
-def leaves(section: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Every key of a section by its dotted name, with its value."""
+def leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key of a section, or of a nested table, by its dotted name, with its value."""
+    known = table if isinstance(table, Mapping) else {f.name: getattr(table, f.name) for f in fields(table)}
+    for name, value in known.items():
+        if is_dataclass(value) or isinstance(value, Mapping):
+            yield from leaves(value, f"{place}{name}.")
+        else:
+            yield f"{place}{name}", value
+
+
+def section_keys(section: Any, place: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
+    """Every key of a section by its dotted name, with its field and value; free keys in one."""
     for f in fields(section):
         name, value = f"{place}{f.name}", getattr(section, f.name)
         if is_dataclass(value):
-            yield from leaves(value, f"{name}.")
-        elif isinstance(value, Mapping):
-            yield from ((f"{name}.{key}", own) for key, own in value.items())
+            yield from section_keys(value, f"{name}.")
         else:
-            yield name, value
+            yield name, f, value
 
 
 def check_words(section: Any, place: str = "") -> None:
     """Refuse words that keys of a section do not take (InputError)."""
-    for f in fields(section):
-        name, value, known = f"{place}{f.name}", getattr(section, f.name), f.metadata.get("presets")
-        if is_dataclass(value):
-            check_words(value, f"{name}.")
-        elif known and value not in known:
-            raise unknown_name(name, value, known)
+    for name, f, value in section_keys(section, place):
+        if known := f.metadata.get("presets"):
+            check_name(name, value, known)
 
 
 def to_toml(scenario: Scenario) -> str:

@@ -21,7 +21,7 @@ from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import FORCE, SET_POINTS, CellKernel, CellState, SetPoints
 from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.config import ProcessConfig, Scenario
-from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.errors import ConfigError, check_name, number_text
 from polish_sim.tables import number_in
 
 JUMP_N = 20.0
@@ -200,8 +200,7 @@ def _parse_event(entry: str, known: Mapping[str, object]) -> FaultEvent:
             f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. "
             f"{example}@3.5, or from first contact, e.g. {example}@contact+0.5."
         )
-    if name not in known:
-        raise unknown_name("set point" if change else kind, name, known)
+    check_name("set point" if change else kind, name, known)
     value = number_in(number) if change else None
     if value is not None and math.isnan(value):
         raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.")

@@ -16,7 +16,7 @@ from polish_sim.config import ControllerConfig
 from polish_sim.config.key import key
 from polish_sim.control.hybrid import force_mode, hybrid_pi, hybrid_pi_position, position
 from polish_sim.control.signals import CompiledController, Controller
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, check_name, unknown_name
 from polish_sim.lazy import FunctionOnUse
 from polish_sim.scenario_file import checked_value
 from polish_sim.workers import local_copy
@@ -115,8 +115,7 @@ def _parameters_of(made_by: Callable[..., Any], name: str) -> dict[str, Field[An
     if not isinstance(ranges, Mapping):
         raise InputError(f"the ranges of '{name}' are {ranges}: write {{NAME: (least, most)}}.")
     for own, bounds in ranges.items():
-        if own not in named:
-            raise unknown_name(f"parameter in the ranges of '{name}'", own, named)
+        check_name(f"parameter in the ranges of '{name}'", own, named)
         if not _is_range(bounds):
             raise InputError(f"the range of '{own}' in '{name}' is {bounds}: write (least, most).")
     said = f"the range '{name}' declares"
@@ -134,8 +133,7 @@ def _is_range(bounds: Any) -> bool:
 def _check_own(config: ControllerConfig, known: Mapping[str, Field[Any]]) -> None:
     """Refuse parameters the class does not take, and values of another kind or out of range."""
     for own, value in config.own.items():
-        if own not in known:
-            raise unknown_name(f"parameter of '{config.label}', controller.own", own, known)
+        check_name(f"parameter of '{config.label}', controller.own", own, known)
         default = known[own].default
         usual = default if isinstance(default, (bool, int, float, str)) else value
         checked_value(f"controller.own.{own}", value, usual, known[own])

@@ -27,7 +27,7 @@ from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Checked, Scenario, SimulationConfig
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, Numbers, SteppedCell
-from polish_sim.errors import ConfigError, InputError, unknown_name
+from polish_sim.errors import ConfigError, InputError, check_name
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check, course_for, strokes_for
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import place_work
@@ -163,8 +163,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
     ) -> None:
         words = (("action", action, ACTIONS), ("reward", reward, REWARDS), ("task", task, ASKED))
         for kind, name, known in words:
-            if name not in known:
-                raise unknown_name(kind, name, known)
+            check_name(kind, name, known)
         if force_steps and task == "surface":
             raise InputError(
                 "force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces."

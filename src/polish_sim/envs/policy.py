@@ -19,7 +19,7 @@ from polish_sim.control.hybrid import hybrid_gains
 from polish_sim.control.laws import build_controller, tell_error
 from polish_sim.control.signals import CompiledController, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, SEEN, ActionContext, Numbers, observe_law
-from polish_sim.errors import InputError, PolishSimError, needed, unknown_name
+from polish_sim.errors import InputError, PolishSimError, check_name, needed
 from polish_sim.workers import local_copy
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ class PolicyController:
     def __init__(
         self, policy: Policy, sizes: int, action: str, rate_hz: float, config: ControllerConfig
     ) -> None:
-        if action not in ACTIONS:
-            raise unknown_name("action", action, ACTIONS)
+        check_name("action", action, ACTIONS)
         scale = np.array(list(ACTIONS[action].scale.values()))
         law = ACTIONS[action].law
         if not 0 <= sizes - len(scale) <= 1:

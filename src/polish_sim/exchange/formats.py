@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Bools
-from polish_sim.errors import InputError, read_bytes, unknown_name
+from polish_sim.errors import InputError, check_name, read_bytes
 from polish_sim.exchange.apt import apt_text, read_apt
 from polish_sim.exchange.gcode import read_gcode
 from polish_sim.exchange.plan_folder import (
@@ -115,8 +115,7 @@ ALL = "all"
 def check_formats(names: Sequence[str]) -> tuple[str, ...]:
     """The formats some names stand for, `all` for every one, each once; InputError lists the known ones."""
     for name in names:
-        if name not in FORMATS and name != ALL:
-            raise unknown_name("export format", name, [*FORMATS, ALL])
+        check_name("export format", name, [*FORMATS, ALL])
     return tuple(FORMATS) if ALL in names else tuple(dict.fromkeys(names))
 
 

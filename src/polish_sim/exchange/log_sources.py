@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import InputError, near_file, needed, regular, unknown_name
+from polish_sim.errors import InputError, check_name, near_file, needed, regular
 from polish_sim.log import read_arrays
 
 BLOCK = 5000  #: Rows read at a time
@@ -126,8 +126,8 @@ class NpzSource:
         self.file = file
         arrays = read_arrays(file, "npz", "Was it cut? Copy it again.", dict, ("",))
         runs = sorted({name.rpartition("/")[0] for name in arrays} - {""})
-        if run and run not in runs:
-            raise unknown_name("--run", run, runs)
+        if run:
+            check_name("--run", run, runs)
         if runs and not run and all("/" in name for name in arrays):
             raise InputError(
                 f"'{file}' holds {len(runs)} runs: choose one with --run NAME, e.g. --run {runs[0]}."

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import LARGEST, InputError, unknown_name
+from polish_sim.errors import LARGEST, InputError, check_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.row_file import fits
 from polish_sim.tables import refuse_first
@@ -140,15 +140,13 @@ def read_column_map(file: Path, joints: int = 6) -> ColumnMap:
     units = table.get("units", {})
     if not (fits(columns, {}) and fits(units, {...: str})):
         raise InputError(f"'{file}': [columns] and [units] are sections with lines OURS = 'THEIRS'.")
-    known = (TIME, *WIDTHS)
+    known = ("columns", "units", TIME, *WIDTHS)
     for name in (*table, *columns, *units):
-        if name not in (*known, "columns", "units"):
-            raise unknown_name(f"key of '{file}'", name, known)
+        check_name(f"key of '{file}'", name, known)
     widths = dict.fromkeys(("q_rad", "torque_nm"), joints)
     named = {name: _listed(file, name, theirs, {**WIDTHS, **widths}) for name, theirs in columns.items()}
     for name, unit in units.items():
-        if unit not in UNITS:
-            raise unknown_name(f"unit of {name} in '{file}'", unit, UNITS)
+        check_name(f"unit of {name} in '{file}'", unit, UNITS)
     return ColumnMap(named, {name: UNITS[unit] for name, unit in units.items()})
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, refuse_idle, unknown_name
+from polish_sim.errors import InputError, check_name, refuse_idle
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import Records, RunRecord
@@ -169,8 +169,7 @@ def experiment(name: str) -> Experiment:
     Raises:
         InputError: If there is no such experiment; lists the known ones.
     """
-    if name not in ROWS:
-        raise unknown_name("experiment", name, ROWS)
+    check_name("experiment", name, ROWS)
     row = load(ROWS[name])
     assert isinstance(row, Experiment)
     return row

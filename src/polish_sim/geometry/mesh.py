@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from polish_sim.arrays import Array, Ints, longest_side, summed
-from polish_sim.errors import MeshError, unknown_name
+from polish_sim.errors import MeshError, check_name
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.mesh_file import read_mesh_file
 from polish_sim.geometry.orientation import choose_up
@@ -59,8 +59,7 @@ def check_unit(unit: str) -> None:
 
 def metres_per_unit(unit: str) -> float:
     """Return the length of one file unit [m]; unknown names are an error that lists the known ones."""
-    if unit not in METRES_PER_UNIT:
-        raise unknown_name("unit", unit, METRES_PER_UNIT, UNIT_WORDS)
+    check_name("unit", unit, METRES_PER_UNIT, UNIT_WORDS)
     return METRES_PER_UNIT[unit]
 
 

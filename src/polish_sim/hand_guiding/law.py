@@ -18,7 +18,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig
 from polish_sim.control.loops import low_pass_share
-from polish_sim.errors import unknown_name
+from polish_sim.errors import check_name
 from polish_sim.kernels import Record, kernel
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
 
@@ -206,8 +206,7 @@ MODES: Mapping[str, Mode] = {
 def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
     """The law's gains in a mode of `MODES`, at a control period ``dt`` [s]; InputError for an unknown
     mode."""
-    if mode not in MODES:
-        raise unknown_name("mode", mode, MODES)
+    check_name("mode", mode, MODES)
     m = MODES[mode]
     return GuidingGains(
         gravity=m.gravity,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Figures, norms, rms
 from polish_sim.cell import Observer
 from polish_sim.config import Checked, GuideConfig, HandConfig
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, check_name
 from polish_sim.experiments.free_space import ToolMotion, free_log
 from polish_sim.experiments.result import PartOf, RunResult, free_figures
 from polish_sim.hand_guiding.arm import (
@@ -71,10 +71,10 @@ class MoveTable(NamedTuple):
 def moves_of(guide: GuideConfig, hand: HandConfig) -> list[TaughtMove]:
     """The moves a scenario asks for; only the last one is followed for long after the hand has released
     it."""
-    if guide.mode and guide.mode not in MODES:
-        raise unknown_name("mode", guide.mode, MODES)
-    if guide.direction and guide.direction not in DIRECTIONS:
-        raise unknown_name("direction", guide.direction, DIRECTIONS)
+    if guide.mode:
+        check_name("mode", guide.mode, MODES)
+    if guide.direction:
+        check_name("direction", guide.direction, DIRECTIONS)
     modes = [guide.mode] if guide.mode else list(MODES)
     directions = [guide.direction] if guide.direction else list(DIRECTIONS)
     if guide.duration_s and guide.duration_s < (

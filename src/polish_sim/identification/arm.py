@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.scene import arm_spec, bend_links, links_of, robot_with_tool
 from polish_sim.config import RealArmConfig, RobotConfig
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, check_name
 from polish_sim.identification import SCENARIO, STEP_S
 from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.excitation import (
@@ -195,8 +195,7 @@ def cell_arm() -> LoggedRobot:
 
 def arm_of_table(name: str) -> LoggedRobot:
     """A make of arm without a tool, on strain-wave gears, by its table; InputError if there is none such."""
-    if name not in ARMS:
-        raise unknown_name("arm", name, ARMS)
+    check_name("arm", name, ARMS)
     used = used_arm()
     spec = arm_spec(name)
     spec.option.timestep = STEP_S

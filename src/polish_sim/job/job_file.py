@@ -13,7 +13,7 @@ import numpy as np
 
 from polish_sim.config import Checked, PartConfig, Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, named_place, nearest, unknown_name
+from polish_sim.errors import ConfigError, check_name, named_place, nearest, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.geometry import fit_surface, load_part, select_region
@@ -155,8 +155,7 @@ def _pass(
     folder: Path,
 ) -> Pass:
     head, inner = _split(asked, PassHead(), ("zone", *SECTIONS))
-    if head.tool not in tools:
-        raise unknown_name("tool", head.tool, tools)
+    check_name("tool", head.tool, tools)
     tool = tools[head.tool]
     scenario = merge(merge(base, tool.settings(), "tool."), {k: inner[k] for k in SECTIONS if k in inner}, "")
     scenario = with_files(merge(scenario, {"plan": {"region": region}}, ""), folder)

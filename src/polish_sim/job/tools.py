@@ -13,7 +13,7 @@ from typing import Any
 
 from polish_sim.config import FlangeConfig
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, PolishSimError, number_text, unknown_name
+from polish_sim.errors import ConfigError, PolishSimError, check_name, number_text
 from polish_sim.experiments.registry import POSITION
 from polish_sim.scenario_file import merge
 from polish_sim.toml_text import read_toml
@@ -152,8 +152,7 @@ def choose_tool(words: str) -> JobTool:
     """
     file, _, name = words.rpartition(":")
     tools = read_tools(Path(file) if file else None)
-    if name not in tools:
-        raise unknown_name("tool", name, tools)
+    check_name("tool", name, tools)
     return tools[name]
 
 
@@ -165,8 +164,7 @@ def _tools(file: Path) -> dict[str, JobTool]:
             if not isinstance(table, dict):
                 raise ConfigError(f"'{name}' is no tool: write [{name}] and its keys below.")
             tool = merge(JobTool(), table, f"{name}.")
-            if tool.kind not in KINDS:
-                raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
+            check_name(f"kind of the tool '{name}'", tool.kind, KINDS)
             if tool.kind != SPINDLE and tool.slide_m_s == 0.0:
                 raise ConfigError(
                     f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from polish_sim.arrays import longest_side
-from polish_sim.errors import PlanError, place_in_mm, unknown_name
+from polish_sim.errors import PlanError, check_name, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
 from polish_sim.geometry.mesh_file import STEP_ENDINGS
@@ -62,8 +62,7 @@ def check_plan_words(plan: PlanConfig) -> None:
         ("direction", plan.direction, DIRECTIONS),
         ("way to avoid walls", plan.avoid, AVOID),
     ):
-        if name not in known:
-            raise unknown_name(kind, name, known)
+        check_name(kind, name, known)
 
 
 def check_stepover(plan: PlanConfig, pad: PadConfig) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, norms
 from polish_sim.config import LEAST_FORCE_N, PadConfig, PartConfig, PlanConfig, ProcessConfig
-from polish_sim.errors import PlanError, number_text, unknown_name
+from polish_sim.errors import PlanError, check_name, number_text
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.geometry.fit import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
@@ -382,8 +382,7 @@ def _pads(
     sizes from the list that are no wider, with the default step-over in proportion, and as far off the edges
     as ``force`` [N] asks.
     """
-    if pad.choice not in PAD_CHOICES:
-        raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
+    check_name("choice of the pad", pad.choice, PAD_CHOICES)
     diameter = 2.0 * pad.radius_m
     smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if is_free(pad) else []
     if diameter <= width or not smaller:

@@ -7,16 +7,16 @@ import itertools
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, InputError, unknown_name
+from polish_sim.errors import ConfigError, InputError, check_name
 from polish_sim.experiments.registry import ROWS, default_scenario
-from polish_sim.scenario_file import counted_seeds, override, parse_value
+from polish_sim.scenario_file import counted_seeds, leaves, override, parse_value
 from polish_sim.tables import number_in
 from polish_sim.toml_text import read_toml, toml_text, toml_value
 
@@ -95,8 +95,7 @@ class Study:
         Raises:
             PolishSimError: Naming the axis, the value or the option.
         """
-        if self.sample not in SAMPLES:
-            raise unknown_name("sample", str(self.sample), SAMPLES)
+        check_name("sample", str(self.sample), SAMPLES)
         keys = [axis.key for axis in self.axes]
         if len(set(keys)) < len(keys):
             raise InputError(
@@ -230,11 +229,9 @@ def read_study(file: Path) -> Study:
     """
     table = read_toml(file, "study", InputError)
     for key in table:
-        if key not in _KEYS:
-            raise unknown_name(f"key in '{file}':", key, _KEYS)
+        check_name(f"key in '{file}':", key, _KEYS)
     what = str(table.get("experiment", ""))
-    if what not in ROWS:
-        raise unknown_name(f"experiment in '{file}':", what, ROWS)
+    check_name(f"experiment in '{file}':", what, ROWS)
     counts = {name: table.get(name, usual) for name, usual in (("seeds", 1), ("first_seed", 0), ("count", 0))}
     for name, value in counts.items():
         if type(value) is not int or value < (name == "seeds"):
@@ -242,9 +239,9 @@ def read_study(file: Path) -> Study:
     for name in ("settings", "vary"):
         if not isinstance(table.get(name, {}), dict):
             raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
-    settings = tuple(f"{key}={toml_value(value)}" for key, value in _flat(table.get("settings", {})))
+    settings = tuple(f"{key}={toml_value(value)}" for key, value in leaves(table.get("settings", {})))
     base = override(default_scenario(what), settings)
-    axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
+    axes = tuple(_axis_of(key, value, file) for key, value in leaves(table.get("vary", {})))
     return Study(
         replace(base, seed=counts["first_seed"]),
         axes,
@@ -263,11 +260,3 @@ def _axis_of(key: str, value: Any, file: Path) -> Axis:
             f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'."
         )
     return Axis(key, toml_value(value), _frozen(value))
-
-
-def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{place}{key}.")
-        else:
-            yield f"{place}{key}", value

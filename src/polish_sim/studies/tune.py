@@ -7,16 +7,16 @@ or, of a goal that is the worst of all rows, where they are worse than the best 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import Field, dataclass, fields, is_dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import law_parameters
-from polish_sim.errors import LARGEST, InputError, number_text, unknown_name
+from polish_sim.errors import LARGEST, InputError, check_name, number_text, unknown_name
 from polish_sim.row_file import Row
-from polish_sim.scenario_file import is_number
+from polish_sim.scenario_file import is_number, section_keys
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.score import Task, score_rows
@@ -138,7 +138,8 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
         InputError: If a name is unknown or not a number's, or its range is missing or wrong.
     """
     shipped = controller in CONTROLLERS
-    known: Any = dict(_keys(ControllerConfig(), "")) if shipped else law_parameters(controller)
+    keys = {key: field for key, field, _ in section_keys(ControllerConfig())}
+    known: Any = keys if shipped else law_parameters(controller)
     usual = {name: parameter for name, parameter in known.items() if is_number(parameter.default)}
     found = []
     for word in words:
@@ -155,15 +156,6 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
             )
         found.append(Searched(f"controller.{'' if shipped else 'own.'}{near[0]}", least, most, value))
     return tuple(found)
-
-
-def _keys(section: Any, place: str) -> Iterator[tuple[str, Field[Any]]]:
-    for f in fields(section):
-        value = getattr(section, f.name)
-        if is_dataclass(value):
-            yield from _keys(value, f"{place}{f.name}.")
-        else:
-            yield f"{place}{f.name}", f
 
 
 def _span(word: str, text: str) -> tuple[float, float]:
@@ -210,8 +202,7 @@ def read_condition(text: str) -> Condition:
 
 def _figure(name: str, what: str) -> str:
     known = [figure for figure in (*FIGURES, "peaks_error_n", "slowed") if figure != "stable"]
-    if name not in known:
-        raise unknown_name(f"figure of a {what}", name, known)
+    check_name(f"figure of a {what}", name, known)
     return name
 
 

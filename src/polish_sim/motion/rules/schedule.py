@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from polish_sim.arrays import Array, Indices, crosses
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import InputError, check_name
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import (
     add_to,
@@ -98,8 +98,7 @@ def check_rule(where: str, name: str, known: Mapping[str, object]) -> None:
     """Raise an InputError, which says where the rule was named, if it is not a known one."""
     if name == "certified":
         raise InputError(f"{where} 'certified' is no longer there: set it to 'spline', which took its place.")
-    if name not in known:
-        raise unknown_name(where, name, known)
+    check_name(where, name, known)
 
 
 class Smoothed(NamedTuple):
