@@ -168,7 +168,13 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts, limits:
     facts = _facts(score)
     asked = {
         entry.label: [
-            {"figure": v.asked.label, "asked": v.asked.most, "worst": v.worst, "mean": v.mean, "met": v.met}
+            {
+                "figure": v.claim.label,
+                "asked": v.claim.high,
+                "worst": v.worst,
+                "mean": v.mean,
+                "met": v.met,
+            }
             for v in own
         ]
         for entry, own in verdicts

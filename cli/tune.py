@@ -149,9 +149,7 @@ def _facts(search: Search) -> dict[str, Any]:
         "controllers": [search.controller],
         "over": [list(searched[:3]) for searched in search.over],
         "goal": ":".join(search.goal),
-        "subject_to": [
-            f"{c.figure}" if c.most != c.most else f"{c.figure}<={c.most:g}" for c in search.conditions
-        ],
+        "subject_to": [condition.label for condition in search.conditions],
         "cases": [case.name for case in search.cases],
         "seeds": search.seeds,
         "settings": list(search.settings),

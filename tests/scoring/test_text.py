@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from polish_sim import scoring
+from polish_sim.analysis.claim import Claim
 from polish_sim.scoring.figures import Asked
 from polish_sim.scoring.plot import plot_score
 
@@ -84,7 +85,7 @@ def test_each_law_is_left_out_once_and_worth_how_much_a_figure_grows_without_it(
 
 
 def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross():
-    asked = [Asked("max", "max_error_n", 1.0, "N", cases="approach-20")]
+    asked = [Asked(Claim("max_error_n", "max", "N", high=1.0), "approach-20")]
     figure = plot_score(BOTH.rows, {"approach-20": False, "freeform-60": True}, asked)
     settling, _, largest, _ = figure.axes
     markers = [line.get_marker() for line in largest.lines]

@@ -37,11 +37,13 @@ class Claim(NamedTuple):
         """Whether a value [SI] passes; an undefined one (NaN) never does where a range is asked."""
         return not self.bounded or self.low <= value <= self.high
 
+    def badness(self, value: float) -> float:
+        """The larger, the less good a value; an undefined one is less good than any."""
+        return math.inf if math.isnan(value) else -value if self.more_is_better else value
+
     def worst_of(self, values: Sequence[float]) -> float:
         """The least good value; NaN without values, or where one is undefined."""
-        if not values or self.is_mean or any(map(math.isnan, values)):
-            return math.nan
-        return min(values) if self.more_is_better else max(values)
+        return math.nan if self.is_mean else max(values, key=self.badness, default=math.nan)
 
 
 HOLD_BAND_N, FOLLOW_BAND_N = 3.0, 4.0  #: About the set force, on one point and along a path (paper 1)

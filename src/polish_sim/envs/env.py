@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.analysis.claim import shortfalls
 from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
@@ -32,7 +33,7 @@ from polish_sim.experiments.assembly import Workplace, build_cell, build_part, c
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import place_work
 from polish_sim.scenario_file import load_scenario, override
-from polish_sim.scoring.figures import REACH, Asked, measure_score
+from polish_sim.scoring.figures import REACH, STABLE, measure_score
 from polish_sim.toml_text import read_toml
 
 USUAL = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
@@ -40,11 +41,8 @@ USUAL = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safet
 contact."""
 REWARDS = ("dense", "sparse")
 ASKED = {
-    "force": tuple(row for row in REACH if row.cases == "reach-springs-*"),
-    "surface": (
-        Asked("stable", "stable", 1.0, ""),
-        *(row for row in REACH if row.cases == "reach-freeform-30"),
-    ),
+    "force": [row.claim for row in REACH if row.cases == "reach-springs-*"],
+    "surface": [STABLE, *(row.claim for row in REACH if row.cases == "reach-freeform-30")],
 }
 """Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface``
 within 3 N."""
@@ -299,7 +297,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         done = sequence.stage >= RETRACT
         length = cell.kernel.stroke.process.length
         rows = self.figures(reason is None and done)
-        success = all(row.met_by(row.worst([figures])) for figures in rows for row in ASKED[self.task])
+        success = not any(shortfalls(ASKED[self.task], figures) for figures in rows)
         terminated = reason is not None or bool(self.moving and done and sequence.s > length - 1e-6)
         return terminated, not terminated, {"stop_reason": reason or "", "figures": rows, "success": success}
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from polish_sim.analysis.claim import Claim, figure_of
 from polish_sim.analysis.metrics import (
     CONTACT_N,
     STEADY_AFTER_S,
@@ -23,7 +24,7 @@ from polish_sim.analysis.metrics import (
 )
 from polish_sim.arrays import Array, rms
 from polish_sim.log import RETRACT_PHASE, Trace
-from polish_sim.row_file import Metrics, Row
+from polish_sim.row_file import Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
 
 #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
@@ -213,50 +214,37 @@ REACH_CASES = (
 
 
 class Asked(NamedTuple):
-    """A figure and what is asked of it at the worst seed."""
+    """What is asked of a figure at the worst seed of some cases."""
 
-    label: str
-    figure: str  #: Its name in a row; ``stable`` is asked to be true
-    most: float  #: Largest value that passes; of ``stable`` no meaning
-    unit: str
-    published: str = "-"  #: What the paper reports, or the best published
-    cases: str = "*"  #: Shell pattern of the cases it is asked in
+    claim: Claim
+    cases: str  #: Shell pattern of their names
 
     def applies(self, case: str) -> bool:
-        """Whether a case is asked for this figure."""
+        """Whether it is asked in a case."""
         return fnmatchcase(case, self.cases)
 
-    def worst(self, rows: Sequence[Row]) -> float | None:
-        """The least good value of some rows; of ``stable`` the share that is; None if one is undefined."""
-        found = spread([row[self.figure] for row in rows])
-        return found.mean if self.figure == "stable" else found.worst
 
-    def met_by(self, value: float | None) -> bool:
-        """Whether a worst value passes."""
-        if value is None:
-            return False
-        return value == 1.0 if self.figure == "stable" else value <= self.most
-
-
+STABLE = Claim("stable", "stable", "", low=1.0, high=1.0, more_is_better=True)
 _STEP = (
-    ("force step 20 N at 20 mm/s: settling to ±1 N", "settling_1n_s", 0.25, "s", "0.5 s to ±3 N"),
-    ("force step 20 N at 20 mm/s: overshoot", "overshoot_n", 1.0, "N"),
-    ("steady: standard deviation", "std_n", 0.3, "N", "±3 N"),
-    ("steady: max error", "max_error_n", 1.0, "N", "±3 N"),
-    ("approach 20 mm/s: peak force", "peak_force_n", 30.0, "N"),
+    Claim("settling_1n_s", "force step 20 N at 20 mm/s: settling to ±1 N", "s", "0.5 s to ±3 N", high=0.25),
+    Claim("overshoot_n", "force step 20 N at 20 mm/s: overshoot", "N", high=1.0),
+    Claim("std_n", "steady: standard deviation", "N", "±3 N", high=0.3),
+    Claim("max_error_n", "steady: max error", "N", "±3 N", high=1.0),
+    Claim("peak_force_n", "approach 20 mm/s: peak force", "N", high=30.0),
 )
 _SLOW = (
-    ("freeform 10 mm/s: max error", "max_error_n", 1.5, "N", "±4 N"),
-    ("freeform 10 mm/s: RMS", "rms_error_n", 0.4, "N", "±1.5 N"),
-    ("freeform 10 mm/s: at the peaks", "peaks_error_n", 1.5, "N"),
+    Claim("max_error_n", "freeform 10 mm/s: max error", "N", "±4 N", high=1.5),
+    Claim("rms_error_n", "freeform 10 mm/s: RMS", "N", "±1.5 N", high=0.4),
+    Claim("peaks_error_n", "freeform 10 mm/s: at the peaks", "N", high=1.5),
 )
-_FAST = (("freeform 30 mm/s: max error", "max_error_n", 3.0, "N"),)
-_OF_GRID = (("stable", "stable", 1.0, ""), ("settling to ±1 N", "settling_1n_s", 0.6, "s"))
+_FAST = (Claim("max_error_n", "freeform 30 mm/s: max error", "N", high=3.0),)
+_RANDOM = (Claim("contact_lost_s", "200 random freeform runs: contact lost", "s", high=0.0),)
+_OF_GRID = (STABLE, Claim("settling_1n_s", "settling to ±1 N", "s", high=0.6))
 
 
-def _asked(rows: Iterable[tuple[Any, ...]], cases: str, under: str = "") -> tuple[Asked, ...]:
-    """Rows asked in some cases; ``under``: what stands before their labels."""
-    return tuple(Asked(under + label, *row)._replace(cases=cases) for label, *row in rows)
+def _asked(claims: Iterable[Claim], cases: str, under: str = "") -> tuple[Asked, ...]:
+    """What is asked in some cases; ``under``: what stands before the labels."""
+    return tuple(Asked(claim._replace(label=under + claim.label), cases) for claim in claims)
 
 
 REACH = (
@@ -264,10 +252,9 @@ REACH = (
     *_asked(_SLOW, "reach-freeform-10"),
     *_asked(_FAST, "reach-freeform-30"),
     *_asked(_OF_GRID, "reach-springs-*", "springs x 0.2-5, latency 2-20 ms: "),
-    Asked("200 random freeform runs: contact lost", "contact_lost_s", 0.0, "s", cases="reach-random"),
+    *_asked(_RANDOM, "reach-random"),
 )
 """The rows asked; payload and faults have commands of their own, see docs/score.md."""
-
 BATTERY_ASKED = (
     *_asked(_STEP, "approach-20"),
     *_asked(_SLOW, "freeform-10"),
@@ -281,10 +268,10 @@ BATTERY_ASKED = (
 class JudgedFigure(NamedTuple):
     """A figure that was asked, measured."""
 
-    asked: Asked
+    claim: Claim
     runs: int
     mean: float | None
-    worst: float | None
+    worst: float | None  #: Of ``stable`` the share of runs that are
     worst_case: str | None  #: Case and seed of the least good run
     met: bool
 
@@ -293,17 +280,12 @@ def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[JudgedFigure]:
     """Compare rows of one controller with what is asked of them; what no row speaks of is left out."""
     verdicts = []
     for one in asked:
-        fitting = [row for row in rows if one.applies(row["case"])]
+        claim, fitting = one.claim, [row for row in rows if one.applies(row["case"])]
         if fitting:
-            mean, worst = spread([row[one.figure] for row in fitting]).mean, one.worst(fitting)
-            least_good = max(fitting, key=lambda row: _badness(one, row))
+            mean, worst = spread([row[claim.figure] for row in fitting])
+            worst = mean if claim.figure == "stable" else worst
+            least_good = max(fitting, key=lambda row: claim.badness(figure_of(row, claim.figure)))
             where = f"{least_good['case']}, seed {least_good['seed']}"
-            verdicts.append(JudgedFigure(one, len(fitting), mean, worst, where, one.met_by(worst)))
+            met = claim.met_by(math.nan if worst is None else worst)
+            verdicts.append(JudgedFigure(claim, len(fitting), mean, worst, where, met))
     return verdicts
-
-
-def _badness(asked: Asked, row: Metrics) -> float:
-    value = row[asked.figure]
-    if value is None:
-        return math.inf
-    return -float(value) if asked.figure == "stable" else float(value)

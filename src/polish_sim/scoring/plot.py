@@ -102,8 +102,8 @@ def _scale(axes: Axes, span: float) -> None:
 def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequence[Asked]) -> None:
     for one in asked:
         for y, case in enumerate(cases):
-            if one.figure == panel.figure and one.applies(case):
-                axes.plot([one.most] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
+            if one.claim.figure == panel.figure and one.applies(case):
+                axes.plot([one.claim.high] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
 
 
 def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:

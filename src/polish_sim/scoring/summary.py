@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from polish_sim.analysis.claim import bound_text
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
 from polish_sim.page import Table, number_or_dash
@@ -141,8 +142,8 @@ def verdict_table(entry: Entry, verdicts: Sequence[JudgedFigure]) -> Table:
     headings = ["figure", "unit", "published", "asked", "worst", "mean", "runs", "least good run", "met"]
     rows = []
     for v in verdicts:
-        shares = v.asked.figure == "stable"
-        asked = "all" if shares else f"<= {v.asked.most:g}"
+        claim, shares = v.claim, v.claim.figure == "stable"
+        asked = "all" if shares else bound_text(claim)
         worst = (
             f"{100.0 * (v.worst or 0.0):.4g}%"
             if shares
@@ -150,7 +151,7 @@ def verdict_table(entry: Entry, verdicts: Sequence[JudgedFigure]) -> Table:
         )
         mean = "-" if shares else number_or_dash(v.mean)
         last = [str(v.runs), v.worst_case or "-", "yes" if v.met else "NO"]
-        rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
+        rows.append([claim.label, claim.unit, claim.paper, asked, worst, mean, *last])
     return Table(f"what is asked: {entry.label}", headings, rows)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from polish_sim.analysis.claim import Claim, shortfalls
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import law_parameters
@@ -18,7 +19,7 @@ from polish_sim.errors import LARGEST, InputError, check_name, number_text, unkn
 from polish_sim.row_file import Row
 from polish_sim.scenario_file import is_number, section_keys
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
-from polish_sim.scoring.figures import FIGURES
+from polish_sim.scoring.figures import FIGURES, STABLE
 from polish_sim.scoring.score import Task, score_rows
 from polish_sim.tables import number_in
 from polish_sim.workers import Runner
@@ -71,20 +72,6 @@ class Goal(NamedTuple):
         return max(values) if self.how == "worst" else sum(values) / len(values)
 
 
-class Condition(NamedTuple):
-    """What every row must keep."""
-
-    figure: str
-    most: float  #: Of ``stable`` no meaning
-
-    def broken_by(self, row: Row) -> bool:
-        """Whether a row does not keep it."""
-        value = row[self.figure]
-        if self.figure == "stable":
-            return not value
-        return _has(self.figure, row["case"]) and (value is None or value > self.most)
-
-
 _MOVING = {case.name: case.moving for case in BATTERY}
 _OF_HOLDS, _OF_PATHS = ("settling_1n_s",), ("peaks_error_n", "slowed")
 
@@ -100,7 +87,7 @@ class Search:
     controller: str  #: Name, or ``FILE.py:CLASS`` with an absolute path
     over: tuple[Searched, ...]
     goal: Goal
-    conditions: tuple[Condition, ...]
+    conditions: tuple[Claim, ...]
     cases: tuple[Case, ...]  #: The search sees these
     held_out: tuple[Case, ...]
     seeds: int
@@ -119,7 +106,8 @@ class Search:
 
     def breaks(self, row: Row) -> bool:
         """Whether a row breaks a condition."""
-        return any(condition.broken_by(row) for condition in self.conditions)
+        asked = [claim for claim in self.conditions if _has(claim.figure, row["case"])]
+        return bool(shortfalls(asked, row))
 
     def judge(self, rows: Sequence[Row]) -> float:
         """The goal of some rows, or far more where they break a condition."""
@@ -186,18 +174,19 @@ def read_goal(text: str) -> Goal:
     return Goal(how, _figure(figure, "goal"))
 
 
-def read_condition(text: str) -> Condition:
+def read_condition(text: str) -> Claim:
     """``stable`` or ``FIGURE<=VALUE``.
 
     Raises:
         InputError: If it is neither, or no figure of a score.
     """
     if text == "stable":
-        return Condition(text, math.nan)
-    figure, _, most = text.partition("<=")
-    if math.isnan(number_in(most)):
+        return STABLE
+    name, _, number = text.partition("<=")
+    figure, most = name.strip(), number_in(number)
+    if math.isnan(most):
         raise InputError(f"--subject-to '{text}' is not stable or FIGURE<=VALUE, e.g. overshoot_n<=5.")
-    return Condition(_figure(figure.strip(), "condition"), number_in(most))
+    return Claim(_figure(figure, "condition"), f"{figure}<={most:g}", "", high=most)
 
 
 def _figure(name: str, what: str) -> str:
