@@ -26,8 +26,19 @@ from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Checked, Scenario, SimulationConfig
-from polish_sim.control.signals import Course, Measurement, Target
-from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, Numbers, SteppedCell
+from polish_sim.control.hybrid import hybrid_gains
+from polish_sim.control.signals import CompiledController, Course, Measurement, Target
+from polish_sim.envs.stepping import (
+    ACTIONS,
+    LARGEST,
+    SEEN,
+    SPARE,
+    ActionContext,
+    EnvState,
+    Kept,
+    Numbers,
+    take_step,
+)
 from polish_sim.errors import ConfigError, InputError, check_name
 from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check, course_for, strokes_for
 from polish_sim.experiments.registry import default_scenario
@@ -177,14 +188,13 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         self._force_steps, self._force_range = force_steps, force_range_n
         self._stage = Stage(chosen, ranges_of(ranges), bodies)
         self.moving = self._stage.moving
-        self._stepped = SteppedCell(ACTIONS[action], self.moving)
+        self._sizes = len(ACTIONS[action].scale) + self.moving
         limit = time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
         self._longest = round(limit / dt)
         self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
-        self._draws = np.zeros((_BLOCK, DRAWS))
         self._cells: dict[int, Cell] = {}
-        self.action_space = gym.spaces.Box(-1.0, 1.0, self._stepped.action.shape, np.float32)
-        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, self._stepped.seen.shape, np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (self._sizes,), np.float32)
+        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, (SEEN + self._sizes,), np.float32)
         self.render_mode = render_mode
         self._renderer: Any = None
 
@@ -196,18 +206,39 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         """
         super().reset(seed=seed)
         self._draw(np.random.default_rng(self.np_random.integers(2**63)))
-        cell = self.cell
-        cell.rng.standard_normal(out=self._draws)
+        cell, kind = self.cell, ACTIONS[self.action]
         wait = 1 if (options or {}).get("start") == "tare" else round((TARE_START + TARE_TIME) / self._dt)
-        turn = EnvState(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
-        turn.eventful = bool(cell.faults.waiting)
-        turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
-        self._turn = turn
-        self._stepped.put(cell, self._recorder, self._draws, turn)
+        turn = EnvState(
+            every=self._every,
+            due=wait - self._every,
+            moving=self.moving,
+            feed=cell.scenario.process.feed_m_s,
+            last_stroke=len(cell.strokes) == 1,
+            longest=self._longest,
+            force_after=self._to_come[0][0] if self._to_come else math.inf,
+            eventful=bool(cell.faults.waiting),
+        )
+        turn.scale[: len(kind.scale)] = list(kind.scale.values())
+        context = ActionContext(gains=hybrid_gains(cell.scenario.controller), feed=1.0)
+        cell.use_controller(CompiledController(context, kind.law))
+        action = np.zeros(self._sizes, np.float32)
+        if self.moving:
+            action[-1] = 1.0
+        self._kept = Kept(
+            cell.kernel,
+            cell.real_arm,
+            self._recorder,
+            cell.rng.standard_normal((_BLOCK, DRAWS)),
+            turn,
+            context,
+            action,
+            np.zeros(SEEN + self._sizes, np.float32),
+            np.zeros(1, TraceStep.dtype),
+        )
         self.measurement: Measurement = cell.state.measurement
         self.target: Target = cell.state.target
-        self._needs = self._stepped.step().needs
-        return self._stepped.seen.copy(), {**self.truth(), "drawn": self.episode.drawn}
+        *_, self._needs = take_step(self._kept)
+        return self._kept.seen.copy(), {**self.truth(), "drawn": self.episode.drawn}
 
     def _draw(self, rng: np.random.Generator) -> None:
         stage = self._stage
@@ -230,26 +261,26 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, Info]:
         """Command an action until the next one is due."""
-        self._stepped.action[:] = action
+        self._kept.action[:] = action
         if self._needs:
             self.prepare()
-        dense, asks, self._needs = self._stepped.step()
+        dense, asks, self._needs = take_step(self._kept)
         terminated = truncated = False
         info = self.truth()
         if not asks and not self.next_stroke():
             terminated, truncated, end = self.end()
             info |= end
         reward = float(info.get("success", False)) if self.sparse else dense
-        return self._stepped.seen.copy(), reward, terminated, truncated, info
+        return self._kept.seen.copy(), reward, terminated, truncated, info
 
     def prepare(self) -> None:
         """Draw the noise of the steps to come, let faults happen, change the set force when it is time."""
-        turn, steps = self._turn, self.steps
+        turn, draws, steps = self._kept.turn, self._kept.draws, self.steps
         used = steps - turn.drawn_from
-        if len(self._draws) - used < self._every + SPARE:
-            kept = self._draws[used:].copy()
-            self._draws[: len(kept)] = kept
-            self.cell.rng.standard_normal(out=self._draws[len(kept) :])
+        if len(draws) - used < self._every + SPARE:
+            kept = draws[used:].copy()
+            draws[: len(kept)] = kept
+            self.cell.rng.standard_normal(out=draws[len(kept) :])
             turn.drawn_from = steps
         if self.cell.faults.waiting:
             self.cell.faults.inject_due(self.cell)
@@ -271,8 +302,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         status.arrived = False
         begin_next_stroke(cell.state.sequence)
         cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(left[0]))
-        self._turn.last_stroke = len(left) == 1
-        self._stepped.go_on(cell)
+        self._kept.turn.last_stroke = len(left) == 1
+        self._kept = self._kept._replace(cell=cell.kernel)
         return True
 
     @property
@@ -286,7 +317,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def truth(self) -> Info:
         """What the host does not know: the exact quantities of the last physics step, see `log.Trace`."""
-        return {"privileged": dict(zip(TRUTH, self._stepped.truth[0].copy().item(), strict=True))}
+        return {"privileged": dict(zip(TRUTH, self._kept.truth[0].copy().item(), strict=True))}
 
     def end(self) -> tuple[bool, bool, Info]:
         """Whether the episode has ended by itself, or by its time; its rows of the scorecard; if that is

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,13 @@ from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
-from polish_sim.cell.recorder import Recorder, TraceStep
+from polish_sim.cell.recorder import Recorder
 from polish_sim.cell.stroke import FEEDING, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
 from polish_sim.kernel_cache import cfunc, njit
 from polish_sim.kernels import Bundle, Record, Vector3, Vector6, kernel, matvec, minus, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE
-
-if TYPE_CHECKING:
-    from polish_sim.cell import Cell
 
 # Observations: what the host knows. Vectors are in tool axes, everything is divided by a scale.
 
@@ -228,7 +225,8 @@ def _reward(trace: NDArray[np.void], steps: int, force: float, turn: EnvState, s
 
 
 @njit
-def _take_step(k: Kept) -> StepEnd:
+def take_step(k: Kept) -> StepEnd:
+    """Command the action until the next one is due."""
     state = k.cell.state
     turn = k.turn
     status = k.cell.state.status
@@ -264,48 +262,3 @@ def _take_step(k: Kept) -> StepEnd:
     for i in range(sizes):
         k.seen[SEEN + i] = k.action[i]
     return StepEnd(reward, asks, needs)
-
-
-class SteppedCell:
-    """A cell stepped from one action to the next."""
-
-    def __init__(self, action: ActionKind, moving: bool) -> None:
-        sizes = len(action.scale) + moving
-        self.context: Any = ActionContext()
-        self.action = np.zeros(sizes, np.float32)  #: Each number within -1 to 1
-        self.seen = np.zeros(SEEN + sizes, np.float32)  #: The observation
-        self.truth = np.zeros(1, TraceStep.dtype)  #: The last physics step
-        self._kind, self._moving = action, moving
-        self._kept: Kept
-
-    def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: EnvState) -> None:
-        """Take up a cell at its start."""
-        self.context.gains = hybrid.hybrid_gains(cell.scenario.controller)
-        self.context.feed = 1.0
-        self.context.command[:] = 0.0
-        cell.use_controller(signals.CompiledController(self.context, self._kind.law))
-        turn.scale[: len(self._kind.scale)] = list(self._kind.scale.values())
-        turn.moving, turn.feed = self._moving, cell.scenario.process.feed_m_s
-        self.action[:] = 0.0
-        if self._moving:
-            self.action[-1] = 1.0
-        self._kept = Kept(
-            cell.kernel,
-            cell.real_arm,
-            recorder,
-            draws,
-            turn,
-            self.context,
-            self.action,
-            self.seen,
-            self.truth,
-        )
-
-    def go_on(self, cell: Cell) -> None:
-        """Take up what has changed of the cell: its next stroke."""
-        self._kept = self._kept._replace(cell=cell.kernel)
-
-    def step(self) -> StepEnd:
-        """Command the action until the next one is due."""
-        end: StepEnd = _take_step(self._kept)
-        return end
