@@ -39,6 +39,7 @@ import llvmlite.binding as llvm
 import numba
 
 from polish_sim.errors import PolishSimError
+from polish_sim.row_file import lock
 from polish_sim.source_stamp import source_stamp
 
 #: Versions whose internals are used here: from the first on, before the second
@@ -85,11 +86,7 @@ from numba.extending import (
     register_model,
     unbox,
 )
-
-try:
-    import fcntl
-except ImportError:
-    fcntl = None  # type: ignore[assignment]
+from numba.misc.appdirs import user_cache_dir
 
 SHIPPED = "kernels"  #: Folder of the package, of a wheel that carries its kernels
 MADE_FOR = "made_for.json"  #: What they were compiled for
@@ -369,30 +366,21 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def _wait_for_claim(self) -> None:
         """Claim the function for this process, once no other one is compiling it."""
-        if fcntl is None:  # Windows: two processes may compile the same kernel
-            return
         with suppress(OSError):  # nothing can be written there: _save_overload says so
             self._impl.locator.ensure_cache_path()
             self._claim = open(self._lock, "wb")  # noqa: SIM115  (closed by `release`)
             latest = time.monotonic() + _LONGEST_WAIT_S
-            while not _lock(self._claim) and time.monotonic() < latest:
+            # On Windows two processes may compile the same kernel.
+            while not lock(self._claim.fileno()) and time.monotonic() < latest:
                 time.sleep(0.02)
 
     def release(self) -> None:
         """Let other processes have the function; called when it is compiled or cannot be."""
         if self._claim is not None:
-            self._lock.unlink(missing_ok=True)
+            with suppress(PermissionError):  # on Windows, where it is open
+                self._lock.unlink(missing_ok=True)
             self._claim.close()
             self._claim = None
-
-
-def _lock(file: IO[bytes]) -> bool:
-    """Lock a file unless another process has; the lock ends with this process at the latest."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 @contextmanager
@@ -598,7 +586,8 @@ def _home() -> Path:
     """The folder of all kernels: the user's own and closed to others, for cached kernels are executable
     code."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    own = Path(chosen, _PACKAGE) if chosen else _user_cache() / "polish-sim" / "kernels"
+    usual = Path(user_cache_dir("polish-sim", False, opinion=False), "kernels")
+    own = Path(chosen, _PACKAGE) if chosen else usual
     folder = Path(os.environ.get(FOLDER) or own)
     trouble = _trouble(folder)
     if trouble is None:
@@ -625,14 +614,6 @@ def _trouble(folder: Path) -> str | None:
         if state.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             return f"others can write to {folder} (chmod go-w would close it)"
     return None if os.access(folder, os.W_OK) else f"{folder} is read-only"
-
-
-def _user_cache() -> Path:
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
 @cache
