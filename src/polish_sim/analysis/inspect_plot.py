@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
@@ -96,13 +95,12 @@ def plot_maps(found: Inspection) -> Figure:
     figure = new_figure(10.5, 4.6 if np.ptp(seen.x) >= 1.2 * np.ptp(seen.y) else 5.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_time(figure, panels[0], found, seen)
-    handles = _draw_cover(panels[1], found, seen, views)
+    _draw_cover(panels[1], found, seen, views)
     for axes in panels:
         axes.grid(False)
         scale_flat(axes, views)
     panels[1].set_ylabel("")
-    head(figure, f"Path on {found.mesh.name}, seen {views.name}")
-    figure.legend(handles=handles, loc="outside lower left", ncols=4)
+    head(figure, f"Path on {found.mesh.name}, seen {views.name}", legend=panels[1:])
     return figure
 
 
@@ -113,14 +111,16 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, seen: Triangulatio
     drawn = axes.tripcolor(seen, times, vmin=0.0, vmax=top, cmap="viridis", **SMOOTH)
     figure.colorbar(drawn, ax=axes, label="time under the pad [s]", shrink=0.85, pad=0.02, extend="max")
     over = 1e4 * m["over_polished_area_m2"]
-    axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over 2 medians", fontsize=9.0)
+    axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over 2 medians")
 
 
-def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views) -> list[Artist]:
+def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views) -> None:
     m = found.figures
     quality = found.quality
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
+    for name, color in LEVELS.items():
+        axes.plot([], [], "s", color=color, label=name)
     axes.tripcolor(seen, level, vmin=-0.5, vmax=2.5, cmap=colors, **SMOOTH)
     for run in quality.runs:
         line = (run.positions @ views.flat.T * MM)[:, :2]
@@ -137,7 +137,4 @@ def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views
         axes.add_patch(Circle((x, y), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False))
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad",
-        fontsize=9.0,
     )
-    patches = (Patch(color=color, label=name) for name, color in LEVELS.items())
-    return [*patches, *axes.get_legend_handles_labels()[0]]

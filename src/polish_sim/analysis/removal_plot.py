@@ -57,7 +57,7 @@ def plot_removal(records: Records, path_words: Callable[[Scenario], str]) -> Fig
         run = f"{record.scenario.controller.label}, {path_words(record.scenario)}"
         run += f" ({record.name})" if len(records) > 1 else ""
         figure.colorbar(scale, ax=flat, shrink=0.75, pad=0.02, extend="both", label=RELATIVE)
-        flat.set_title(f"{run}\n{_facts(record.removal)}", fontsize=9.0, fontweight="normal")
+        flat.set_title(f"{run}\n{_facts(record.removal)}")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
     head(figure, "Removal", legend=list(grid))

@@ -31,7 +31,6 @@ from polish_sim.analysis.style import (
     mark_stop,
     new_figure,
     shade_band,
-    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Bools
@@ -295,7 +294,7 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4)
     asked = f", asked {bound_text(claim)}: {met.sum()} of {len(seeds)}" if claim.bounded else ""
-    small_title(axes, f"{claim.label.strip()} [{claim.unit or '-'}]{asked}")
+    axes.set_title(f"{claim.label.strip()} [{claim.unit or '-'}]{asked}")
     # From a spread of 10% on to scale: a smaller one looks small.
     shown = np.array([np.nanmin(drawn), np.nanmax(drawn), *limits])
     room = 0.12 * max(np.ptp(shown), 0.1 * np.abs(shown).max())

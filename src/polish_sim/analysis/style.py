@@ -168,11 +168,6 @@ def limit_line(axes: Axes, value: float, label: str) -> None:
     axes.axhline(value, color=GREEN, lw=1.0, ls="--", label=label)
 
 
-def small_title(axes: Axes, text: str) -> None:
-    """Say in small print what a panel shows."""
-    axes.set_title(text, fontsize=9.0, fontweight="normal")
-
-
 def facts_of(metrics: Metrics, *rows: tuple[str, str, float]) -> list[str]:
     """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
     known = [(text, scale * figure_of(metrics, name)) for text, name, scale in rows]

@@ -253,7 +253,7 @@ def plot_border(border: Border) -> Figure:
         _draw_runs(axes, border, name)
         _draw_reach(axes)
         rests = [rest.stable for row in border.rests[name] for rest in row if rest is not LOST]
-        axes.set_title(f"{name}: {rests.count(True)} of {len(rests)} runs stable", fontsize=9.5)
+        axes.set_title(f"{name}: {rests.count(True)} of {len(rests)} runs stable")
         axes.set_xlabel("latency, sensor and command [ms]")
     panels[0].set_ylabel("springs by what the plan takes them for [-]")
     _scale(panels[0], border)

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from polish_sim.analysis.style import GREEN, GREY, MARKS, SERIES, head, new_figure, styled
@@ -53,12 +52,11 @@ def plot_score(rows: Sequence[Metrics], cases: Mapping[str, bool], asked: Sequen
     rest = (
         f" and {len(labels) - 1} more" if len(labels) > 2 else "".join(f" and {name}" for name in labels[1:])
     )
-    head(figure, f"Score: {labels[0]}{rest}", ["a mark a run, a line a case; further left is better"])
-    figure.legend(
-        handles=_legend(labels, any(one.applies(case) for one in asked for case in cases)),
-        loc="outside lower center",
-        ncols=min(len(labels) + 3, 5),
-    )
+    for number, label in enumerate(labels):
+        panels[-1].plot([], [], ls="", label=label, **_mark(number))
+    panels[-1].plot([], [], "x", color=GREY, label="not stable (right border: no figure)")
+    what = f"Score: {labels[0]}{rest}"
+    head(figure, what, ["a mark a run, a line a case; further left is better"], legend=panels)
     return figure
 
 
@@ -103,14 +101,6 @@ def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequenc
     for one in asked:
         for y, case in enumerate(cases):
             if one.claim.figure == panel.figure and one.applies(case):
-                axes.plot([one.claim.high] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1)
-
-
-def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
-    marks = [Line2D([], [], ls="", ms=5, label=label, **_mark(i)) for i, label in enumerate(labels)]
-    marks.append(
-        Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)")
-    )
-    if limits:
-        marks.append(Line2D([], [], color=GREEN, lw=1.8, label="asked"))
-    return marks
+                axes.plot(
+                    [one.claim.high] * 2, [y - 0.45, y + 0.45], color=GREEN, lw=1.8, zorder=1, label="asked"
+                )

@@ -20,7 +20,6 @@ from polish_sim.analysis.style import (
     head,
     limit_line,
     new_figure,
-    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Indices, foot_on_chord, norms, perpendicular, turns_along, unit
@@ -120,7 +119,7 @@ def plot_joints(curves: Sequence[Curves], limits: Array, title: str, facts: Sequ
         _draw(axes, curves, [share.max(axis=1) for share in shares], 0.8)
         limit_line(axes, 100.0, "limit")
         axes.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
-    small_title(grid[0, 0], "the joint that is nearest to its limit")
+    grid[0, 0].set_title("the joint that is nearest to its limit")
     _finish(figure, grid, curves, title, facts)
     return figure
 
@@ -257,9 +256,6 @@ def plot_corners(
         axes.set_title(
             f"{view.name}, turn {np.degrees(view.turn):.1f}°\n"
             f"corner {_micro(view.vertex)} µm off, path left by {_micro(view.contour)} µm",
-            fontsize=8.5,
-            fontweight="normal",
-            color="#444444",
         )
     for axes in list(grid.flat)[len(views) :]:
         axes.set_visible(False)

@@ -22,7 +22,6 @@ from polish_sim.analysis.style import (
     head,
     limit_line,
     new_figure,
-    small_title,
     styled,
 )
 from polish_sim.arrays import Array, Figures, Indices
@@ -153,7 +152,7 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     for sign in (-1.0, 1.0):
         limit_line(jerk, sign * limits[best.joint], "limit")
     jerk.set(ylabel="jerk asked [rad/s³]")
-    small_title(jerk, f"{JOINT_NAMES[best.joint].replace('_', ' ')}, {best.place:.3f} m along the path")
+    jerk.set_title(f"{JOINT_NAMES[best.joint].replace('_', ' ')}, {best.place:.3f} m along the path")
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
     for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
