@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -30,32 +31,27 @@ UNSENT = 1 << 20  #: Bytes a slow reader may leave unread before it is dropped
 
 PACKED = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
 """Fields of 32 bits each, and the first of them."""
+REGISTERS = {
+    "INT32": [f"int_register_{k}" for k in range(48)],
+    "DOUBLE": [f"double_register_{k}" for k in range(48)],
+    "BOOL": [f"bit_register_{k}" for k in range(64, 128)],
+    "UINT32": list(PACKED),
+}
+"""Registers of either side by type."""
 
 
 class ProtocolError(Exception):
     """A client sent what no RTDE client sends: it is dropped."""
 
 
-def _registers() -> dict[str, tuple[str, Any]]:
-    found: dict[str, tuple[str, Any]] = {}
-
-    def value(signal: str, index: int) -> Callable[[RobotController], Any]:
-        return lambda c: c.robot.signals[signal][index]
-
-    def packed(signal: str, first: int) -> Callable[[RobotController], int]:
-        return lambda c: bits_of(c.robot.signals[signal][first : first + 32])
-
-    for side in ("input", "output"):
-        for kind, form, numbers in (
-            ("int", "INT32", range(48)),
-            ("double", "DOUBLE", range(48)),
-            ("bit", "BOOL", range(64, 128)),
-        ):
-            for index in numbers:
-                found[f"{side}_{kind}_register_{index}"] = (form, value(f"{side}_{kind}_register", index))
-        for name, first in PACKED.items():
-            found[f"{side}_{name}"] = ("UINT32", packed(f"{side}_bit_register", first))
-    return found
+def _register(name: str, controller: RobotController) -> Any:
+    """The value of a register, or 32 bits packed."""
+    signal, _, number = name.rpartition("_")
+    side, _, field = name.partition("_")
+    if field in PACKED:
+        first = PACKED[field]
+        return bits_of(controller.robot.signals[f"{side}_bit_register"][first : first + 32])
+    return controller.robot.signals[signal][int(number)]
 
 
 SOURCES: Mapping[str, Mapping[str, Any]] = {
@@ -153,7 +149,12 @@ FIELDS: Mapping[str, tuple[str, Any]] = {
         for kind, some in SOURCES.items()
         for name, source in some.items()
     },
-    **_registers(),
+    **{
+        f"{side}_{name}": (kind, partial(_register, f"{side}_{name}"))
+        for side in ("input", "output")
+        for kind, names in REGISTERS.items()
+        for name in names
+    },
 }
 """Output fields: type, and value or what asks a controller for it."""
 
@@ -281,7 +282,7 @@ class RtdeSession:
             (rate,) = struct.unpack_from(">d", body)
             body = body[8:]
         names = _names(body)
-        types = [FIELDS[name][0] if name in FIELDS else NOT_FOUND for name in names]
+        types = [FIELDS.get(name, (NOT_FOUND,))[0] for name in names]
         number = 0
         if NOT_FOUND not in types and names and 1.0 <= rate <= MOST_HZ and len(self.outputs) < MOST_RECIPES:
             number = len(self.outputs) + 1 if self.version == 2 else 1
