@@ -7,7 +7,6 @@ from polish_sim.lazy import names_on_use
 if TYPE_CHECKING:
     from polish_sim.calibration.payload import (
         GRAVITY,
-        PayloadEstimate,
         PayloadReadings,
         fit_payload,
         fit_without_outliers,
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
         plan_payload_poses,
     )
     from polish_sim.calibration.tables import (
-        estimate_figures,
         read_calibrated_tool,
         read_readings,
         read_table,

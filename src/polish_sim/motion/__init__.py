@@ -12,5 +12,4 @@ from polish_sim.motion.kinematics import (
     smallest_singular_values,
     track,
     use_arm,
-    used_arm,
 )

@@ -19,6 +19,6 @@ if TYPE_CHECKING:
     )
     from polish_sim.planning.patterns import PATTERNS
     from polish_sim.planning.planner import plan_path
-    from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
+    from polish_sim.planning.toolpath import ToolPath, pressed
 else:
     __getattr__ = names_on_use(__name__)

@@ -6,7 +6,7 @@ from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
     from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
-    from polish_sim.scoring.figures import BATTERY_ASKED, REACH, REACH_CASES, JudgedFigure, judge
+    from polish_sim.scoring.figures import BATTERY_ASKED, REACH, REACH_CASES, judge
     from polish_sim.scoring.score import (
         Score,
         Task,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         summarize,
         verdict_table,
         worst_case,
-        worst_line,
     )
 else:
     __getattr__ = names_on_use(__name__)
