@@ -68,7 +68,5 @@ def _fill(table: Any, values: Mapping[str, Any], comments: Mapping[str, str], pl
 
 
 def _plain(value: Any) -> Any:
-    """Lists for tuples and arrays, Python's numbers for numpy's."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    return [_plain(entry) for entry in value] if isinstance(value, (list, tuple)) else value
+    """A list for an array, a number of Python's for numpy's."""
+    return value.tolist() if hasattr(value, "tolist") else value

@@ -120,8 +120,9 @@ def engine(on: str) -> str:
 
 def processors() -> int:
     """How many processors this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    from joblib import cpu_count  # slow to import
+
+    return int(cpu_count())
 
 
 class Runner:
@@ -426,12 +427,12 @@ def versions_here() -> dict[str, str]:
 
 class _Cluster:
     def __init__(self, client: Any, shipped: Mapping[str, bytes], where: str) -> None:
-        self._client, self._shipped = client, shipped
+        self._client = client
         shown = "dashboard" in client.scheduler_info()["services"]
         self.count = sum(client.nthreads().values())
         self.where = f"{where}, dashboard {client.dashboard_link}" if shown else where
-        self._hashes = {name: hashlib.sha256(content).hexdigest() for name, content in shipped.items()}
-        client.run(_store, shipped)
+        # Workers that come later keep them as well.
+        client.register_worker_callbacks(partial(_store, shipped))
 
     def results(self, tasks: Sequence[Any], work: Work, group_of: GroupOf) -> Generator[Result]:
         distributed = import_module("distributed")
@@ -439,7 +440,7 @@ class _Cluster:
         waiting = deque(sorted(tasks, key=lambda task: hash(group_of(task))))
         running: dict[Any, Any] = {}
         tries = dict.fromkeys(tasks, 0)
-        doing = partial(_with_files, work, versions_here(), self._hashes)
+        doing = partial(_same_there, work, versions_here())
         done = SimpleQueue[Any]()
 
         def submit() -> None:
@@ -459,11 +460,6 @@ class _Cluster:
                     future.add_done_callback(done.put)
                     continue
                 del running[future]
-                if result.value == _FILES_MISSING:  # the worker came later
-                    self._client.run(_store, self._shipped)
-                    waiting.append(task)
-                    submit()
-                    continue
                 if result.trouble is not None:
                     tries[task] += 1
                     # Dask blames all tasks of a worker that dies: this one may not be what killed it.
@@ -509,7 +505,6 @@ class _Cluster:
         raise WorkersError(f"the scheduler is gone ({self.where}). The same command resumes when it is back.")
 
 
-_FILES_MISSING = "a worker lacks the user's files"
 _copies: dict[str, str] = {}  #: Of shipped files, by their names on the machine they come from
 
 
@@ -518,28 +513,21 @@ def local_copy(name: str) -> str:
     return _copies.get(name, name)
 
 
-def _copy_of(name: str, digest: str) -> Path:
-    return Path(tempfile.gettempdir()) / f"polish-sim-{getpass.getuser()}" / digest[:24] / Path(name).name
-
-
 def _store(shipped: Mapping[str, bytes]) -> None:
     """Keep the user's files on this machine, each in a folder named by its content."""
+    folder = Path(tempfile.gettempdir()) / f"polish-sim-{getpass.getuser()}"
     for name, content in shipped.items():
-        copy = _copy_of(name, hashlib.sha256(content).hexdigest())
+        copy = folder / hashlib.sha256(content).hexdigest()[:24] / Path(name).name
         copy.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         draft = copy.with_name(f".{copy.name}.{os.getpid()}")
         draft.write_bytes(content)
         draft.replace(copy)
+        _copies[name] = str(copy)
 
 
-def _with_files(work: Work, versions: Mapping[str, str], hashes: Mapping[str, str], task: Any) -> Any:
-    """One task on a worker of a cluster, with the user's files beside it; what they print goes to stderr."""
+def _same_there(work: Work, versions: Mapping[str, str], task: Any) -> Any:
+    """One task on a worker of a cluster, of the same versions as here; what it prints goes to stderr."""
     if versions != versions_here():
         raise WorkersError(f"the command has {_differing(versions)} a worker. Install the same on both ends.")
-    for name, digest in hashes.items():
-        copy = _copy_of(name, digest)
-        if not copy.is_file() or hashlib.sha256(copy.read_bytes()).hexdigest() != digest:
-            return _FILES_MISSING
-        _copies[name] = str(copy)
     with redirect_stdout(sys.stderr):
         return work(task)
