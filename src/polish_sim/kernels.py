@@ -53,15 +53,8 @@ class Record:
 
     def __init_subclass__(cls) -> None:
         hints = get_type_hints(cls, include_extras=True)
-        formats = {name: _format(hint) for name, hint in hints.items() if name != "dtype"}
-        ends = np.cumsum([0] + [-(-np.dtype(form).itemsize // 8) * 8 for form in formats.values()])
-        layout: Any = {
-            "names": list(formats),
-            "formats": list(formats.values()),
-            "offsets": ends[:-1],
-            "itemsize": ends[-1],
-        }
-        cls.dtype = np.dtype((np.record, np.dtype(layout, align=True)))
+        fields = [(name, _format(hint)) for name, hint in hints.items() if name != "dtype"]
+        cls.dtype = np.dtype((np.record, np.dtype(fields, align=True)))
 
     def __new__(cls, *values: Any, **named: Any) -> Self:
         """Make a record with values for its first fields, and by name."""
