@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, InputError, check_name
-from polish_sim.experiments.registry import ROWS, default_scenario
-from polish_sim.scenario_file import counted_seeds, leaves, override, parse_value
+from polish_sim.config.key import key
+from polish_sim.errors import ConfigError, InputError, check_name, named_place
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.scenario_file import counted_seeds, leaves, merge, override, parse_value, section_keys
 from polish_sim.tables import number_in
 from polish_sim.toml_text import read_toml, toml_text, toml_value
 
@@ -24,7 +25,6 @@ STUDY = "study.toml"
 SAMPLES = ("grid", "random", "sobol", "lhs")
 MOST_RUNS = 10_000_000
 _RANGE = re.compile(r"([^:,\s]+):([^:,\s]+)(?::(lin|log)(\d*))?")
-_KEYS = ("experiment", "seeds", "first_seed", "sample", "count", "settings", "vary")
 
 
 class Axis(NamedTuple):
@@ -191,6 +191,17 @@ def _frozen(value: Any) -> Any:
 # A study as a file.
 
 
+@dataclass(frozen=True)
+class StudyHead:
+    """A study but for its settings and what is varied."""
+
+    experiment: str = key("", "as of run")
+    seeds: int = key(1, "of each point", 1)
+    first_seed: int = key(0, "they are counted up from it", 0)
+    sample: str = key("grid", "grid, random, sobol or lhs")
+    count: int = key(0, "points of a sample; 0 for a grid", 0)
+
+
 def study_text(study: Study) -> str:
     """The study as study.toml."""
     usual = default_scenario(study.base.experiment)
@@ -199,21 +210,17 @@ def study_text(study: Study) -> str:
         usual = replace(usual, process=process, pad=replace(usual.pad, radius_m=math.nan))
     words = changed_words(replace(study.base, seed=0), replace(usual, seed=0))
     settings = {key: parse_value(value) for key, _, value in (word.partition("=") for word in words)}
+    head = StudyHead(study.base.experiment, study.seeds, study.base.seed, study.sample, study.count)
     return toml_text(
         {
-            "experiment": study.base.experiment,
-            "seeds": study.seeds,
-            "first_seed": study.base.seed,
-            "sample": study.sample,
-            "count": study.count,
+            **vars(head),
             "settings": settings,
             "vary": {
                 axis.key: axis.text if not math.isnan(axis.low) else list(axis.values) for axis in study.axes
             },
         },
         {
-            "sample": "grid, random, sobol or lhs",
-            "count": "points of a sample; 0 for a grid",
+            **{name: field.metadata["text"] for name, field, _ in section_keys(head)},
             "settings": "what differs from the experiment's defaults",
             "vary": 'lists, or "low:high:log5", "low:high:lin5"',
         },
@@ -228,35 +235,23 @@ def read_study(file: Path) -> Study:
         PolishSimError: If it cannot be read, or names what is not known.
     """
     table = read_toml(file, "study", InputError)
-    for key in table:
-        check_name(f"key in '{file}':", key, _KEYS)
-    what = str(table.get("experiment", ""))
-    check_name(f"experiment in '{file}':", what, ROWS)
-    counts = {name: table.get(name, usual) for name, usual in (("seeds", 1), ("first_seed", 0), ("count", 0))}
-    for name, value in counts.items():
-        if type(value) is not int or value < (name == "seeds"):
-            raise ConfigError(f"'{name}' in '{file}' must be a whole number, got {value!r}.")
-    for name in ("settings", "vary"):
-        if not isinstance(table.get(name, {}), dict):
-            raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
-    settings = tuple(f"{key}={toml_value(value)}" for key, value in leaves(table.get("settings", {})))
-    base = override(default_scenario(what), settings)
-    axes = tuple(_axis_of(key, value, file) for key, value in leaves(table.get("vary", {})))
-    return Study(
-        replace(base, seed=counts["first_seed"]),
-        axes,
-        counts["seeds"],
-        table.get("sample", "grid"),
-        counts["count"],
-        settings,
-    )
+    sections = [table.pop(name, {}) for name in ("settings", "vary")]
+    with named_place(f"'{file}'"):
+        if not all(isinstance(section, dict) for section in sections):
+            raise ConfigError(
+                "'settings' and 'vary' are sections: write [settings] or [vary] and keys below."
+            )
+        head = merge(StudyHead(), table, "")
+        settings, vary = map(leaves, sections)
+        said = tuple(f"{name}={toml_value(value)}" for name, value in settings)
+        base = replace(override(default_scenario(head.experiment), said), seed=head.first_seed)
+        axes = tuple(_axis_of(name, value) for name, value in vary)
+    return Study(base, axes, head.seeds, head.sample, head.count, said)
 
 
-def _axis_of(key: str, value: Any, file: Path) -> Axis:
+def _axis_of(name: str, value: Any) -> Axis:
     if isinstance(value, str):
-        return read_axis(f"{key}={value}")
+        return read_axis(f"{name}={value}")
     if not isinstance(value, list) or not value:
-        raise ConfigError(
-            f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'."
-        )
-    return Axis(key, toml_value(value), _frozen(value))
+        raise ConfigError(f"'{name}' under [vary] must be a list of values or a text such as '0.1:1:log5'.")
+    return Axis(name, toml_value(value), _frozen(value))
