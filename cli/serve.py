@@ -25,7 +25,7 @@ from polish_sim.cli.progress import end_with_starter
 from polish_sim.cli.run import checked_run, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, check_name, count_text, leave_out
+from polish_sim.errors import InputError, check_name, count_text, first_twice, leave_out
 from polish_sim.experiments.registry import check_flange, experiment
 from polish_sim.page import save_page
 from polish_sim.row_file import put_file, write_json
@@ -96,7 +96,7 @@ def serve(given: Given) -> int:
             console.note(
                 f"warning: whoever reaches {address} can drive the robot: there is no authentication."
             )
-    if len(set(addresses)) < len(addresses):
+    if first_twice(addresses):
         raise InputError("--address: each robot needs an address of its own, e.g. 127.0.0.1 and 127.0.0.2.")
     if given["--live-port"] and addresses[1:]:
         raise InputError("--live-port is for one robot: leave it out, each one's page finds a port.")

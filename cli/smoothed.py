@@ -14,7 +14,7 @@ import numpy as np
 from polish_sim.arms import FIRST
 from polish_sim.cli import console
 from polish_sim.cli.options import Given
-from polish_sim.errors import InputError, PolishSimError, count_text, number_text
+from polish_sim.errors import InputError, PolishSimError, count_text, first_twice, number_text
 from polish_sim.exchange import WayPoints, plan_facts, read_way_points, refuse_unknown
 from polish_sim.motion import use_arm
 from polish_sim.motion.rules.deviation import measure_deviation
@@ -54,9 +54,9 @@ def smooth_file(
     rules = [rule for rule in (given["--rule"] or "spline", given["--against"]) if rule is not None]
     for rule in rules:
         check_rule("rule", rule, RULES)
-    if len(set(rules)) < len(rules):
+    if twice := first_twice(rules):
         raise InputError(
-            f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another."
+            f"--against {twice} is the rule itself: there would be nothing to compare. Name another."
         )
     notes: list[str] = []
     limits = SmoothingLimits() if given["--limits"] is None else load_limits(given["--limits"])

@@ -13,7 +13,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.many import filled
 from polish_sim.cli.options import OWN, Given, Own, argument, takes
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, check_name, needed, number_text
+from polish_sim.errors import InputError, check_name, first_twice, needed, number_text
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.page import Table, save_page
 from polish_sim.row_file import Rows, put_file, write_metrics
@@ -129,9 +129,8 @@ def asked_search(controller: str, given: Given) -> Search:
     sampler = given["--sampler"] or "tpe"
     check_name("sampler", sampler, SAMPLERS)
     over = read_over(name, [word.strip() for word in given["--over"].split(",")])
-    keys = [searched.key for searched in over]
-    if len(set(keys)) < len(keys):
-        raise InputError(f"--over names {next(key for key in keys if keys.count(key) > 1)} twice.")
+    if twice := first_twice([searched.key for searched in over]):
+        raise InputError(f"--over names {twice} twice.")
     conditions = tuple(
         read_condition(word.strip()) for word in (given["--subject-to"] or "stable").split(",")
     )

@@ -95,6 +95,11 @@ def check_name(kind: str, name: str, known: Collection[str], others: Mapping[str
         raise unknown_name(kind, name, known, others)
 
 
+def first_twice(names: Sequence[str]) -> str:
+    """The first of some names that stands among them more than once; empty if none does."""
+    return next((name for name in names if names.count(name) > 1), "")
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """The known name that is most like another one, whatever their capitals; empty if none is near."""
     from difflib import get_close_matches

@@ -123,17 +123,15 @@ def _draw_cover(axes: Axes, found: Inspection, seen: Triangulation, views: Views
         axes.plot([], [], "s", color=color, label=name)
     axes.tripcolor(seen, level, vmin=-0.5, vmax=2.5, cmap=colors, **SMOOTH)
     for run in quality.runs:
-        line = (run.positions @ views.flat.T * MM)[:, :2]
-        axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
+        axes.add_collection(LineCollection([views.places(run.positions)], colors=[GREY], lw=0.5))
     if len(quality.crossings):
-        at = quality.crossings @ views.flat.T * MM
-        axes.plot(at[:, 0], at[:, 1], "x", color=PINK, ms=6, mew=1.6, label="crossing")
+        axes.plot(*views.places(quality.crossings).T, "x", color=PINK, ms=6, mew=1.6, label="crossing")
     inside = quality.pad_in_part
     if len(inside.depths):
-        at = inside.positions @ views.flat.T * MM
+        at = views.places(inside.positions)
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
-        axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
-        x, y = at[inside.depths.argmax(), :2]
+        axes.plot(*at.T, "o", color=DARK, ms=3.0, label=label)
+        x, y = at[inside.depths.argmax()]
         axes.add_patch(Circle((x, y), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False))
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad",

@@ -256,7 +256,7 @@ SMOOTH: dict[str, Any] = {"shading": "gouraud", "rasterized": True}  #: Colours 
 
 def seen_triangles(vertices: Array, normals: Array, triangles: Indices, views: Views) -> Triangulation:
     """The triangles (m, 3) of a mesh that face the viewer of its flat picture [mm]; all if none does."""
-    places = vertices @ views.flat.T * MM
+    places = views.places(vertices)
     facing = (normals[triangles] @ views.flat[2]).min(axis=1) > 0.0
     return Triangulation(places[:, 0], places[:, 1], triangles[facing if facing.any() else slice(None)])
 

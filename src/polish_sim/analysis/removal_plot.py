@@ -29,7 +29,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import number_text
 from polish_sim.log import RemovalMap
 
-MM, MICRO = 1e3, 1e6
+MICRO = 1e6
 TOP = 2.0  #: Removal over its mean at which the colours end
 BARE = "#3A0010"
 """Where nothing was removed."""
@@ -79,12 +79,10 @@ def _draw_map(flat: Axes, record: RunRecord, removal: RemovalMap) -> None:
             )
             flat.plot([], [], color="black", lw=0.7, ls=dashes, label=f"{level:g} times the mean")
     flat.add_collection(
-        LineCollection(
-            list((removal.vertices[removal.border] @ views.flat.T * MM)[..., :2]), colors="black", lw=0.8
-        )
+        LineCollection(list(views.places(removal.vertices[removal.border])), colors="black", lw=0.8)
     )
     if stop and record.path:
-        cross_out(flat, (views.flat @ stop.on_path(record.path))[:2] * MM)
+        cross_out(flat, views.places(stop.on_path(record.path)))
     flat.grid(False)
     scale_flat(flat, views)
 

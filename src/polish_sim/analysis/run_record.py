@@ -14,7 +14,7 @@ from polish_sim.analysis.claim import figure_of
 from polish_sim.arms import FIRST, IDEAL
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError, number_text
+from polish_sim.errors import InputError, first_twice, number_text
 from polish_sim.log import (
     FORGET,
     RemovalMap,
@@ -138,9 +138,9 @@ def read_records(folders: Sequence[Path]) -> list[RunRecord]:
     repeat."""
     records = [read_record(folder) for folder in folders]
     names = [record.name for record in records]
-    if len(set(names)) < len(names):
+    if first_twice(names):
         names = [str(folder) for folder in folders]
-    if len(set(names)) < len(names):
+    if first_twice(names):
         names = [f"{name} #{number}" for number, name in enumerate(names, 1)]
     return [replace(record, name=name) for record, name in zip(records, names, strict=True)]
 

@@ -200,6 +200,10 @@ class Views(NamedTuple):
     name: str  #: From where the flat one looks
     labels: tuple[str, str]  #: Of its axes
 
+    def places(self, points: Array) -> Array:
+        """Points (..., 3) [m] in the flat picture [mm], shape (..., 2)."""
+        return 1e3 * (points @ self.flat.T)[..., :2]
+
 
 def views_of(normals: Array, up: Array) -> Views:
     """How to look at a region by its outer normals (n, 3); ``up``: away from the table, (3,)."""

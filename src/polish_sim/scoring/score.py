@@ -21,7 +21,7 @@ from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.control.laws import file_of, tell_error
-from polish_sim.errors import InputError, PolishSimError
+from polish_sim.errors import InputError, PolishSimError, first_twice
 from polish_sim.experiments.assembly import (
     Workplace,
     build_cell,
@@ -194,11 +194,8 @@ def asked_for(what: str, entries: Sequence[Entry], tasks: Iterable[Task], **more
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
     """Refuse, before anything runs, a controller that cannot be made or a setting that does not fit the
     config."""
-    labels = [entry.label for entry in entries]
-    if len(set(labels)) < len(labels):
-        raise InputError(
-            f"'{labels[-1]}' would be compared with itself. Name another controller with --against."
-        )
+    if twice := first_twice([entry.label for entry in entries]):
+        raise InputError(f"'{twice}' would be compared with itself. Name another controller with --against.")
     for entry in entries:
         for case in cases:
             scenario = case.scenario(entry, 0)

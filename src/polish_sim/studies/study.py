@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, InputError, check_name, named_place
+from polish_sim.errors import ConfigError, InputError, check_name, first_twice, named_place
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import counted_seeds, leaves, merge, override, parse_value, section_keys
 from polish_sim.tables import number_in
@@ -97,10 +97,8 @@ class Study:
         """
         check_name("sample", str(self.sample), SAMPLES)
         keys = [axis.key for axis in self.axes]
-        if len(set(keys)) < len(keys):
-            raise InputError(
-                f"'{next(key for key in keys if keys.count(key) > 1)}' is varied twice: give one --vary."
-            )
+        if twice := first_twice(keys):
+            raise InputError(f"'{twice}' is varied twice: give one --vary.")
         if {"seed", "experiment"} & set(keys):
             raise InputError(
                 "a study is of one experiment and counts seeds with --seeds: vary something else."
