@@ -173,9 +173,10 @@ def test_the_rest_of_a_path_keeps_the_dwell_of_its_even_removal():
         scenario = pressing("plan.removal=even", f"plan.begin_m={begin_m}")
         plan = planned(scenario, replace(line, feed=np.linspace(0.02, 0.04, len(line.s)))).behind(begin_m)
         prover = prover_of(scenario, plan)
-        prover._ease(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.5)
+        prover._slow(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.25)
         prover._even_out()
         assert np.array_equal(prover.path.feed, plan.path.feed) == kept
+        assert prover.share.min() == 0.25  # of the planned feed: it is not slowed again
 
 
 def test_a_cut_path_is_proven_in_the_configuration_a_run_takes_on_the_side_it_presses(monkeypatch):

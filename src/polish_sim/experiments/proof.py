@@ -419,15 +419,14 @@ class _Prover:
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
     def _even_out(self) -> None:
-        """Find the dwell of an even removal for the path as it is mended, its force as given; the rest of a
-        path is not all that makes it even."""
+        """Find the dwell of an even removal for the path as it is mended, its force as given; where it was
+        slowed it stays slowed by that share. The rest of a path is not all that makes it even."""
         plan, asked = replace(self.plan, path=self.place_now().path), self.scenario.plan
         if not asked.removal or asked.begin_m or plan.path.feed is None or len(self.mends) == self.evened:
             return
-        self.most = np.minimum(self.most, np.where(self.share < 1.0, plan.path.feed, math.inf))
         found = even_out(self.scenario, plan, self.observer, self.most)
         self.plan = replace(self.plan, figures=found.figures, notes=found.notes)
-        self.path, self.share = replace(self.path, feed=found.path.feed), np.ones(len(self.share))
+        self.path = replace(self.path, feed=found.path.feed / self.share)
         self.evened = len(self.mends)
 
     def _play(self, seed: int | None) -> Play:
@@ -551,7 +550,10 @@ class _Prover:
         """Feed the tool at a share of the planned feed along some rows of the path."""
         first = int(rows.argmax())
         self.kept_until = min(self.kept_until, self.path.s[first] - SLOWING_S * self._feed_at(first))
-        self.share[rows] = np.minimum(self.share[rows], share)
+        slower = rows & (self.share > share)
+        self.share[slower] = share
+        if self.path.feed is not None:
+            self.most[slower] = share * self.path.feed[slower]
         self.mends.append(mend_of(SLOWED, why, share, self.path, rows))
 
     def _leave_out(self, rows: Bools, why: str) -> Indices:

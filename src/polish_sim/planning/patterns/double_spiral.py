@@ -66,7 +66,8 @@ def even_spacing(request: PatternRequest, runs: Sequence[Run], rounds: int) -> l
     border = cKDTree(np.concatenate([dense(ring, 0.1 * stepover) for ring in rings]))
     for _ in range(rounds):
         path = _sampled(surface, lines, stepover)
-        free = border.query(path.points)[0] > AT_BORDER * stepover
+        near = AT_BORDER * stepover
+        free = border.query(path.points, distance_upper_bound=near)[0] > near
         lines = _moved(mesh, path, free, stepover)
     return [Run(line, _passes(run, line)) for run, line in zip(runs, lines, strict=True)]
 
@@ -115,13 +116,14 @@ def _gaps(path: RunSamples, tangents: Array, beside: Indices, stepover: float) -
 def _drawn(mesh: Triangulation, path: RunSamples, sides: Array, stepover: float) -> tuple[Array, Array]:
     """How far what is not covered lies off to the left of each point, summed [m], and how many places that
     are."""
-    distance, nearest = cKDTree(path.points).query(mesh.vertices)
-    far = np.flatnonzero(distance > UNCOVERED * stepover)
-    at = nearest[far]
+    tree, covered = cKDTree(path.points), UNCOVERED * stepover
+    # With a bound the search is quicker; few places are beyond it.
+    far = np.flatnonzero(tree.query(mesh.vertices, distance_upper_bound=covered)[0] > covered)
+    distance, at = tree.query(mesh.vertices[far])
     same_side = dots(path.normals[at], mesh.normals[far]) > 0.0
-    far, at = far[same_side], at[same_side]
-    offset = dots(mesh.vertices[far] - path.points[at], sides[at]) / distance[far]
-    weights = offset * (distance[far] - (UNCOVERED - DRAWN_MORE) * stepover)
+    far, at, distance = far[same_side], at[same_side], distance[same_side]
+    offset = dots(mesh.vertices[far] - path.points[at], sides[at]) / distance
+    weights = offset * (distance - (covered - DRAWN_MORE * stepover))
     count = len(path.points)
     drawn: Array = np.bincount(at, weights, count).astype(np.float64)
     return drawn, np.bincount(at, minlength=count).astype(np.float64)
