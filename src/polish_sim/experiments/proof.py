@@ -548,13 +548,13 @@ class _Prover:
 
     def _slow(self, rows: Bools, why: str, share: float) -> None:
         """Feed the tool at a share of the planned feed along some rows of the path."""
-        first = int(rows.argmax())
-        self.kept_until = min(self.kept_until, self.path.s[first] - SLOWING_S * self._feed_at(first))
+        path, first = self.path, int(rows.argmax())
+        self.kept_until = min(self.kept_until, path.s[first] - SLOWING_S * self._feed_at(first))
         slower = rows & (self.share > share)
         self.share[slower] = share
-        if self.path.feed is not None:
-            self.most[slower] = share * self.path.feed[slower]
-        self.mends.append(mend_of(SLOWED, why, share, self.path, rows))
+        if path.feed is not None:
+            self.most[slower] = share * path.feed[slower]
+        self.mends.append(mend_of(SLOWED, why, share, path, rows))
 
     def _leave_out(self, rows: Bools, why: str) -> Indices:
         """Lift the tool over some rows of the path; the rows that are kept. Raises as `_mend`."""
