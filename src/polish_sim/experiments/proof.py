@@ -426,7 +426,8 @@ class _Prover:
             return
         found = even_out(self.scenario, plan, self.observer, self.most)
         self.plan = replace(self.plan, figures=found.figures, notes=found.notes)
-        self.path = replace(self.path, feed=found.path.feed / self.share)
+        feed = found.path.feeds(self.scenario.process.feed_m_s)
+        self.path = replace(self.path, feed=feed / self.share)
         self.evened = len(self.mends)
 
     def _play(self, seed: int | None) -> Play:
