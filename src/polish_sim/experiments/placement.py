@@ -72,7 +72,10 @@ def spin_direction(axes_base: Array, spin: float) -> Array:
     main = -axes_base.mean(axis=0)
     size = np.linalg.norm(main)
     if size < _ALL_ROUND:
-        raise ReachError("the tool axes of this path point all around: no fixed tool spin fits.")
+        raise ReachError(
+            "the tool axes of this path point all around: no fixed tool spin fits. Choose a region that one "
+            "side of the part shows, or --region all, which makes setups."
+        )
     main /= size
     start = rotation_to_axis(main[None], np.eye(3)[0 if abs(main[0]) < 0.8 else 1])[0]
     return start @ np.array([math.cos(spin), math.sin(spin), 0.0])
@@ -84,7 +87,8 @@ def rotations_towards(axes_base: Array, direction: Array) -> Array:
     z_axes = -axes_base
     if norms(np.cross(z_axes, direction)).min() < 0.05:
         raise ReachError(
-            "the tool axes of this path turn through more than a right angle: no fixed tool spin fits."
+            "the tool axes of this path turn through more than a right angle: no fixed tool spin fits. "
+            "Choose a region that one side of the part shows, or --region all, which makes setups."
         )
     return rotation_to_axis(z_axes, direction)
 
