@@ -123,7 +123,7 @@ def _drawn(mesh: Triangulation, path: RunSamples, sides: Array, stepover: float)
     same_side = dots(path.normals[at], mesh.normals[far]) > 0.0
     far, at, distance = far[same_side], at[same_side], distance[same_side]
     offset = dots(mesh.vertices[far] - path.points[at], sides[at]) / distance
-    weights = offset * (distance - (covered - DRAWN_MORE * stepover))
+    weights = offset * (distance - (UNCOVERED - DRAWN_MORE) * stepover)
     count = len(path.points)
     drawn: Array = np.bincount(at, weights, count).astype(np.float64)
     return drawn, np.bincount(at, minlength=count).astype(np.float64)
