@@ -170,7 +170,7 @@ _MARGIN = 0.98
 _PENALTY = 30.0
 _SHRINK = 0.98
 _LEAST = 0.3
-_CLOSE = 1e-8  #: A step of the search that improves the objective by less than this share is its last
+_RESTARTS = 4
 _ROOM = 0.02  #: Within this of the least clearance poses are pushed away [m]
 
 
@@ -244,17 +244,20 @@ def design(
     ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises
     IdentificationError if no start led to a motion within the limits.
     """
-    cost, settings = excitation_cost(task), {"maxiter": iterations, "maxcor": 20, "ftol": _CLOSE}
-    found = (
-        minimize(cost, start.coefficients.ravel(), jac=True, method="L-BFGS-B", options=settings).x
-        for start in islice(allowed_motions(task, rng), starts)
-    )
-    motions = [m for x in found if (m := shrunk(FourierMotion(x.reshape(task.model.joints, -1)), task))]
-    if not motions:
+    cost = excitation_cost(task)
+    best: FourierMotion | None = None
+    least = np.inf
+    for start in islice(allowed_motions(task, rng), starts):
+        x = _descend(cost, start.coefficients.ravel(), iterations)
+        if motion := shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task):
+            value, _ = i_optimal(mean_information(task, motion), task.use)
+            if value < least:
+                best, least = motion, value
+    if best is None:
         raise IdentificationError(
             "no exciting motion keeps clear of the surroundings: widen the limits or start anew."
         )
-    return min(motions, key=lambda motion: i_optimal(mean_information(task, motion), task.use)[0])
+    return best
 
 
 def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
@@ -280,7 +283,9 @@ def excitation_cost(task: ExcitationTask) -> Callable[[Array], tuple[float, Arra
         heavy = beyond_one(task.model.torque(states, task.parameters) / most)
         near = task.clearance(states.q)
         short = np.maximum(1.0 - (near.distance - limits.clearance) / _ROOM, 0.0)
-        value += _PENALTY * sum(np.sum(part**2) for part in (*over, heavy, short))
+        value += _PENALTY * sum(np.sum(part**2) for part in over)
+        value += _PENALTY * np.sum(heavy**2)
+        value += _PENALTY * np.sum(short**2)
         pull = 2.0 * _PENALTY
         by_state += pull * np.hstack([part / size for part, size in zip(over, sizes, strict=True)])
         by_state += pull * np.einsum("mdj,mj->md", slopes @ task.parameters / most, heavy)
@@ -291,6 +296,26 @@ def excitation_cost(task: ExcitationTask) -> Callable[[Array], tuple[float, Arra
         return value, np.asarray(gradient).ravel()
 
     return cost
+
+
+def _descend(cost: Callable[[Array], tuple[float, Array]], x: Array, iterations: int) -> Array:
+    """Descend; where a kink of the clearance stopped the search it begins anew from there."""
+    least = np.inf
+    for _restart in range(_RESTARTS):
+        found = minimize(
+            cost,
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6},
+        )
+        x = found.x
+        gain = least - found.fun
+        least = found.fun
+        iterations -= int(found.nit)
+        if iterations <= 0 or gain < 1e-2:
+            break
+    return x
 
 
 def _judged(task: ExcitationTask, states: States, slopes: Array) -> tuple[float, Array]:
