@@ -4,12 +4,12 @@ tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f
 diag(tanh(qd / vs)) (fr sqrt|qd| + fl |T| + waves of its teeth), T the torque it passes on. Y is Newton-Euler
 in link frames: link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j,
 where s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes
-complex numbers too, for derivatives by a complex step (`TorqueModel.regressor_slopes`).
+complex numbers too, for derivatives by a complex step (`regressor_derivatives`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -39,6 +39,19 @@ def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Ar
     motion, screws, Y = (np.zeros(shape, q.dtype) for shape in ((6, 3), (2, n, 3), (m, n, 10 * n)))
     _fill_regressors(chain, *map(np.ascontiguousarray, (q, qd, qdd)), motion, screws, Y)
     return Y
+
+
+def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
+    """Exact derivatives dY / d(q, qd, qdd) of the regressor by a complex step, shape (m, 3 n, n, 10 n)."""
+    m, n = q.shape
+    state = np.concatenate([q, qd, qdd], axis=1).astype(np.complex128)
+    out = np.empty((m, 3 * n, n, 10 * n))
+    for column in range(3 * n):
+        stepped = state.copy()
+        stepped[:, column] += 1j * STEP
+        parts: Any = np.split(stepped, 3, axis=1)
+        out[:, column] = rigid_regressor(chain, *parts).imag / STEP
+    return out
 
 
 @njit(_nrt=False)
@@ -81,7 +94,14 @@ class JointTerm(NamedTuple):
     symbol: str
     unit: str
     value: Callable[[States, Array], Array]  #: Of states and torques without friction (m, n), shape (m, n)
+    #: Its derivatives (m, n) by the joint's position (0), speed (1) or acceleration (2), those not given
+    #: being 0; None where motions are not designed for it
+    slopes: Mapping[int, Callable[[States], Array]] | None
     known: str = ""  #: What the robot's model says of it: a field of `SerialChain`
+
+
+def _ones(states: States) -> Array:
+    return np.ones_like(states.q)
 
 
 def _sign(states: States) -> Array:
@@ -89,13 +109,22 @@ def _sign(states: States) -> Array:
 
 
 TERMS: dict[str, JointTerm] = {
-    "coulomb": JointTerm("fc", "N m", lambda x, _load: _sign(x), "frictionloss"),
-    "viscous": JointTerm("fv", "N m s/rad", lambda x, _load: x.qd, "damping"),
-    "armature": JointTerm("Ia", "kg m^2", lambda x, _load: x.qdd, "armature"),
-    "offset": JointTerm("f0", "N m", lambda x, _load: np.ones_like(x.q)),
-    "root": JointTerm("fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd))),
-    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load)),
-}
+    "coulomb": JointTerm(
+        "fc", "N m", lambda x, _load: _sign(x), {1: lambda x: (1.0 - _sign(x) ** 2) / SIGN_WIDTH},
+        "frictionloss"
+    ),
+    "viscous": JointTerm(
+        "fv", "N m s/rad", lambda x, _load: x.qd, {1: _ones}, "damping"
+    ),
+    "armature": JointTerm(
+        "Ia", "kg m^2", lambda x, _load: x.qdd, {2: _ones}, "armature"
+    ),
+    "offset": JointTerm("f0", "N m", lambda x, _load: _ones(x), {}),
+    "root": JointTerm(
+        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), None
+    ),
+    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), None),
+}  # fmt: skip
 """Terms a model may have beside the rigid links."""
 
 
@@ -108,7 +137,7 @@ def term_of(name: str) -> JointTerm:
         return TERMS[name]
     wave = WAVES[name[:3]]
     teeth = int(name[3:])
-    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(teeth * x.q))
+    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(teeth * x.q), None)
 
 
 FULL = ("coulomb", "viscous", "armature", "offset")
@@ -161,7 +190,7 @@ class TorqueModel:
     def regressor(self, states: States) -> Array:
         """Regressor of all columns, shape (m, n, p)."""
         n = self.joints
-        Y = np.zeros((len(states.q), n, self.columns), states.q.dtype)
+        Y = np.zeros((len(states.q), n, self.columns))
         Y[:, :, : 10 * n] = rigid_regressor(self.chain.geometry, *states)
         diagonal = np.arange(n)
         load = np.zeros_like(states.q) if self.load is None else Y[:, :, : 10 * n] @ self.load
@@ -171,12 +200,16 @@ class TorqueModel:
 
     def regressor_slopes(self, states: States) -> Array:
         """Derivatives of the regressor by position, speed and acceleration of each joint, shape (m, 3 n, n,
-        p), by a complex step; exact for the terms of `FULL`."""
-        joined = np.concatenate(states, axis=1)
-        slopes = np.empty((*joined.shape, self.joints, self.columns))
-        for column, step in enumerate(1j * STEP * np.eye(joined.shape[1])):
-            parts: Any = np.split(joined + step, 3, axis=1)
-            slopes[:, column] = self.regressor(States(*parts)).imag / STEP
+        p)."""
+        n = self.joints
+        slopes = np.zeros((len(states.q), 3 * n, n, self.columns))
+        slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)
+        joints = np.arange(n)
+        for number, term in enumerate(self.terms):
+            known = term_of(term).slopes
+            assert known is not None, f"no motion is designed for the term '{term}'"
+            for part, slope in known.items():
+                slopes[:, part * n + joints, joints, n * (10 + number) + joints] = slope(states)
         return slopes
 
     def torque(self, states: States, parameters: Array, columns: Indices | slice = slice(None)) -> Array:
