@@ -284,7 +284,8 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
     limits = [claim.scale * limit for limit in (claim.low, claim.high) if math.isfinite(limit)]
     drawn = claim.scale * values
     for rows, mark, color in ((met, "o", BLUE), (~met, "X", ORANGE)):
-        axes.plot(drawn[rows], 0.0 * drawn[rows], mark, color=color, ms=6, alpha=0.7, clip_on=False)
+        if rows.any():  # a line of no points that is not clipped breaks the layout
+            axes.plot(drawn[rows], 0.0 * drawn[rows], mark, color=color, ms=6, alpha=0.7, clip_on=False)
     if not claim.is_mean:
         worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
         name = f"seed {seeds[worst]}: {value_text(claim, values[worst])}"
