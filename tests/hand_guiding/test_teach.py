@@ -210,7 +210,7 @@ def test_the_hand_pulls_the_link_and_winds_up_the_gear():
     run = run_experiment(asked)
     twist = np.asarray(run.log["q_rad"], float)[:, 1] - np.asarray(run.log["encoder_q_rad"], float)[:, 1]
     held = np.asarray(run.log["torque_nm"], float)[0]
-    assert abs(twist[0]) == pytest.approx(abs(gear_twists(asked.robot.real, held)[1]), rel=0.01)
+    assert abs(twist[0]) == pytest.approx(abs(gear_twists(asked.robot.real, held[None])[0, 1]), rel=0.01)
     assert np.abs(twist - twist[0]).max() > 1e-4
 
 
