@@ -586,7 +586,7 @@ def _home() -> Path:
     """The folder of all kernels: the user's own and closed to others, for cached kernels are executable
     code."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    usual = Path(user_cache_dir("polish-sim", False, opinion=False), "kernels")
+    usual = Path(Path.home(), user_cache_dir("polish-sim", False, opinion=False), "kernels")  # home: if empty
     own = Path(chosen, _PACKAGE) if chosen else usual
     folder = Path(os.environ.get(FOLDER) or own)
     trouble = _trouble(folder)
