@@ -146,11 +146,10 @@ def init_job(part: PartFile, given: Given) -> int:
     file = given["--out"] or Path(f"{Path(part).stem}.toml")
     if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
-    name = shlex.quote(str(file))
-    text = begin_job(build_scenario(Scenario(), {**given, "--part": part}).part, name)
+    text = begin_job(build_scenario(Scenario(), {**given, "--part": part}).part, file)
     with room_for(file):
         put_file(file.parent, file.name, text)
-    console.say(f"{file}: run it with polish-sim job {name}")
+    console.say(f"{file}: run it with polish-sim job {shlex.quote(str(file))}")
     return DONE
 
 

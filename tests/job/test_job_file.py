@@ -3,6 +3,7 @@
 import math
 import random
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from polish_sim.job.tools import ORBITAL, JobTool, read_tools
 from polish_sim.scenario_file import merge
 from tests.cell.test_removal import FORCE, STIFFNESS, R, level_nodes, pressed_at
 
-TEXT = begin_job(PartConfig("plate"), "job.toml")
+TEXT = begin_job(PartConfig("plate"), Path("job.toml"))
 
 
 def read(folder, text):
@@ -35,7 +36,7 @@ def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_
     assert one.scenario.robot.arm == "ur5e"
     assert other.scenario.process.contact_force_n == 15.0
     trimesh.creation.box((30.0, 15.0, 22.0)).export(tmp_path / "block.stl")  # its largest faces look along y
-    small = read(tmp_path, begin_job(PartConfig(str(tmp_path / "block.stl")), "job.toml")).passes
+    small = read(tmp_path, begin_job(PartConfig(str(tmp_path / "block.stl")), tmp_path / "job.toml")).passes
     assert [step.scenario.pad.radius_m for step in small] == [0.01, 0.01]
     assert [step.scenario.plan.raster_direction for step in small] == [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]
     text = TEXT.replace('regions = ["auto"]', 'regions = ["top", "auto"]')

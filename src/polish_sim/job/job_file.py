@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -179,8 +181,8 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     return merge(default, own, ""), {k: table[k] for k in inner if k in table}  # type: ignore[type-var]
 
 
-def begin_job(part: PartConfig, name: str) -> str:
-    """The text of a job's file for a part, to begin with; ``name`` is what a shell calls the file.
+def begin_job(part: PartConfig, file: Path) -> str:
+    """The text of a job's ``file`` for a part, to begin with; it names the part from its own folder.
 
     Its pad is the first of the shipped tools that is no wider than the largest smooth face, else the smallest
     one; lines run along two axes across the side turned up.
@@ -191,10 +193,11 @@ def begin_job(part: PartConfig, name: str) -> str:
     fitting = (name for name, row in shipped.items() if 2.0 * row.radius_m <= width)
     tool = next(fitting, "spindle-pad-12")
     stepover = 0.32 * shipped[tool].radius_m  # 8 mm for 50 mm, as plans have it
+    named = os.path.relpath(part.file, file.parent) if Path(part.file).is_file() else part.file
     along, across = np.delete(np.eye(3), np.abs(mesh.up).argmax(), axis=0).tolist()
     return f"""\
-# A job: setups x regions x passes. Run it: polish-sim job {name}
-part = {toml_value(part.file)}
+# A job: setups x regions x passes. Run it: polish-sim job {shlex.quote(str(file))}
+part = {toml_value(named)}
 parts = 1  # of the batch
 
 [cell]
