@@ -381,7 +381,8 @@ def with_options(scenario: Scenario, given: Given) -> Scenario:
         for option, value in given.items()
         if value is not None and option in keys
     }
-    settings |= _calibrations(given.get("--calibration") or (), scenario.experiment)
+    if files := given.get("--calibration"):
+        settings |= _calibrations(files, scenario.experiment)
     for key, value in settings.items():
         scenario = merge(scenario, nested(key, value), "")
     if given.get("--even-removal") and given.get("--removal") is not None:

@@ -70,9 +70,13 @@ def test_every_package_is_listed_a_public_name_is_of_one_file_and_few_functions_
     assert whole <= MOST_WHOLE
 
 
-def test_the_command_line_starts_without_the_heavy_libraries():
+def test_the_command_line_starts_and_reads_its_options_without_the_heavy_libraries():
     heavy = "mujoco, numba, scipy, trimesh, matplotlib"
-    program = f"import sys, polish_sim.cli.main; print(*(set('{heavy}'.split(', ')) & set(sys.modules)))"
+    program = (
+        "import sys, polish_sim.cli.main, polish_sim.cli.options as options\n"
+        "options.with_options(options.Scenario('force'), {})\n"
+        f"print(*(set('{heavy}'.split(', ')) & set(sys.modules)))"
+    )
     run = _run(sys.executable, "-c", program)
     assert (run.returncode, run.stdout.strip()) == (0, "")
 
