@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, dots, into_plane, running_sums, spans_at, unit
+from polish_sim.arrays import Array, Indices, dots, foot_on_chord, into_plane, running_sums, spans_at, unit
 from polish_sim.geometry import ClosestPoints, Surface
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot, minus, plus, scaled, set_to
 from polish_sim.planning.toolpath import arc_length
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built
@@ -21,7 +19,6 @@ from polish_sim.planning.toolpath import arc_length
 
 ITERATIONS = 20
 TOLERANCE_M = 1e-11
-TINY = 1e-300
 
 
 def step_on_surface(
@@ -53,39 +50,6 @@ def step_on_surface(
         height = np.clip(height - update, -0.95 * step, 0.95 * step)
     assert foot is not None
     return foot
-
-
-# Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
-
-
-@njit
-def near_chords(positions, normals, knots, count, closed, points, index):  # type: ignore[no-untyped-def]
-    """Nearest points on the chords before and behind the points ``index`` (n,) of a polyline of ``count``
-    points.
-
-    A closed polyline's ``positions`` (k, 3) [m], ``normals`` and arc lengths ``knots`` (k,) [m] repeat the
-    first point at the end. Returns arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and
-    distances (n,).
-    """
-    n = len(points)
-    s, gap, foot, normal = np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3))
-    for i in range(n):
-        best, best_k, best_share = np.inf, 0, 0.0
-        for before in (1, 0):
-            k = index[i] - before
-            k = k % count if closed else min(max(k, 0), count - 2)
-            chord, away = minus(positions[k + 1], positions[k]), minus(points[i], positions[k])
-            share = min(max(dot(away, chord) / max(dot(chord, chord), TINY), 0.0), 1.0)
-            beside = minus(away, scaled(share, chord))
-            away2 = dot(beside, beside)
-            if away2 < best:
-                best, best_k, best_share = away2, k, share
-        k = best_k
-        gap[i] = np.sqrt(best)
-        s[i] = knots[k] + best_share * (knots[k + 1] - knots[k])
-        set_to(foot[i], plus(positions[k], scaled(best_share, minus(positions[k + 1], positions[k]))))
-        set_to(normal[i], plus(normals[k], scaled(best_share, minus(normals[k + 1], normals[k]))))
-    return s, foot, normal, gap
 
 
 def interpolated(positions: Array, normals: Array, knots: Array, where: Array) -> tuple[Array, Array]:
@@ -182,6 +146,21 @@ class Curve:
         negative."""
         return self.between(s, s + way) if way >= 0.0 else self.between(s + way, s)[::-1]
 
+    def near_chords(self, points: Array, index: Indices) -> tuple[Array, Array, Array, Array]:
+        """Nearest points, to points (n, 3) [m], on the chords before and behind the curve's points ``index``
+        (n,): arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and distances (n,)."""
+        positions, normals, knots = self._knots
+        both, last = np.stack([index - 1, index]), len(knots) - 2
+        both = both % (last + 1) if self.closed else np.clip(both, 0, last)
+        share, gap = foot_on_chord(points - positions[both], positions[both + 1] - positions[both])
+        nearer = gap.argmin(axis=0), np.arange(len(points))
+        at, along = both[nearer], share[nearer]
+        s = knots[at] + along * (knots[at + 1] - knots[at])
+        foot, normal = (
+            column[at] + along[:, None] * (column[at + 1] - column[at]) for column in (positions, normals)
+        )
+        return s, foot, normal, gap[nearer]
+
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances
         are inf."""
@@ -211,7 +190,6 @@ class CurveSet:
         s, foot, normal = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3))
         for number, curve in enumerate(self.curves):
             rows = np.flatnonzero(which == number)
-            own = found[rows] - self._starts[number]
-            near = near_chords(*curve._knots, len(curve.positions), curve.closed, points[rows], own)
+            near = curve.near_chords(points[rows], found[rows] - self._starts[number])
             s[rows], foot[rows], normal[rows], distances[rows] = near
         return Nearest(s, foot, unit(normal), distances, which)

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import depth_first_order
 
 from polish_sim.arrays import Array, Indices, midpoints, next_corners, norms, running_sums, unit
 from polish_sim.geometry import Surface
-from polish_sim.kernel_cache import njit
 from polish_sim.planning.curve import Curve, CurveSet, step_on_surface
 from polish_sim.planning.ground import Triangulation
 
@@ -64,40 +65,22 @@ def level_lines(
     count = len(mesh.vertices)
     start, end = (edge[:, 0] * count + edge[:, 1] for edge in (enter, leave))
     keys, index = np.unique(np.concatenate([start, end]), return_inverse=True)
-    order, ends, heads = _walk(index[: len(start)], index[len(start) :], len(keys))
+    start, end = np.split(index, 2)
+    follows = coo_array((np.ones(len(start)), (start, end)), (len(keys), len(keys))).tocsr()
+    heads, chains = np.setdiff1d(start, end), list[Indices]()
+    waiting = np.concatenate([heads, start])  # lines that begin somewhere come before those that do not
+    while len(waiting):
+        chains.append(depth_first_order(follows, waiting[0], return_predecessors=False))
+        waiting = waiting[~np.isin(waiting, chains[-1])]
     low, high = keys // count, keys % count
     share = np.clip((level - values[low]) / (values[high] - values[low]), 0.0, 1.0)[:, None]
     positions = mesh.vertices[low] + share * (mesh.vertices[high] - mesh.vertices[low])
     normals = mesh.normals[low] + share * (mesh.normals[high] - mesh.normals[low])
-    lines = enumerate(np.split(order, ends[:-1]))  # open ones first, then closed ones
-    return [LevelLine(positions[c], normals[c], high[c], k >= heads) for k, c in lines if len(c) >= 3]
-
-
-@njit
-def _walk(start, end, count):  # type: ignore[no-untyped-def]
-    """All points in the order of the lines they form, where each line ends in it, and how many lines are
-    open."""
-    follower, leaders = np.full(count, -1, np.int64), np.zeros(count, np.int64)
-    for k in range(len(start)):
-        follower[start[k]] = end[k]
-        leaders[end[k]] += 1
-    seen = np.zeros(count, np.bool_)
-    order, ends = np.empty(count, np.int64), np.empty(count, np.int64)
-    points, lines, heads = 0, 0, 0
-    for k in range(count + len(start)):
-        # Lines that begin somewhere come before those that do not.
-        here = k if k < count else start[k - count]
-        if seen[here] or (k < count and leaders[k] > 0):
-            continue
-        while here >= 0 and not seen[here]:
-            seen[here] = True
-            order[points] = here
-            points += 1
-            here = follower[here]
-        ends[lines] = points
-        lines += 1
-        heads += k < count
-    return order[:points], ends[:lines], heads
+    return [
+        LevelLine(positions[c], normals[c], high[c], k >= len(heads))
+        for k, c in enumerate(chains)
+        if len(c) >= 3
+    ]
 
 
 COARSEST = 1.0 / 8.0  #: Longest control-point spacing as a share of the step-over
