@@ -23,14 +23,21 @@ from polish_sim.kernels import (
     plus,
     scaled,
     second_by_turning,
-    set_to,
     third_by_turning,
 )
-from polish_sim.motion.kinematics import arm_lengths, beyond_range, link_frames, solve_on_branch
+from polish_sim.motion.kinematics import (
+    arm_lengths,
+    beyond_range,
+    jacobian,
+    link_frames,
+    solve_on_branch,
+)
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm
 from polish_sim.motion.rules.schedule import Samples, Schedule, Smoothed
 from polish_sim.spatial import inverse, place_of, transform
+
+SINGULAR = 1e-14  #: Determinant of the Jacobian below which the arm is singular [m^3]
 
 
 class JointRates(NamedTuple):
@@ -114,28 +121,25 @@ def _rates_at(arm: Arm, q: Array, linear: Array, angular: Array) -> Array:
     # Of every joint its axis and the way to the next one's, the last to the tool point.
     axes, places = frames[:, :6, :3, 2].copy(), frames[:, :, :3, 3]
     places[:, 6] = place_of(frames[:, 6], arm.T_flange_tool[:3, 3])
-    twists, rates = np.concatenate([linear @ R.T, angular @ R.T], axis=2), np.full((len(q), 3, 6), np.nan)
-    _fill_rates(axes, np.diff(places, axis=1), twists, np.empty((3, 6, 12)), rates)
+    twists, rates = np.concatenate([linear @ R.T, angular @ R.T], axis=2), np.empty((len(q), 3, 6))
+    J = jacobian(q, arm.T_flange_tool[:3, 3])
+    J[np.abs(np.linalg.det(J)) < SINGULAR] = np.nan
+    _fill_rates(axes, np.diff(places, axis=1), twists, np.linalg.inv(J), rates)
     return rates
 
 
 @njit(_nrt=False)
-def _fill_rates(axes: Array, links: Array, twists: Array, room: Array, rates: Array) -> None:
-    """Write the joints' derivatives (n, 3, 6) for the tool's ``twists`` (n, 3, 6); ``room`` is (3, 6, 12).
+def _fill_rates(axes: Array, links: Array, twists: Array, inverses: Array, rates: Array) -> None:
+    """Write the joints' derivatives (n, 3, 6) for the tool's ``twists`` (n, 3, 6) by the ``inverses`` (n, 6,
+    6) of the Jacobian.
 
     What all joints up to k turn link k with are w, its derivative e and its second derivative f; what the
     tool has without the derivative that is looked for is their sum over the links.
     """
-    J, solve = room[0], room[1]
     for n in range(len(rates)):
+        solve = inverses[n]
         q1, q2, q3 = rates[n]
-        w = e = f = bias = arm = 0.0, 0.0, 0.0
-        for k in range(5, -1, -1):
-            arm = plus(arm, links[n, k])
-            set_to(J[:, k], cross(axes[n, k], arm))
-            set_to(J[3:, k], axes[n, k])
-        if not _invert(J, solve, room[2]):
-            continue
+        w = e = f = bias = 0.0, 0.0, 0.0
         _solve(solve, twists[n, 0], bias, e, q1)
         for k in range(6):
             z = axes[n, k]
@@ -152,40 +156,6 @@ def _fill_rates(axes: Array, links: Array, twists: Array, room: Array, rates: Ar
             w = plus(w, scaled(a, z))
             bias = plus(bias, third_by_turning(w, e, f, links[n, k]))
         _solve(solve, twists[n, 2], bias, f, q3)
-
-
-@part
-def _invert(matrix, inverse, scratch):  # type: ignore[no-untyped-def]
-    """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
-
-    Returns whether all pivots were above 1e-12.
-    """
-    for i in range(6):
-        for j in range(6):
-            scratch[i, j] = matrix[i, j]
-            scratch[i, j + 6] = 1.0 if i == j else 0.0
-    for column in range(6):
-        best = column
-        for row in range(column + 1, 6):
-            if abs(scratch[row, column]) > abs(scratch[best, column]):
-                best = row
-        if not abs(scratch[best, column]) > 1e-12:
-            return False
-        if best != column:
-            for j in range(12):
-                scratch[column, j], scratch[best, j] = scratch[best, j], scratch[column, j]
-        pivot = 1.0 / scratch[column, column]
-        for j in range(column, 12):
-            scratch[column, j] *= pivot
-        for row in range(6):
-            share = scratch[row, column]
-            if row != column and share != 0.0:
-                for j in range(column, 12):
-                    scratch[row, j] -= share * scratch[column, j]
-    for i in range(6):
-        for j in range(6):
-            inverse[i, j] = scratch[i, j + 6]
-    return True
 
 
 @part
