@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import ConfigError
+from polish_sim.errors import LARGEST, ConfigError, check_name, named_place
+from polish_sim.scenario_file import checked_value, is_number, leaves
 from polish_sim.toml_text import read_toml, toml_text
 
 MM, DEG = 1e-3, math.radians(1.0)
+LEAST = 1e-9  #: Smallest limit a file may set, in its unit
 JOINT_SPEED = math.radians(180.0)  #: Every joint of the default arm, as its maker publishes it [rad/s]
 JOINT_ACCELERATION = 5.0
 """[rad/s^2]. The maker publishes torques, no accelerations. This is the value the maker's own
@@ -33,14 +35,13 @@ SECTIONS = ("tip", "axis", "joint")
 ORDERS = ("speed", "acceleration", "jerk")
 
 
-def limit(default: float, unit: str, scale: float) -> Any:
-    """Declare one limit: its default in the user's unit, that unit, and its size in SI."""
-    return field(default=default * scale, metadata={"unit": unit, "scale": scale})
-
-
-def joint_limit(default: float, unit: str) -> Any:
-    """Declare one limit of six joints: its default [rad/s..] and the user's unit."""
-    return field(default=six(default), metadata={"unit": unit, "scale": math.radians(1.0)})
+def limit(default: Any, unit: str, scale: float) -> Any:
+    """Declare one limit: its default [SI], the unit of the file and its size in SI."""
+    text = "every limit must be positive"
+    return field(
+        default=default,
+        metadata={"unit": unit, "scale": scale, "length": 6, "low": LEAST, "high": LARGEST, "text": text},
+    )
 
 
 @dataclass(frozen=True)
@@ -52,29 +53,24 @@ class SmoothingLimits:
     trial.
     """
 
-    tip_speed: float = limit(50.0, "mm_s", MM)  #: [m/s]
-    tip_acceleration: float = limit(500.0, "mm_s2", MM)  #: [m/s^2]
-    tip_jerk: float = limit(10000.0, "mm_s3", MM)  #: [m/s^3]
-    axis_speed: float = limit(10.0, "deg_s", DEG)  #: [rad/s]
-    axis_acceleration: float = limit(100.0, "deg_s2", DEG)  #: [rad/s^2]
-    axis_jerk: float = limit(2000.0, "deg_s3", DEG)  #: [rad/s^3]
-    joint_speed: tuple[float, ...] = joint_limit(JOINT_SPEED, "deg_s")  #: Six values [rad/s]
-    joint_acceleration: tuple[float, ...] = joint_limit(JOINT_ACCELERATION, "deg_s2")  #: Six values [rad/s^2]
-    joint_jerk: tuple[float, ...] = joint_limit(JOINT_JERK, "deg_s3")  #: Six values [rad/s^3]
+    tip_speed: float = limit(50.0 * MM, "mm_s", MM)  #: [m/s]
+    tip_acceleration: float = limit(500.0 * MM, "mm_s2", MM)  #: [m/s^2]
+    tip_jerk: float = limit(10000.0 * MM, "mm_s3", MM)  #: [m/s^3]
+    axis_speed: float = limit(10.0 * DEG, "deg_s", DEG)  #: [rad/s]
+    axis_acceleration: float = limit(100.0 * DEG, "deg_s2", DEG)  #: [rad/s^2]
+    axis_jerk: float = limit(2000.0 * DEG, "deg_s3", DEG)  #: [rad/s^3]
+    joint_speed: tuple[float, ...] = limit(six(JOINT_SPEED), "deg_s", DEG)  #: Six values [rad/s]
+    #: Six values [rad/s^2]
+    joint_acceleration: tuple[float, ...] = limit(six(JOINT_ACCELERATION), "deg_s2", DEG)
+    joint_jerk: tuple[float, ...] = limit(six(JOINT_JERK), "deg_s3", DEG)  #: Six values [rad/s^3]
 
     def __post_init__(self) -> None:
         for spec in fields(self):
-            value = getattr(self, spec.name)
-            values = value if isinstance(spec.default, tuple) else (value,)
-            if isinstance(spec.default, tuple) and len(values) != 6:
+            value, usual = np.array(getattr(self, spec.name)), np.array(spec.default)
+            if value.shape != usual.shape or not (value > 0.0).all():
                 raise ConfigError(
-                    f"limit {spec.name} has {len(values)} values: it needs six, one a joint from base to "
-                    "flange."
+                    f"limit {spec.name} is {value}: give one above zero, of the joints six, base to flange."
                 )
-            for j, each in enumerate(values):
-                if not each > 0.0:
-                    joint = f" of joint {j + 1}" if len(values) > 1 else ""
-                    raise ConfigError(f"limit {spec.name}{joint} is {each:g}: every limit must be positive.")
 
     @cached_property
     def table(self) -> Array:
@@ -84,69 +80,37 @@ class SmoothingLimits:
         )
 
 
-def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
-    """Read limits: sections [tip], [axis], [joint]; one left out keeps those of ``base`` or the defaults.
+KEYS = {f"{spec.name.replace('_', '.', 1)}_{spec.metadata['unit']}": spec for spec in fields(SmoothingLimits)}
+"""Keys of the TOML file, as ``tip.speed_mm_s``, with the fields they set."""
 
-    A section given must be whole: [tip] has ``speed_mm_s``, ``acceleration_mm_s2`` and ``jerk_mm_s3``; [axis]
-    and [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or
-    six.
+
+def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
+    """Read limits: sections [tip], [axis], [joint] with the keys of `KEYS`; what is left out is that of
+    ``base`` or the default. Of joints a limit is one number or six.
 
     Raises:
-        ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or
-            negative.
+        PolishSimError: The file cannot be read, or a key is unknown, of the wrong type, zero or negative.
     """
     table = read_toml(path, "limits file", ConfigError)
-    return replace(base or SmoothingLimits(), **_changes(table, str(path)))
+    changes: dict[str, Any] = {}
+    with named_place(f"'{path}'"):
+        for name, value in leaves(table):
+            check_name("limit", name, KEYS)
+            spec = KEYS[name]
+            scale, many = spec.metadata["scale"], isinstance(spec.default, tuple)
+            given = six(value) if many and is_number(value) else value
+            found = checked_value(name, given, spec.default, spec)
+            changes[spec.name] = tuple(scale * each for each in found) if many else scale * found
+    return replace(base or SmoothingLimits(), **changes)
 
 
 def limits_toml(limits: SmoothingLimits) -> str:
     """Limits as the text of a file that `load_limits` reads."""
-    return toml_text({section: {
-        key: np.round(np.array(getattr(limits, spec.name)) / spec.metadata["scale"], 9)
-        for key, spec in _keys(section).items()
-    } for section in SECTIONS})  # fmt: skip
-
-
-def _keys(section: str) -> dict[str, Field[Any]]:
-    """Keys of a section with the fields they set: ``speed_mm_s`` -> tip_speed."""
-    own = [spec for spec in fields(SmoothingLimits) if spec.name.startswith(f"{section}_")]
-    return {f"{spec.name.removeprefix(f'{section}_')}_{spec.metadata['unit']}": spec for spec in own}
-
-
-def _changes(table: dict[str, Any], place: str) -> dict[str, Any]:
-    changes: dict[str, Any] = {}
-    for section, values in table.items():
-        if section not in SECTIONS or not isinstance(values, dict):
-            raise ConfigError(
-                f"'{section}' in '{place}' is no section of limits. Known: [tip], [axis], [joint]."
-            )
-        keys = _keys(section)
-        for name in values:
-            if name not in keys:
-                raise ConfigError(f"unknown key '{section}.{name}' in '{place}'. Known: {', '.join(keys)}.")
-        for name, spec in keys.items():
-            if name not in values:
-                raise ConfigError(f"'{section}.{name}' is missing in '{place}': a section must be whole.")
-            changes[spec.name] = _si(f"{section}.{name}", values[name], spec, place)
-    return changes
-
-
-def _si(where: str, value: Any, spec: Field[Any], place: str) -> Any:
-    scale = spec.metadata["scale"]
-    if not isinstance(spec.default, tuple):
-        return _positive(where, value, place) * scale
-    listed = value if isinstance(value, list) else [value] * 6
-    if len(listed) != 6:
-        raise ConfigError(
-            f"'{where}' in '{place}' must be one number or six, one a joint; got {len(listed)}."
-        )
-    return tuple(_positive(where, v, place) * scale for v in listed)
-
-
-def _positive(where: str, value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ConfigError(f"'{where}' in '{place}' must be a finite, positive number, got {value!r}.")
-    return float(value)
+    table: dict[str, dict[str, Array]] = {section: {} for section in SECTIONS}
+    for name, spec in KEYS.items():
+        section, _, key = name.partition(".")
+        table[section][key] = np.round(np.array(getattr(limits, spec.name)) / spec.metadata["scale"], 9)
+    return toml_text(table)
 
 
 class Arm(NamedTuple):
