@@ -6,9 +6,9 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.fir import fir_schedule
+from polish_sim.motion.rules.fir import fir_schedule, stop_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.paper_rules import ProgressLimits, filter_times, singular_segment, stop_triples
+from polish_sim.motion.rules.paper_rules import ProgressLimits, filter_times, singular_segment
 from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
 
@@ -55,7 +55,7 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
         motion[:] = _least_time(most[k], joint, motion)
         if not np.isfinite(motion).all():
             raise singular_segment(k)
-    return stop_triples(*motions.T)
+    return stop_times(1.0, *motions.T)
 
 
 def _least_time(most: Array, joint: Array, tool: Array) -> Array:
@@ -71,7 +71,7 @@ def _least_time(most: Array, joint: Array, tool: Array) -> Array:
             V, A = np.broadcast_to(V[..., 0], kept.shape), np.broadcast_to(A[:, 0], kept.shape)
             time = np.where(
                 kept,
-                stop_triples(*(np.where(kept, each, 1.0).ravel() for each in (V, A, J)))
+                stop_times(1.0, *(np.where(kept, each, 1.0).ravel() for each in (V, A, J)))
                 .sum(axis=1)
                 .reshape(kept.shape),
                 np.inf,

@@ -150,12 +150,10 @@ def triples(count, seed):
 
 def progress(triple, time):
     """Of the pieces, with three derivatives."""
-    durations, coefficients = np.empty(fir.PIECES), np.empty((fir.PIECES, 4))
-    count = fir.box_pieces(*triple, durations, coefficients)
-    starts = np.concatenate([[0.0], np.cumsum(durations[:count])])
+    starts, coefficients = fir.rest_to_rest(np.array(triple))
     if not 0.0 <= time <= starts[-1]:
         return np.array([time > 0.0, 0.0, 0.0, 0.0])
-    k = min(np.searchsorted(starts, time, side="right") - 1, count - 1)
+    k = min(np.searchsorted(starts, time, side="right") - 1, len(coefficients) - 1)
     return np.array([np.polynomial.Polynomial(coefficients[k]).deriv(d)(time - starts[k]) for d in range(4)])
 
 

@@ -247,7 +247,7 @@ def time_path(table: PathTable, pace: Pace) -> TimedPath:
     is below its greatest one, the motion's rates say so.
     """
     top = pace.speed * float(table.feed_share.max())
-    boxes = (0.0, 0.0, 0.0)
+    boxes = np.zeros(3)
     if table.length > 0.0:
         boxes = stop_times(table.length, top, pace.acceleration, pace.jerk)
     clock = row_times(sum(boxes))

@@ -10,16 +10,12 @@ time.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, running_sums
-from polish_sim.kernel_cache import njit
+from polish_sim.arrays import Array, running_sums
 from polish_sim.motion.rules.schedule import Schedule
-
-PIECES = 7  #: Cubic pieces of one segment at most
 
 
 def fir_schedule(starts: Array, triples: Array) -> Schedule:
@@ -28,104 +24,61 @@ def fir_schedule(starts: Array, triples: Array) -> Schedule:
     They begin at ``starts`` (n,) [s], not falling; their filter times ``triples`` (n, 3) [s] are in any
     order, not negative, at least one positive.
     """
-    n = len(starts)
-    segments, counts = np.repeat(np.arange(n), PIECES), np.zeros(n, dtype=np.int64)
-    begins, durations, coefficients = np.empty(n * PIECES), np.empty(n * PIECES), np.empty((n * PIECES, 4))
-    _write_all(np.asarray(starts, float), np.asarray(triples, float), counts, begins, durations, coefficients)
-    used = np.tile(np.arange(PIECES), n) < np.repeat(counts, PIECES)
+    durations, coefficients = box_pieces(triples)
+    used = durations > 0.0
+    begins = np.cumsum(np.column_stack([starts, durations[:, :-1]]), axis=1)
     end = np.max(starts + triples.sum(axis=1), initial=0.0)
-    return Schedule(segments[used], begins[used], durations[used], coefficients[used], end)
+    segments = np.repeat(np.arange(len(starts)), used.sum(axis=1))
+    return Schedule(segments, begins[used], durations[used], coefficients[used], end)
 
 
-@njit
-def _write_all(
-    starts: Array, triples: Array, counts: Indices, begins: Array, durations: Array, coefficients: Array
-) -> None:
-    for k in range(starts.shape[0]):
-        row = PIECES * k
-        rows = slice(row, row + PIECES)
-        counts[k] = box_pieces(
-            triples[k, 0], triples[k, 1], triples[k, 2], durations[rows], coefficients[rows]
-        )
-        time = starts[k]
-        for i in range(row, row + counts[k]):
-            begins[i] = time
-            time += durations[i]
+def box_pieces(triples: Array) -> tuple[Array, Array]:
+    """Pieces of n boxes of length 1, each filtered with three times (n, 3) [s] in any order.
 
-
-@njit
-def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
-    """The three times, the longest first."""
-    low, high = min(t1, t2), max(t1, t2)
-    return max(high, t3), max(low, min(high, t3)), min(low, t3)
-
-
-@njit
-def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
-    """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration
-    left out.
-
-    Written are ``durations`` (7,) [s] and ``coefficients`` (7, 4), progress from each piece's start. Returns
-    the number of pieces.
+    Returns durations [s], (n, 7), some of them zero, and coefficients, progress from each piece's start, (n,
+    7, 4).
     """
-    a, b, c = sorted_times(t1, t2, t3)
-    plateau = 1.0 / (a * b) if b > 0.0 else 0.0
-    jerk = plateau / c if c > 0.0 else 0.0
-    early = min(a, b + c)  # the middle piece begins
-    # Where the pieces of the first half begin; an unfiltered box is at full speed at once.
-    ways, speeds = np.zeros(4), np.full(4, 0.0 if b > 0.0 else 1.0 / a)
-    count = 0
-    for i in range(PIECES):
-        half = min(i, PIECES - 1 - i)
-        length, acceleration, third = c, 0.0, jerk
-        if half == 1:
-            length, acceleration, third = b - c, plateau, 0.0
-        elif half == 2:
-            length, acceleration, third = early - b, plateau, -jerk
-        elif half == 3:
-            length, acceleration = abs(a - b - c), max(b + c - a, 0.0) * jerk
-            third = -2.0 * jerk if a < b + c else 0.0
-        if i < 3:
-            gained = length * (acceleration + 0.5 * length * third)
-            ways[i + 1] = ways[i] + length * (speeds[i] + 0.5 * gained - length * length * third / 12.0)
-            speeds[i + 1] = speeds[i] + gained
-        if length <= 0.0:
-            continue
-        begin = half
-        if i > 3:  # mirrored in time
-            begin, acceleration = half + 1, -(acceleration + third * length)
-        durations[count] = length
-        coefficients[count, 0] = 1.0 - ways[begin] if i > 3 else ways[begin]
-        coefficients[count, 1] = speeds[begin]
-        coefficients[count, 2], coefficients[count, 3] = 0.5 * acceleration, third / 6.0
-        count += 1
-    return count
+    c, b, a = np.sort(triples, axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plateau = np.where(b > 0.0, 1.0 / (a * b), 0.0)
+        jerk = np.where(c > 0.0, plateau / c, 0.0)
+    none = np.zeros_like(a)
+    # The pieces of the first half and the middle one; an unfiltered box is at full speed at once.
+    length = np.array([c, b - c, np.minimum(a, b + c) - b, np.abs(a - b - c)])
+    acceleration = np.array([none, plateau, plateau, np.maximum(b + c - a, 0.0) * jerk])
+    third = np.array([jerk, none, -jerk, np.where(a < b + c, -2.0 * jerk, 0.0)])
+    gained = length * (acceleration + 0.5 * length * third)
+    speed = np.cumsum([np.where(b > 0.0, 0.0, 1.0 / a), *gained[:3]], axis=0)
+    gone = length * (speed + 0.5 * gained - length * length * third / 12.0)
+    way = np.cumsum([none, *gone[:3]], axis=0)
+    early = np.stack([way, speed, 0.5 * acceleration, third / 6.0], axis=-1)
+    mirrored = -0.5 * (acceleration + third * length)
+    late = np.stack([1.0 - way[1:], speed[1:], mirrored[:3], third[:3] / 6.0], axis=-1)
+    pieces = np.concatenate([early, late[::-1]])
+    return np.concatenate([length, length[2::-1]]).T, pieces.swapaxes(0, 1)
 
 
-def rest_to_rest(triple: Iterable[float]) -> tuple[Array, Array]:
-    """When the pieces of `box_pieces` begin and, last, end [s], (n + 1,), and their coefficients, (n, 4)."""
-    durations, coefficients = np.zeros(PIECES), np.zeros((PIECES, 4))
-    n = box_pieces(*triple, durations, coefficients)
-    return running_sums(durations[:n]), coefficients[:n]
+def rest_to_rest(triple: Array) -> tuple[Array, Array]:
+    """When the pieces of a box filtered with three times begin and, last, end [s], (n + 1,), and their
+    coefficients, (n, 4)."""
+    pieces = fir_schedule(np.zeros(1), triple[None])
+    return running_sums(pieces.durations), pieces.coefficients
 
 
-@njit
-def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
-    """Filter times a >= b >= c [s] of the time-optimal motion from rest to rest over a length; it takes their
-    sum.
+def stop_times(length: Any, speed: Any, acceleration: Any, jerk: Any) -> Array:
+    """Filter times a >= b >= c [s] of time-optimal motions from rest to rest over a length, (..., 3); one
+    takes their sum.
 
     The shortest profile is a three-box profile a >= b + c: c = acceleration / jerk; or c = b = cbrt(length /
     2 jerk) and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached.
     Limits may be infinite.
     """
-    ramp = c = 0.0
-    if math.isfinite(jerk):
-        ramp = acceleration / jerk
-        c = min(ramp, math.sqrt(speed / jerk), (0.5 * length / jerk) ** (1.0 / 3.0))
-    b = c
-    if c == ramp:
-        b = max(c, min(speed / acceleration, 0.5 * (math.sqrt(c * c + 4.0 * length / acceleration) - c)))
-    return max(length / speed, b + c), b, c
+    with np.errstate(invalid="ignore"):
+        ramp = np.where(np.isfinite(jerk), acceleration / jerk, 0.0)
+        c = np.fmin(ramp, np.fmin(np.sqrt(speed / jerk), (0.5 * length / jerk) ** (1.0 / 3.0)))
+        b = 0.5 * (np.sqrt(c * c + 4.0 * length / acceleration) - c)
+        b = np.where(c == ramp, np.fmax(c, np.fmin(speed / acceleration, b)), c)
+    return np.stack([np.maximum(length / speed, b + c), b, c], axis=-1)
 
 
 # How far an overlapped corner strays, and how long segments may overlap for it (paper 4, eq. 12-14).
@@ -143,32 +96,27 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
 # the distance is a little less: a bound again.
 
 
-@njit
-def filter_rise(b: float, c: float, way: float) -> float:
+def filter_rise(b: Array, c: Array, way: Array) -> Array:
     """When H reaches a way [s], capped at (b + c) / 2 [s]: half the overlap of eq. 13."""
-    time = (6.0 * b * c * way) ** (1.0 / 3.0)
-    if 6.0 * b * way > c * c:
-        time = 0.5 * c + math.sqrt(max(2.0 * b * way - c * c / 12.0, 0.0))
-    return min(time, 0.5 * (b + c))
+    late = 0.5 * c + np.sqrt(np.maximum(2.0 * b * way - c * c / 12.0, 0.0))
+    time = np.where(6.0 * b * way > c * c, late, (6.0 * b * c * way) ** (1.0 / 3.0))
+    return np.minimum(time, 0.5 * (b + c))
 
 
-@njit
-def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
-    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between
+def corner_speed(speed_1: Array, speed_2: Array, cosine: Array) -> Array:
+    """Sizes of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between
     them."""
-    return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
+    return np.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * np.maximum(1.0 - cosine, 0.0))
 
 
-@njit
-def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: float, c2: float) -> float:
+def corner_overlap(tolerance: float, change: Array, b1: Array, c1: Array, b2: Array, c2: Array) -> Array:
     """Longest overlap whose vertex error is within a tolerance (paper 4, eq. 13, for unlike filters too) [s].
 
     ``tolerance`` is of the tip [m] or the axis [rad], ``change`` the `corner_speed` [m/s, rad/s], b and c the
     longer and shorter filter time before (1) and after (2) the corner [s]. At most the shorter of b1 + c1 and
     b2 + c2, beyond which speeds would add up on a straight path.
     """
-    whole = min(b1 + c1, b2 + c2)
-    if change <= 0.0:
-        return whole
-    way = tolerance / change
-    return min(whole, filter_rise(b1, c1, way) + filter_rise(b2, c2, way))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = tolerance / change
+        rises = filter_rise(b1, c1, way) + filter_rise(b2, c2, way)
+    return np.fmin(np.minimum(b1 + c1, b2 + c2), rises)  # straight on nothing rises: not a number

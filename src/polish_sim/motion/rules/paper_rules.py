@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, running_sums
+from polish_sim.arrays import Array, Indices, dots, running_sums
 from polish_sim.errors import SmoothingError
-from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, part_of
-from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times, stop_times
+from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, stop_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
@@ -73,7 +72,7 @@ def filter_times(
     """
     tool = tool_limits(chain, limits, feeds)
     n = len(chain.lengths)
-    triples, q = stop_triples(*tool), np.zeros((n + 1, 6))
+    triples, q = stop_times(1.0, *tool), np.zeros((n + 1, 6))
     if arm is not None:
         for begin in range(0, n, BLOCK):
             rows = slice(begin, min(begin + BLOCK, n))
@@ -130,15 +129,6 @@ def singular_segment(k: int) -> SmoothingError:
     return SmoothingError(f"no speed keeps the joint limits in segment {k + 1}: too near a singularity.")
 
 
-@njit
-def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
-    """Times of the fastest rest-to-rest motion of length 1 (`stop_times`), shape (n, 3)."""
-    triples = np.empty((len(speed), 3))
-    for k in range(len(speed)):
-        triples[k, 0], triples[k, 1], triples[k, 2] = stop_times(1.0, speed[k], acceleration[k], jerk[k])
-    return triples
-
-
 # From filter times to a schedule: neighbours overlap as far as the tolerances let them (paper 4, eq. 12-14).
 
 
@@ -148,31 +138,18 @@ def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: f
     No more than two are under way at once: a corner takes at most half of each neighbour's time. A tolerance
     of 0 stops at each way point.
     """
-    overlaps = np.zeros(max(len(triples) - 1, 0))
-    _fill_overlaps(chain, triples, tolerance, axis_tolerance, overlaps)
+    c, b, a = np.sort(triples, axis=1).T
+    halves, found = 0.5 * (a + b + c), []
+    for size, ways, most in (
+        (chain.lengths, chain.directions, tolerance),
+        (chain.angles, chain.turn_axes, axis_tolerance),
+    ):
+        speed = size / a
+        change = corner_speed(speed[:-1], speed[1:], dots(ways[:-1], ways[1:]))
+        found.append(corner_overlap(most, change, b[:-1], c[:-1], b[1:], c[1:]))
+    overlaps = np.min([*found, halves[:-1], halves[1:]], axis=0)
     starts = running_sums(triples.sum(axis=1)[:-1] - overlaps)[: len(triples)]
     return fir_schedule(starts, triples)
-
-
-@njit(_nrt=False)
-def _fill_overlaps(
-    chain: Chain, triples: Array, tolerance: float, axis_tolerance: float, overlaps: Array
-) -> None:
-    for k in range(overlaps.shape[0]):
-        a1, b1, c1 = sorted_times(triples[k, 0], triples[k, 1], triples[k, 2])
-        a2, b2, c2 = sorted_times(triples[k + 1, 0], triples[k + 1, 1], triples[k + 1, 2])
-        along = across = 0.0
-        for i in range(3):
-            along += chain.directions[k, i] * chain.directions[k + 1, i]
-            across += chain.turn_axes[k, i] * chain.turn_axes[k + 1, i]
-        tip = corner_speed(chain.lengths[k] / a1, chain.lengths[k + 1] / a2, along)
-        axis = corner_speed(chain.angles[k] / a1, chain.angles[k + 1] / a2, across)
-        overlaps[k] = min(
-            corner_overlap(tolerance, tip, b1, c1, b2, c2),
-            corner_overlap(axis_tolerance, axis, b1, c1, b2, c2),
-            0.5 * (a1 + b1 + c1),
-            0.5 * (a2 + b2 + c2),
-        )
 
 
 def fir_rule(
@@ -205,7 +182,7 @@ def block_triples(
 
     def triples_at(speed: Array, rows: Indices) -> Array:
         part = JointRates(*(column[rows] for column in rates))
-        base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
+        base = stop_times(1.0, speed, tool.acceleration[rows], tool.jerk[rows])
         t2 = np.maximum(base[:, 1], second_time(speed, part, limits, signed))
         t3 = base[:, 2]
         if jerk_share > 0.0:
