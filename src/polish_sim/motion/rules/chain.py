@@ -7,11 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, chord_lengths, norms, unit
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    angles_between,
+    chord_lengths,
+    crosses,
+    dots,
+    foot_on_chord,
+    norms,
+    unit,
+)
 from polish_sim.errors import SmoothingError, place_in_mm
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot, minus, scaled, set_to, turn_about
-from polish_sim.spatial import no_rotations, steady_rotations
+from polish_sim.spatial import no_rotations, rotations_from_vectors, steady_rotations
 
 
 class Chain(NamedTuple):
@@ -52,18 +61,32 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
     _check(tips, rotations)
     kept = ~repeated_points(tips, rotations)
     tips, rotations = tips[kept], rotations[kept]
-    axes = unit(rotations[:, :, 2])
-    n = len(tips) - 1
-    chain = Chain(tips, axes, rotations, *(np.zeros(shape) for shape in (n, (n, 3), n, (n, 3), n)))
-    _fill_segments(chain)
-    if n and chain.angles.max() > HALF_TURN:
-        k, raw = int(chain.angles.argmax()), np.flatnonzero(kept)
+    axes, ways = unit(rotations[:, :, 2]), np.diff(tips, axis=0)
+    ways[norms(ways) <= SAME_PLACE] = 0.0
+    # From the difference, square to their middle by construction: accurate for the smallest turns.
+    turns = crosses(axes[:-1], np.diff(axes, axis=0))
+    angles = np.arctan2(norms(turns), dots(axes[:-1], axes[1:]))
+    turns[angles <= SAME_AXIS] = angles[angles <= SAME_AXIS] = 0.0
+    if angles.max(initial=0.0) > HALF_TURN:
+        k, raw = int(angles.argmax()), np.flatnonzero(kept)
         raise SmoothingError(
             f"the tool axis turns by 180 deg between {place_in_mm(tips[k])} and {place_in_mm(tips[k + 1])} "
             f"(way points {raw[k]} and {raw[k + 1]}, counted from 0): "
             "which way round is not given. Put a way point between them."
         )
-    return chain
+    turn_axes = unit(turns)
+    arrived = rotations_from_vectors(angles[:, None] * turn_axes) @ rotations[:-1]
+    left = arrived.swapaxes(1, 2) @ rotations[1:]
+    rolls = np.arctan2(left[:, 1, 0] - left[:, 0, 1], left[:, 0, 0] + left[:, 1, 1])
+    return Chain(tips, axes, rotations, norms(ways), unit(ways), angles, turn_axes, rolls)
+
+
+def part_way(chain: Chain, k: Indices, share: Array) -> tuple[Array, Array]:
+    """Tips (n, 3) [m] and tool frames (n, 3, 3) at shares (n, 1) of segments k (n,)."""
+    turn = rotations_from_vectors(share * chain.angles[k, None] * chain.turn_axes[k])
+    roll = rotations_from_vectors(share * chain.rolls[k, None] * np.array([0.0, 0.0, 1.0]))
+    tips = chain.tips[k] + share * chain.lengths[k, None] * chain.directions[k]
+    return tips, turn @ chain.rotations[k] @ roll
 
 
 def chain_from_axes(tips: Array, axes: Array) -> Chain:
@@ -126,72 +149,16 @@ def _check(tips: Array, rotations: Array) -> None:
         )
 
 
-@njit
-def _fill_segments(chain: Chain) -> None:
-    """Write length, direction, angle, turn axis and roll of every segment from its two way points."""
-    for k in range(chain.lengths.shape[0]):
-        direction = chain.directions[k]
-        set_to(direction, minus(chain.tips[k + 1], chain.tips[k]))
-        length = math.sqrt(dot(direction, direction))
-        chain.lengths[k] = length if length > SAME_PLACE else 0.0
-        for i in range(3):
-            direction[i] = direction[i] / length if length > SAME_PLACE else 0.0
-        _fill_turn(chain, k)
-        chain.rolls[k] = _roll(chain, k)
+def tip_distances(raw: Chain, k: Indices, tips: Array) -> Array:
+    """Distances of points (n, 3) to segments k (n,) [m], shape (n,)."""
+    return foot_on_chord(tips - raw.tips[k], raw.lengths[k, None] * raw.directions[k])[1]
 
 
-@njit(inline="always")
-def _fill_turn(chain: Chain, k: int) -> None:
-    """Angle and axis between both ends' tool axes."""
-    a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
-    # From the difference, square to their middle by construction: accurate for the smallest turns.
-    set_to(n, cross(a, minus(b, a)))
-    sine = math.sqrt(dot(n, n))
-    angle = math.atan2(sine, dot(a, b))
-    chain.angles[k] = angle if angle > SAME_AXIS else 0.0
-    for i in range(3):
-        n[i] = n[i] / sine if angle > SAME_AXIS else 0.0
-
-
-@njit(inline="always")
-def _roll(chain: Chain, k: int) -> float:
-    """Turn about the tool axis left to the next frame once the axis is there [rad]."""
-    n, angle = chain.turn_axes[k], chain.angles[k]
-    start, end = chain.rotations[k], chain.rotations[k + 1]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    x = turn_about(n, cosine, sine, 1.0 - cosine, start[:, 0])
-    y = turn_about(n, cosine, sine, 1.0 - cosine, start[:, 1])
-    return math.atan2(dot(y, end[:, 0]) - dot(x, end[:, 1]), dot(x, end[:, 0]) + dot(y, end[:, 1]))
-
-
-@njit
-def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
-    """Distance of a point to segments ``first`` to ``stop - 1`` [m]."""
-    best = np.inf
-    for k in range(first, stop):
-        offset = minus(tip, raw.tips[k])
-        d = raw.directions[k]
-        aside = minus(offset, scaled(min(max(dot(offset, d), 0.0), raw.lengths[k]), d))
-        best = min(best, dot(aside, aside))
-    return math.sqrt(best)
-
-
-@njit
-def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
-    """Angle of a unit axis to the arcs of segments ``first`` to ``stop - 1`` [rad]."""
-    best = np.inf
-    for k in range(first, stop):
-        best = min(best, angle_between(raw.axes[k], axis), angle_between(raw.axes[k + 1], axis))
-        n, a = raw.turn_axes[k], raw.axes[k]
-        x, y = dot(axis, a), dot(axis, cross(n, a))
-        if raw.angles[k] > 0.0 and 0.0 <= math.atan2(y, x) <= raw.angles[k]:
-            out = dot(axis, n)
-            best = min(best, abs(math.atan2(out, math.sqrt(x * x + y * y))))
-    return best
-
-
-@njit
-def angle_between(a: Array, b: Array) -> float:
-    """Angle of two unit vectors [rad], accurate near zero too."""
-    across = cross(a, b)
-    return math.atan2(math.sqrt(dot(across, across)), dot(a, b))
+def axis_distances(raw: Chain, k: Indices, axes: Array) -> Array:
+    """Angles of unit axes (n, 3) to the arcs of segments k (n,) [rad], shape (n,)."""
+    a, n = raw.axes[k], raw.turn_axes[k]
+    ends = np.minimum(angles_between(a, axes), angles_between(raw.axes[k + 1], axes))
+    x, y, out = dots(axes, a), dots(axes, crosses(n, a)), dots(axes, n)
+    along = np.arctan2(y, x)
+    beside = (raw.angles[k] > 0.0) & (along >= 0.0) & (along <= raw.angles[k])
+    return np.where(beside, np.minimum(ends, np.abs(np.arctan2(out, np.hypot(x, y)))), ends)

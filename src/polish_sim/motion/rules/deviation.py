@@ -18,7 +18,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, in_groups, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
-from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
+from polish_sim.motion.rules.chain import Chain, axis_distances, tip_distances
 from polish_sim.motion.rules.schedule import SmoothMotion
 
 SAMPLES = 13  #: Of each smooth span
@@ -118,9 +118,12 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
 def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> DeviationCurve:
     """Measure a motion against the stretch of the way points it is on at each of some times [s], shape
     (n,)."""
-    seen, curve = motion.sample(times), DeviationCurve(*np.zeros((2, len(times))))
-    tips, axes = np.ascontiguousarray(seen.tips[:, 0]), np.ascontiguousarray(seen.axes[:, 0])
-    _fill_curve(raw, *motion.under_way(times), tips, axes, curve)
+    seen, (first, stop) = motion.sample(times), motion.under_way(times)
+    row, place = in_groups(stop - first)
+    k = first[row] + place
+    curve = DeviationCurve(*np.where(stop > first, np.full((2, len(times)), np.inf), 0.0))
+    np.minimum.at(curve.tip, row, tip_distances(raw, k, seen.tips[row, 0]))
+    np.minimum.at(curve.axis, row, axis_distances(raw, k, seen.axes[row, 0]))
     return curve
 
 
@@ -173,13 +176,3 @@ def _nearest(
             square = dot(gap, gap)
             if square < best[r]:
                 best[r], low[r], high[r] = square, times[max(i - 1, 0)], times[min(i + 1, tips.shape[0] - 1)]
-
-
-@njit
-def _fill_curve(
-    raw: Chain, first: Indices, stop: Indices, tips: Array, axes: Array, curve: DeviationCurve
-) -> None:
-    for i in range(tips.shape[0]):
-        if stop[i] > first[i]:
-            curve.tip[i] = tip_distance(raw, first[i], stop[i], tips[i])
-            curve.axis[i] = axis_distance(raw, first[i], stop[i], axes[i])

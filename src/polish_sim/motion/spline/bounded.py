@@ -9,13 +9,12 @@ where b_u and b_uu are derivatives to u: but for u', linear in b.
 
 from __future__ import annotations
 
-import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
-from polish_sim.kernel_cache import njit
+from polish_sim.arrays import Array, by_slices
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
@@ -65,29 +64,12 @@ def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Arra
     ``speed`` is u' at the n places [m/s], ``acceleration`` and ``jerk`` are its derivatives, shape (n,) each;
     the factors, shape (n,), are up to 1 where it keeps them.
     """
-    factors = np.empty(len(speed))
-    _fill_factors(bounded.rates, bounded.limits, speed, acceleration, jerk, factors)
-    return factors
+    factors = partial(_factors_of, bounded.limits)
+    return by_slices(factors, *bounded.rates, speed, acceleration, jerk)  # type: ignore[no-any-return]
 
 
-@njit(_nrt=False)
-def _fill_factors(
-    rates: Array, limits: Array, speed: Array, acceleration: Array, jerk: Array, out: Array
-) -> None:
-    for n in range(out.shape[0]):
-        v, a, j, factor = speed[n], acceleration[n], jerk[n], 0.0
-        for q in range(8):
-            speeds = accelerations = jerks = 0.0
-            for i in range(FIRST_PARTS[q], FIRST_PARTS[q] + SIZES[q]):
-                x1, x2, x3 = rates[0, n, i], rates[1, n, i], rates[2, n, i]
-                speeds += (x1 * v) ** 2
-                accelerations += (x2 * v * v + x1 * a) ** 2
-                jerks += (x3 * v**3 + 3.0 * x2 * v * a + x1 * j) ** 2
-            over = max(
-                math.sqrt(speeds) / limits[0, q],
-                math.sqrt(math.sqrt(accelerations) / limits[1, q]),
-                (math.sqrt(jerks) / limits[2, q]) ** (1.0 / 3.0),
-            )
-            # What is not a number stays: all of a place's are none where its speed is none.
-            factor = factor if over <= factor else over
-        out[n] = factor
+def _factors_of(limits: Array, x1: Array, x2: Array, x3: Array, *in_time: Array) -> Array:
+    v, a, j = (each[:, None] for each in in_time)
+    moved = np.stack([x1 * v, x2 * v * v + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j])
+    over = part_norms(moved) / limits[:, None]
+    return np.max([over[0], np.sqrt(over[1]), np.cbrt(over[2])], axis=(0, 2))  # type: ignore[no-any-return]

@@ -14,11 +14,22 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools, Indices, crosses, evenly_to, midpoints, norms, running_sums
+from polish_sim.arrays import (
+    Array,
+    Bools,
+    Indices,
+    angles_between,
+    crosses,
+    evenly_to,
+    midpoints,
+    norms,
+    running_sums,
+    spans_at,
+)
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import add_to, cross, dot, minus, plus, scaled, set_to, turn_about
-from polish_sim.motion.rules.chain import Chain
+from polish_sim.kernels import add_to, cross, dot, scaled, set_to
+from polish_sim.motion.rules.chain import Chain, part_way
 
 # Functions of one variable with their derivatives, carried along exactly.
 #
@@ -115,9 +126,10 @@ class Polyline(NamedTuple):
 
     def at(self, u: Array) -> Array:
         """Tip (3), x axis (3) and z axis (3) of the tool, place on the path, shape (m, 10)."""
-        out = np.empty((len(u), 10))
-        _fill_line(self.chain, self.u, self.places, u, out)
-        return out
+        k = spans_at(self.u, u)
+        share = ((u - self.u[k]) / np.diff(self.u)[k])[:, None]
+        tips, frames = part_way(self.chain, k, share)
+        return np.column_stack([tips, frames[:, :, 0], frames[:, :, 2], np.interp(u, self.u, self.places)])
 
     def slopes(self) -> tuple[Array, Array]:
         """Derivatives of `at` before and after every inner way point, shape (n - 1, 10) each."""
@@ -133,20 +145,6 @@ class Polyline(NamedTuple):
             axes = [crosses(spin, R[:, :, 0]), crosses(spin, R[:, :, 2])]
             sides.append(np.concatenate([tips[side], *axes, places[side]], axis=1))
         return sides[0], sides[1]
-
-
-@njit(_nrt=False)
-def _fill_line(chain: Chain, line: Array, places: Array, u: Array, out: Array) -> None:
-    for n in range(u.shape[0]):
-        k = min(max(np.searchsorted(line, u[n], side="right") - 1, 0), line.shape[0] - 2)
-        share, R = (u[n] - line[k]) / (line[k + 1] - line[k]), chain.rotations[k]
-        roll, angle = share * chain.rolls[k], share * chain.angles[k]
-        rolled = plus(scaled(math.cos(roll), R[:, 0]), scaled(math.sin(roll), R[:, 1]))
-        axis, c, s = chain.turn_axes[k], math.cos(angle), math.sin(angle)
-        set_to(out[n], plus(chain.tips[k], scaled(share * chain.lengths[k], chain.directions[k])))
-        set_to(out[n, 3:], turn_about(axis, c, s, 1.0 - c, rolled))
-        set_to(out[n, 6:], turn_about(axis, c, s, 1.0 - c, R[:, 2]))
-        out[n, 9] = places[k] + share * (places[k + 1] - places[k])
 
 
 class SplineCurve(NamedTuple):
@@ -362,28 +360,12 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
     shares = np.linspace(0.0, 1.0, LOOKS, endpoint=False)
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
     u = np.union1d(looks, line.u)
+    drawn, wanted = _jets(spline, u, 1)[:, 0], line.at(u)
+    turned = [angles_between(drawn[:, axis], wanted[:, axis]) for axis in (slice(3, 6), slice(6, 9))]
+    near = norms((drawn - wanted)[:, :3]) <= tolerances[0]
     off = np.zeros(len(knots) - 1, dtype=bool)
-    _mark_off(_jets(spline, u, 1)[:, 0], line.at(u), tolerances, u, knots, off)
+    off[spans_at(knots, u[~(near & (np.max(turned, axis=0) <= tolerances[1]))])] = True
     return off
-
-
-@njit(_nrt=False)
-def _mark_off(
-    drawn: Array, wanted: Array, tolerances: tuple[float, float], u: Array, knots: Array, off: Bools
-) -> None:
-    for n in range(u.shape[0]):
-        aside = minus(drawn[n], wanted[n])
-        turned = max(_angle(drawn[n, 3:6], wanted[n, 3:6]), _angle(drawn[n, 6:9], wanted[n, 6:9]))
-        if not (math.sqrt(dot(aside, aside)) <= tolerances[0] and turned <= tolerances[1]):
-            off[min(max(np.searchsorted(knots, u[n], side="right") - 1, 0), off.shape[0] - 1)] = True
-
-
-@njit(_nrt=False)
-def _angle(one: Array, two: Array) -> float:
-    """Between vectors, a half turn where one has no length [rad]."""
-    apart = minus(scaled(1.0 / math.sqrt(dot(one, one)), one), scaled(1.0 / math.sqrt(dot(two, two)), two))
-    sine = 0.5 * math.sqrt(dot(apart, apart))
-    return 2.0 * math.asin(sine) if sine < 1.0 else math.pi
 
 
 def _halved(knots: Array, which: Bools) -> Array:
