@@ -141,19 +141,6 @@ class Picture:
         self._renderer.close()
 
 
-class Snapshot(FrameSink):
-    """Keeps the model of the cell; when the run is over, its picture is rendered from it and the log."""
-
-    every_s = 0.5
-
-    def __init__(self) -> None:
-        self.model: Any = None  #: Of the cell, once it runs
-
-    def take(self, model: Any, data: Any) -> None:
-        """Remember the model."""
-        self.model = model
-
-
 def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL
     for it."""

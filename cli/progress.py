@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import multiprocessing
 import os
-import signal
 import sys
 import threading
 import time
@@ -31,7 +30,7 @@ from polish_sim.errors import duration_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.kernel_cache import event, is_warm, kernels_under, load_registries
 from polish_sim.scenario_file import merge
-from polish_sim.workers import processors
+from polish_sim.workers import end_with_starter, processors
 
 # As they are imported, matplotlib lists the settings of each class in docstrings, scipy completes those of
 # its functions, and imports all there is of numpy: 0.3 s that no command needs.
@@ -155,17 +154,6 @@ def _rehearse(controller: str, said: Any) -> None:
         run_experiment(merge(default_scenario("arc"), chosen, ""), None, Begun())
 
 
-def end_with_starter() -> None:
-    """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        multiprocessing.parent_process().join()  # type: ignore[union-attr]
-        signal.raise_signal(signal.SIGTERM)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
 # The observer that turns a run's stages into a progress bar; it satisfies the protocol of the experiments.
 
 
@@ -192,6 +180,7 @@ class ProgressObserver:
         self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
         self._task = bar.add_task("starting", total=None)
         self.compiling: CompileProgress
+        self.model: Any = None  #: Of the cell, once it runs
 
     @classmethod
     @contextmanager
@@ -243,5 +232,6 @@ class ProgressObserver:
 
     def frame(self, model: Any, data: Any) -> None:
         """Hand a moment of the simulation on to those who want to see it."""
+        self.model = model
         for sink in self._sinks:
             sink.take(model, data)

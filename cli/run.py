@@ -28,7 +28,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
+from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, place_in_mm
@@ -143,7 +143,7 @@ def run(row: Experiment, given: Given) -> int:
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
     refuse_taken(given, scenario.plan.file, scenario.process.learn, scenario.plan.removal)
-    sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
+    sinks: list[FrameSink] = [Viewer()] if view else []
     if live:
         from polish_sim.cli.live_view import LiveView
 
@@ -160,7 +160,7 @@ def demo(given: Given) -> int:
     console.note(
         f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
     )
-    code = run_into("demo", given, scenario, None, [Snapshot()])
+    code = run_into("demo", given, scenario, None)
     console.say("pictures and figures are in the folder; for more: polish-sim run --help")
     return code
 
@@ -170,7 +170,7 @@ def run_into(
     given: Given,
     scenario: Checked,
     plan: ToolPath | None,
-    sinks: Sequence[FrameSink],
+    sinks: Sequence[FrameSink] = (),
 ) -> int:
     """Run a scenario into an output folder of its own and show its outcome."""
     from polish_sim.cell.observer import results_kept
@@ -234,7 +234,7 @@ def run_once(
                 raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
-            model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
+            model = observer.model
             draw_run(record, draft)
             save_page(draft, page_of(record, model, planned.notes if planned else ()))
             if stop and planned:

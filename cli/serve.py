@@ -21,7 +21,6 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import BUG, DONE, exit_code
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.progress import end_with_starter
 from polish_sim.cli.run import checked_run, draw_run, plan_to_run
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
@@ -29,6 +28,7 @@ from polish_sim.errors import InputError, check_name, count_text, first_twice, l
 from polish_sim.experiments.registry import check_flange, experiment
 from polish_sim.page import save_page
 from polish_sim.row_file import put_file, write_json
+from polish_sim.workers import end_with_starter
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -10,6 +10,7 @@ from __future__ import annotations
 import getpass
 import hashlib
 import logging
+import multiprocessing
 import os
 import re
 import signal
@@ -206,7 +207,6 @@ class _Worker:
                     1,
                     timeout=None,
                     initializer=_prepare,
-                    initargs=(os.getpid(),),
                     env={"OPENBLAS_NUM_THREADS": "1"},
                 )
             self.tasks.append((task, self.executor.submit(work, task)))
@@ -331,17 +331,23 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _prepare(parent: int) -> None:
+def _prepare() -> None:
     """Set a process up: what a user's controller prints goes to stderr, and it ends with its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_starter()
     sys.stdout = sys.stderr
-    threading.Thread(target=_leave_with_parent, args=(parent,), daemon=True).start()
 
 
-def _leave_with_parent(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
+def end_with_starter() -> None:
+    """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    starter: Any = multiprocessing.parent_process()
+
+    def watch() -> None:
+        while os.getppid() == starter.pid:
+            time.sleep(0.5)
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 # A cluster of Dask.

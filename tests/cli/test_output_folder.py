@@ -205,7 +205,7 @@ def test_the_process_that_compiles_ahead_ends_when_its_kernels_are_there_or_its_
     ahead.start()
     ahead.join()
     assert ahead.exitcode == 0
-    names = "import multiprocessing, os, time; from polish_sim.cli.progress import end_with_starter as end"
+    names = "import multiprocessing, os, time; from polish_sim.workers import end_with_starter as end"
     start = "multiprocessing.Process(target=lambda: (end(), time.sleep(60))).start(); os._exit(0)"
     subprocess.run([sys.executable, "-c", f"{names}; {start}"], stdout=-1, timeout=30, check=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import selectors
 import socket
 import time
@@ -190,18 +191,14 @@ class TickClock:
 
 def listening(address: str, port: int) -> socket.socket:
     """A socket that listens; an InputError where none can."""
-    found = socket.socket()
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    found.setblocking(False)
     try:
-        found.bind((address, port))
-        found.listen(CLIENTS)
+        found = socket.create_server((address, port), backlog=CLIENTS)
     except OSError as error:
-        found.close()
         raise InputError(
-            f"port {port} of {address} cannot be used: {error.strerror or error}. Another simulated or real "
-            "controller may use it: stop that one, or take another --address (127.0.0.2)."
+            f"port {port} of {address} cannot be used: {os.strerror(error.errno or 0)}. Another simulated or "
+            "real controller may use it: stop that one, or take another --address (127.0.0.2)."
         ) from error
+    found.setblocking(False)
     return found
 
 
