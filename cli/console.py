@@ -7,16 +7,13 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.page import PAGE, Table
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from polish_sim.cli.pictures import FrameSink
+    from polish_sim.cli.live_view import FrameSink
     from polish_sim.cli.progress import ProgressObserver
 
 PLAIN_WIDTH = 160  #: Width of tables when the output is not a terminal: wide enough not to wrap
@@ -86,7 +83,10 @@ def _outliving(stream: Any) -> Any:
 
 def table(shown: Table) -> None:
     """Print a table on stdout, with its caption below it."""
-    _console().print(shown.grid)
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() else PLAIN_WIDTH
+    Console(markup=False, highlight=False, emoji=False, width=width).print(shown.grid)
     if shown.caption:
         say(shown.caption)
 
@@ -100,12 +100,3 @@ def progress(sinks: Sequence[FrameSink] = ()) -> AbstractContextManager[Progress
     from polish_sim.cli.progress import ProgressObserver
 
     return ProgressObserver.shown(note, sinks)
-
-
-@cache
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(
-        markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH
-    )

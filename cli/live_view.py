@@ -1,28 +1,29 @@
-"""What fills the page of a cell in the browser: a run while it goes."""
+"""A run while it goes: what fills its page in the browser, and MuJoCo's viewer."""
 
 from __future__ import annotations
 
 import math
 import queue
+import threading
 import time
-from collections.abc import Sequence
+import warnings
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.kernel import FEED, FORCE
-from polish_sim.cell.observer import STOPPING
+from polish_sim.cell.observer import STOPPING, Silent
 from polish_sim.cell.stroke import cycle_time
+from polish_sim.cli import console
 from polish_sim.cli.live_page import PLOT_S, LivePage, Moment, block
-from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
 from polish_sim.experiments.run_page import part_body, scene_solids
 from polish_sim.spatial import apply, inverse, matrices, transform
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
-    from polish_sim.cell.faults import FaultEvent
 
 ABOVE_M = 5e-4  #: Of the lines of a path, to be seen on the part [m]
 SETTLED_S = 0.25  #: A slider counts when it has rested this long [s]
@@ -38,10 +39,10 @@ STAGES = (
 )
 
 
-class LiveView(FrameSink):
+class LiveView(Silent, AbstractContextManager[Any]):
     """Shows a run in the browser, lets it wait, and hands on what somebody changes there."""
 
-    every_s = 0.012  #: A whole number of log rows at the usual rate
+    frame_every_s = 0.012  #: A whole number of log rows at the usual rate
 
     def __init__(self, asked: Address, title: str, steered: bool = True) -> None:
         """``steered``: whether force and feed are ours to change."""
@@ -98,14 +99,17 @@ class LiveView(FrameSink):
 
         gui.add_slider(label, *scale).on_update(moved)
 
-    def take(self, model: Any, data: Any) -> None:
+    def frame(self, model: Any, data: Any) -> None:
         """Show one moment; wait as long as it lasts, or until somebody resumes the run."""
         page = self.page
         if not page.built:
             self._build(model, data)
         moment = self._moment(data)
         passed = max(0.0, moment.time - self._rows[-1][0]) if self._rows else 0.0
-        self._rows = [*self._rows[-round(PLOT_S / self.every_s) :], (moment.time, moment.force, moment.asked)]
+        self._rows = [
+            *self._rows[-round(PLOT_S / self.frame_every_s) :],
+            (moment.time, moment.force, moment.asked),
+        ]
         self._next = max(self._next + passed / page.speed, time.monotonic() - 0.1)
         while True:
             self._attend()
@@ -169,11 +173,6 @@ class LiveView(FrameSink):
             ),
         )
 
-    @property
-    def asked(self) -> Sequence[FaultEvent]:
-        """What was changed by hand, so that it can be planned."""
-        return self._cell.asked if self._cell else ()
-
 
 def poses_of(data: Any) -> Array:
     """Poses of a model's bodies in the world, shape (k, 4, 4)."""
@@ -186,3 +185,77 @@ def lines_over(stroke: Stroke) -> Array:
     depth = stroke.depth * stroke.force / stroke.force[0] + ABOVE_M
     points = table.positions - depth[:, None] * matrices(table.quaternions)[:, :, 2]
     return np.stack([points[:-1], points[1:]], axis=1)
+
+
+# In MuJoCo's viewer.
+
+CLOSING_S = 5.0  #: A window is waited for, at most [s]
+
+
+class Viewer(Silent, AbstractContextManager[Any]):
+    """Opens the viewer at the first moment and keeps the run no faster than real time.
+
+    It shows a copy of the cell's data: opening the window computes the forces in it anew, and hands pull at
+    the bodies.
+    """
+
+    frame_every_s = 1.0 / 50.0
+
+    def __init__(self) -> None:
+        self._window: Any = None
+        self._shown: Any = None
+        self._failed = False
+        self._ahead_of: float | None = None
+
+    def frame(self, model: Any, data: Any) -> None:
+        """Show one moment; closing the window lets the run continue without it."""
+        if self._failed:
+            return
+        if self._window is None:
+            self._open(model, data)
+            return
+        if not self._window.is_running():
+            return
+        import mujoco
+
+        with self._window.lock():
+            mujoco.mj_copyData(self._shown, model, data)
+        self._window.sync()
+        now = time.monotonic()
+        if self._ahead_of is None:
+            self._ahead_of = now - data.time
+        time.sleep(max(0.0, self._ahead_of + data.time - now))
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if self._window:
+            self._window.close()
+            for thread in self._threads:
+                thread.join(CLOSING_S)  # what the window draws with is gone when the program ends
+
+    def _open(self, model: Any, data: Any) -> None:
+        if not _has_display():
+            self._failed = True
+            console.note("no viewer: this machine has no display. The run continues; --video writes a film.")
+            return
+        import mujoco.viewer
+
+        before = set(threading.enumerate())
+        self._shown = mujoco.MjData(model)
+        mujoco.mj_copyData(self._shown, model, data)
+        self._window = mujoco.viewer.launch_passive(
+            model, self._shown, show_left_ui=False, show_right_ui=False
+        )
+        self._threads = set(threading.enumerate()) - before
+
+
+def _has_display() -> bool:
+    """Whether a window can be opened; MuJoCo's viewer ends the whole process where it cannot."""
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return bool(glfw.init())
+
+
+FrameSink = LiveView | Viewer
+"""Looks on at a run, and is open as long as it lasts."""

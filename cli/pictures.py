@@ -1,17 +1,13 @@
-"""Frames of a run: the viewer, and the picture of the cell, which is rendered without a display."""
+"""The picture of the cell, which is rendered without a display."""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import sys
-import threading
-import time
 import warnings
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.cli import console
 from polish_sim.row_file import QUICK_PNG
@@ -21,37 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from polish_sim.analysis.run_record import RunRecord
-    from polish_sim.cell.faults import FaultEvent
 
     Image = NDArray[np.uint8]
 
 CELL_PICTURE = "cell.png"
-
-
-class FrameSink(AbstractContextManager[Any], Protocol):
-    """Takes moments of a simulation; a context manager that lives as long as the run."""
-
-    every_s: float  #: Simulated time between frames [s]
-
-    def take(self, model: Any, data: Any) -> None:
-        """Take one moment; model and data are not to be changed."""
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        """The run is over, or ended by an error."""
-        return
-
-    def stage(self, text: str) -> None:
-        """A stage of the run begins."""
-        return
-
-    def start(self, cell: Any) -> None:
-        """The cell that is about to run."""
-        return
-
-    @property
-    def asked(self) -> Sequence[FaultEvent]:
-        """What was changed by hand during the run."""
-        return ()
 
 
 class PictureSize(NamedTuple):
@@ -176,71 +145,3 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
         ImageDraw.Draw(whole).text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
     whole.save(file, **QUICK_PNG)
     return True
-
-
-CLOSING_S = 5.0  #: A window is waited for, at most [s]
-
-
-class Viewer(FrameSink):
-    """Opens the viewer at the first moment and keeps the run no faster than real time.
-
-    It shows a copy of the cell's data: opening the window computes the forces in it anew, and hands pull at
-    the bodies.
-    """
-
-    every_s = 1.0 / 50.0
-
-    def __init__(self) -> None:
-        self._window: Any = None
-        self._shown: Any = None
-        self._failed = False
-        self._ahead_of: float | None = None
-
-    def take(self, model: Any, data: Any) -> None:
-        """Show one moment; closing the window lets the run continue without it."""
-        if self._failed:
-            return
-        if self._window is None:
-            self._open(model, data)
-            return
-        if not self._window.is_running():
-            return
-        import mujoco
-
-        with self._window.lock():
-            mujoco.mj_copyData(self._shown, model, data)
-        self._window.sync()
-        now = time.monotonic()
-        if self._ahead_of is None:
-            self._ahead_of = now - data.time
-        time.sleep(max(0.0, self._ahead_of + data.time - now))
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if self._window:
-            self._window.close()
-            for thread in self._threads:
-                thread.join(CLOSING_S)  # what the window draws with is gone when the program ends
-
-    def _open(self, model: Any, data: Any) -> None:
-        if not _has_display():
-            self._failed = True
-            console.note("no viewer: this machine has no display. The run continues; --video writes a film.")
-            return
-        import mujoco.viewer
-
-        before = set(threading.enumerate())
-        self._shown = mujoco.MjData(model)
-        mujoco.mj_copyData(self._shown, model, data)
-        self._window = mujoco.viewer.launch_passive(
-            model, self._shown, show_left_ui=False, show_right_ui=False
-        )
-        self._threads = set(threading.enumerate()) - before
-
-
-def _has_display() -> bool:
-    """Whether a window can be opened; MuJoCo's viewer ends the whole process where it cannot."""
-    import glfw
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return bool(glfw.init())

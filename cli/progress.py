@@ -10,27 +10,22 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy
 from matplotlib.artist import ArtistInspector
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress, TimeElapsedColumn
 
-from polish_sim.cli.pictures import FrameSink
 from polish_sim.config import Scenario
 from polish_sim.errors import duration_text
 from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.kernel_cache import event, is_warm, kernels_under, load_registries
 from polish_sim.scenario_file import merge
 from polish_sim.workers import end_with_starter, processors
+
+if TYPE_CHECKING:
+    from polish_sim.cli.live_view import FrameSink
 
 # As they are imported, matplotlib lists the settings of each class in docstrings, scipy completes those of
 # its functions, and imports all there is of numpy: 0.3 s that no command needs.
@@ -177,27 +172,19 @@ class ProgressObserver:
         self._told_at = 0.0
         self._say = say
         self._sinks = sinks
-        self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
+        self.frame_every_s = min([IDLE_FRAME_S, *(sink.frame_every_s for sink in sinks)])
         self._task = bar.add_task("starting", total=None)
         self.compiling: CompileProgress
+        self.cell: Any = None  #: The last that was about to run
         self.model: Any = None  #: Of the cell, once it runs
 
     @classmethod
     @contextmanager
     def shown(cls, say: Callable[[str], None], sinks: Sequence[FrameSink]) -> Iterator[ProgressObserver]:
         """Show a bar while the block runs; on a pipe or in a file each stage is one plain line instead."""
-        console = Console(stderr=True)
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=32),
-            TaskProgressColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
         terminal = sys.stderr.isatty()
-        with Progress(
-            *columns, console=console, transient=True, get_time=time.monotonic, disable=not terminal
-        ) as bar:
+        columns = (*Progress.get_default_columns(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True, disable=not terminal) as bar:
             shown = bar.console.print if terminal else say
             observer = cls(bar, shown, sinks, None if terminal else QUIET_S)
             with compiling_shown(observer.compiled if terminal else now_and_then(say)) as observer.compiling:
@@ -227,6 +214,7 @@ class ProgressObserver:
 
     def start(self, cell: Any) -> None:
         """Show the cell that is about to run to those who want to see it."""
+        self.cell = cell
         for sink in self._sinks:
             sink.start(cell)
 
@@ -234,4 +222,4 @@ class ProgressObserver:
         """Hand a moment of the simulation on to those who want to see it."""
         self.model = model
         for sink in self._sinks:
-            sink.take(model, data)
+            sink.frame(model, data)

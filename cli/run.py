@@ -28,7 +28,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Viewer, save_cell_picture
+from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, place_in_mm
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cell.observer import Interrupt
+    from polish_sim.cli.live_view import FrameSink
+    from polish_sim.cli.progress import ProgressObserver
     from polish_sim.planning import PlanResult, ToolPath
 
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
@@ -143,7 +145,11 @@ def run(row: Experiment, given: Given) -> int:
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
     refuse_taken(given, scenario.plan.file, scenario.process.learn, scenario.plan.removal)
-    sinks: list[FrameSink] = [Viewer()] if view else []
+    sinks: list[FrameSink] = []
+    if view:
+        from polish_sim.cli.live_view import Viewer
+
+        sinks.append(Viewer())
     if live:
         from polish_sim.cli.live_view import LiveView
 
@@ -228,7 +234,7 @@ def run_once(
             stack.enter_context(observer.compiling.ahead(scenario))
             planned, scenario = plan_to_run(scenario, plan, observer, draft)
             again.waits = True
-            record = simulate(scenario, planned, draft, observer, sinks)
+            record = simulate(scenario, planned, draft, observer)
             again.waits = False
             if again.seen:
                 raise KeyboardInterrupt
@@ -274,19 +280,18 @@ def simulate(
     scenario: Checked,
     plan: PlanResult | None,
     folder: Path,
-    observer: Observer | None = None,
-    sinks: Sequence[FrameSink] = (),
+    observer: ProgressObserver | None = None,
 ) -> RunRecord:
     """Run a scenario along its path and write config, figures, log and path into a folder.
 
-    What was changed by hand in one of the ``sinks`` is in the config as if it had been planned.
+    What was changed by hand while it ran is in the config as if it had been planned.
     """
     from polish_sim.analysis.run_record import write_record
     from polish_sim.cell.faults import as_planned
 
     result = run_experiment(scenario, plan, observer)
     record = result.record
-    by_hand = [event for sink in sinks for event in sink.asked]
+    by_hand = observer.cell.asked if observer and observer.cell else ()
     record = replace(record, scenario=as_planned(record.scenario, by_hand))
     write_record(folder, record)
     for name, text in result.files.items():

@@ -332,7 +332,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
         def draw() -> None:
             view.start(cell)
             while not ended.wait(LIVE_S):
-                view.take(cell.model, cell.data)
+                view.frame(cell.model, cell.data)
 
         thread = threading.Thread(target=draw)
         thread.start()

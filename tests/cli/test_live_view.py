@@ -55,11 +55,13 @@ def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind():
     threads = set(threading.enumerate())
     with LiveView(Address("127.0.0.1", port), "a <b>title</b>") as live:
         live.page.speed = np.inf
-        shown = run_experiment(scenario, None, ProgressObserver(Progress(disable=True), str, [live]))
+        shown = run_experiment(
+            scenario, None, observer := ProgressObserver(Progress(disable=True), str, [live])
+        )
         assert "a &lt;b&gt;title" in live.page.text.content
     assert live.page.shown >= 1
+    assert not observer.cell.asked
     assert same(shown.log, run_experiment(scenario).log)
-    assert not live.asked
     assert not {thread for thread in set(threading.enumerate()) - threads if "ThreadPool" not in thread.name}
     assert free_address(Address("127.0.0.1", port)).port == port
 

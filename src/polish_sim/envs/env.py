@@ -88,41 +88,6 @@ class Episode(NamedTuple):
     noise: int
 
 
-class Stage:
-    """What all episodes share: part, planned path, and the arms and deformed parts they draw from."""
-
-    def __init__(self, scenario: Checked, ranges: Ranges, bodies: int) -> None:
-        self.scenario, self.ranges = scenario, ranges
-        self._forms: dict[int, RealPart] = {}
-        self.bodies = bodies
-        for key, (low, high) in ranges.items():
-            if not key.startswith((*_LIVE, *_LATER)):
-                raise ConfigError(
-                    f"'{key}' cannot change from episode to episode: make an environment for each value."
-                )
-            for value in (low, high):
-                check(override(scenario, [f"{key}={value!r}"]))
-        self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
-        self.place: Workplace = place_work(scenario)
-        self.moving = not self.place.holds
-        self.strokes = strokes_for(scenario, self.place)
-        surface = self.place.region.surface
-        self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))
-
-    def form(self, scenario: Checked) -> RealPart:
-        """The part as bent by a scenario's seed, where it should be."""
-        if scenario.seed not in self._forms or "part.form_error_m" in self.ranges:
-            straight = replace(scenario.part, displacement_m=0.0, rotation_rad=0.0)
-            self._forms[scenario.seed] = build_part(replace(scenario, part=straight), self.place)
-        return self._forms[scenario.seed]
-
-    def displaced(self, form: RealPart, config: Any, rng: np.random.Generator) -> RealPart:
-        """A bent part where an episode finds it."""
-        normal = form.rotation.T @ np.array(form.normal)
-        shift = displacement_of(config, normal, self.middle, rng)
-        return place_part(PartFields(form.field, form.coarse), shift, self.place.reach.T_base_work, normal)
-
-
 def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Sequence[str]) -> Checked:
     """The scenario of an environment: the experiment's default with `USUAL`, a file or a scenario; and
     settings."""
@@ -139,14 +104,20 @@ def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Seq
     return check(chosen)
 
 
-def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
-    """Ranges as given, or read from a TOML file of ``"key" = [low, high]``."""
+def ranges_of(ranges: Ranges | str | Path | None, scenario: Checked) -> Ranges:
+    """Ranges as given, or read from a TOML file of ``"key" = [low, high]``, checked in a scenario."""
     if isinstance(ranges, (str, Path)):
         ranges = read_toml(Path(ranges), "ranges", ConfigError)
     known = dict(ranges or {})
     for key, bounds in known.items():
         if np.shape(bounds) != (2,) or not bounds[0] <= bounds[1]:
             raise ConfigError(f"the range of '{key}' is {bounds!r}: write (least, most).")
+        if not key.startswith((*_LIVE, *_LATER)):
+            raise ConfigError(
+                f"'{key}' cannot change from episode to episode: make an environment for each value."
+            )
+        for value in bounds:
+            check(override(scenario, [f"{key}={float(value)!r}"]))
     return {key: (float(low), float(high)) for key, (low, high) in known.items()}
 
 
@@ -186,10 +157,18 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         self._every = steps_per_action(chosen.simulation, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n
-        self._stage = Stage(chosen, ranges_of(ranges), bodies)
-        self.moving = self._stage.moving
+        self._scenario = chosen
+        self._bodies = bodies
+        self._forms: dict[int, RealPart] = {}  #: By the seed that bends them
+        self._ranges = ranges_of(ranges, chosen)
+        self._rebuilds = any(not key.startswith(_LIVE) for key in self._ranges)
+        self._place: Workplace = place_work(chosen)
+        self.moving = not self._place.holds
+        self._strokes = strokes_for(chosen, self._place)
+        surface = self._place.region.surface
+        self._middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))
         self._sizes = len(ACTIONS[action].scale) + self.moving
-        limit = time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
+        limit = time_limit_s or 1.5 * cycle_time(self._strokes) + 1.0
         self._longest = round(limit / dt)
         self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
         self._cells: dict[int, Cell] = {}
@@ -241,15 +220,14 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         return self._kept.seen.copy(), {**self.truth(), "drawn": self.episode.drawn}
 
     def _draw(self, rng: np.random.Generator) -> None:
-        stage = self._stage
-        drawn = {key: float(rng.uniform(*bounds)) for key, bounds in stage.ranges.items()}
-        body, noise = int(rng.integers(stage.bodies)), int(rng.integers(2**63))
-        scenario = Checked(override(stage.scenario, [f"{key}={value!r}" for key, value in drawn.items()]))
+        drawn = {key: float(rng.uniform(*bounds)) for key, bounds in self._ranges.items()}
+        body, noise = int(rng.integers(self._bodies)), int(rng.integers(2**63))
+        scenario = Checked(override(self._scenario, [f"{key}={value!r}" for key, value in drawn.items()]))
         scenario = replace(scenario, seed=scenario.seed + body)
-        part = stage.displaced(stage.form(scenario), scenario.part, rng)
-        if stage.rebuilds or body not in self._cells:
-            strokes = () if stage.rebuilds else stage.strokes
-            self._cells[body] = build_cell(scenario, stage.place, part, strokes)
+        part = self._found_part(scenario, rng)
+        if self._rebuilds or body not in self._cells:
+            strokes = () if self._rebuilds else self._strokes
+            self._cells[body] = build_cell(scenario, self._place, part, strokes)
         self.cell = cell = self._cells[body]
         cell.begin_again(scenario, part, np.random.default_rng(noise))
         cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(cell.strokes[0]))
@@ -258,6 +236,16 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         hold = scenario.process.hold_s / (self._force_steps + 1)
         self._to_come = [(hold * (k + 1), force) for k, force in enumerate(forces)]
         self._set = [(0, scenario.process.contact_force_n)]
+
+    def _found_part(self, scenario: Checked, rng: np.random.Generator) -> RealPart:
+        """The part as bent by a scenario's seed, where an episode finds it."""
+        if scenario.seed not in self._forms or "part.form_error_m" in self._ranges:
+            straight = replace(scenario.part, displacement_m=0.0, rotation_rad=0.0)
+            self._forms[scenario.seed] = build_part(replace(scenario, part=straight), self._place)
+        form = self._forms[scenario.seed]
+        normal = form.rotation.T @ np.array(form.normal)
+        shift = displacement_of(scenario.part, normal, self._middle, rng)
+        return place_part(PartFields(form.field, form.coarse), shift, self._place.reach.T_base_work, normal)
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, Info]:
         """Command an action until the next one is due."""
@@ -313,7 +301,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def course(self, controller: Any) -> Course | None:
         """What lies ahead on the path, for a controller that prepares for it."""
-        return course_for(controller, self.episode.scenario, self._stage.place, self.cell.strokes)
+        return course_for(controller, self.episode.scenario, self._place, self.cell.strokes)
 
     def truth(self) -> Info:
         """What the host does not know: the exact quantities of the last physics step, see `log.Trace`."""
@@ -340,7 +328,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         rows = []
         for (a, b), (_, force) in zip(pairwise(edges), self._set, strict=True):
             trace = trace_from(steps[a:b])
-            wanted = self._stage.place.path.force_at(trace.path_s_m, force)
+            wanted = self._place.path.force_at(trace.path_s_m, force)
             rows.append(measure_score(trace, wanted, self.moving, whole))
         return rows
 

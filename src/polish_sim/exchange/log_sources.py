@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import count, islice
@@ -13,6 +14,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError, check_name, near_file, needed, regular
 from polish_sim.log import read_arrays
+from polish_sim.tables import number_in
 
 BLOCK = 5000  #: Rows read at a time
 SEPARATORS = (",", ";", "\t", "|", " ")
@@ -54,7 +56,7 @@ class CsvSource:
         _, first = next(self._lines(), (0, ""))
         self.separator = next((sign for sign in SEPARATORS if sign in first.strip()), ",")
         self.names = [name.strip().strip('"') for name in first.strip().split(self.separator)]
-        if len(self.names) < 2 or all(_is_number(name) for name in self.names):
+        if len(self.names) < 2 or not np.isnan([*map(number_in, self.names)]).any():
             wrong = "begins with no header" if first else "holds no samples"
             raise InputError(f"'{file}' {wrong}. Wanted: names of columns, then one sample a line.")
 
@@ -99,19 +101,11 @@ class CsvSource:
                 f"{cut}leave this line out."
             )
         for column in columns:
-            if not _is_number(values[column]):
+            if math.isnan(number_in(values[column].strip().strip('"'))):
                 raise InputError(
                     f"'{self.file}', line {number}: {self.names[column]} is '{values[column]}', not a "
                     "number. Correct or leave out the line."
                 )
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.strip().strip('"'))
-    except ValueError:
-        return False
-    return True
 
 
 class NpzSource:

@@ -246,17 +246,29 @@ def plot_border(border: Border) -> Figure:
     """Draw, controller by controller, where the cell came to rest and where the linear model says it
     should."""
     names = list(border.rests)
+    first, last, low, high = REACH
     figure = new_figure(1.2 + 3.4 * len(names), 4.6)
     panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
         _draw_line(axes, border, name)
         _draw_runs(axes, border, name)
-        _draw_reach(axes)
+        axes.add_patch(
+            Rectangle(
+                (first, low), last - first, high - low, fill=False, ls=":", lw=1.2, ec=GREY, label="reach"
+            )
+        )
         rests = [rest.stable for row in border.rests[name] for rest in row if rest is not LOST]
         axes.set_title(f"{name}: {rests.count(True)} of {len(rests)} runs stable")
         axes.set_xlabel("latency, sensor and command [ms]")
-    panels[0].set_ylabel("springs by what the plan takes them for [-]")
-    _scale(panels[0], border)
+    axes = panels[0]
+    axes.set(
+        ylabel="springs by what the plan takes them for [-]",
+        yscale="log",
+        xlim=(0.0, 1.08e3 * float(border.latencies.max())),
+    )
+    axes.set_yticks(TICKS, map(str, TICKS))
+    axes.minorticks_off()
+    axes.set_ylim(border.line_scales.min(), border.line_scales.max())
     head(figure, "Where the force loop breaks, nothing retuned", legend=panels)
     return figure
 
@@ -289,17 +301,3 @@ _LOOKS = {
     "swing": ("cell: swings by less than ±2 N", "d", YELLOW),
     "unstable": ("cell: unstable", "x", ORANGE),
 }
-
-
-def _draw_reach(axes: Axes) -> None:
-    first, last, low, high = REACH
-    axes.add_patch(
-        Rectangle((first, low), last - first, high - low, fill=False, ls=":", lw=1.2, ec=GREY, label="reach")
-    )
-
-
-def _scale(axes: Axes, border: Border) -> None:
-    axes.set(yscale="log", xlim=(0.0, 1.08e3 * float(border.latencies.max())))
-    axes.set_yticks(TICKS, map(str, TICKS))
-    axes.minorticks_off()
-    axes.set_ylim(border.line_scales.min(), border.line_scales.max())

@@ -172,19 +172,6 @@ SPRINGS = (0.2, 0.5, 1.0, 2.0, 5.0)  #: Real springs by what the controller take
 LATENCIES_MS = (2, 4, 8, 12, 20)  #: Total latencies [ms]
 
 
-def _grid() -> tuple[Case, ...]:
-    return tuple(
-        Case(
-            f"reach-springs-{springs:g}x-{latency}ms",
-            f"20 N on a plate, springs {springs:g} x, {latency} ms in all, approach 20 mm/s",
-            "force",
-            (*spring_settings(springs), *latency_settings(latency), APPROACH_20),
-        )
-        for springs in SPRINGS
-        for latency in LATENCIES_MS
-    )
-
-
 REACH_CASES = (
     Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (APPROACH_20,)),
     Case(
@@ -193,7 +180,16 @@ REACH_CASES = (
         "surface",
     ),
     Case("reach-freeform-30", "the main job at 30 mm/s, whole path", "surface", ("process.feed_m_s=0.03",)),
-    *_grid(),
+    *(
+        Case(
+            f"reach-springs-{springs:g}x-{latency}ms",
+            f"20 N on a plate, springs {springs:g} x, {latency} ms in all, approach 20 mm/s",
+            "force",
+            (*spring_settings(springs), *latency_settings(latency), APPROACH_20),
+        )
+        for springs in SPRINGS
+        for latency in LATENCIES_MS
+    ),
     Case(
         "reach-random",
         "freeform, 16 mm step-over, whole path at 20 to 60 mm/s, landing at 5 to 20 mm/s, the part up to 3 "

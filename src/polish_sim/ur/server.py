@@ -7,7 +7,6 @@ import os
 import selectors
 import socket
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,18 +50,7 @@ COMMANDS: dict[str, Callable[[RobotController], object]] = {
 """Commands to the controller on the ports of programmes, in small letters."""
 
 
-class Session:
-    """One client of a port."""
-
-    def packages(self) -> Sequence[bytes]:
-        """What it gets at this tick."""
-        return ()
-
-    def close(self) -> None:
-        """It has gone."""
-
-
-class _Lines(Session, ABC):
+class _Lines:
     """A client that sends lines, in pieces of any size."""
 
     longest = LONGEST
@@ -84,9 +72,16 @@ class _Lines(Session, ABC):
         on = all(self._take(line.decode("utf-8", "replace").rstrip("\r")) for line in lines)
         return on and len(self._buffer) + self._size <= self.longest
 
-    @abstractmethod
     def _take(self, line: str) -> bool:
         """Whether the client stays."""
+        raise NotImplementedError
+
+    def packages(self) -> Sequence[bytes]:
+        """What it gets at this tick."""
+        return ()
+
+    def close(self) -> None:
+        """It has gone."""
 
 
 class _Dashboard(_Lines):
