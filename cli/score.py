@@ -155,7 +155,7 @@ def write_and_show(given: Given, score: Score, folder: Path) -> int:
     for line in score_notes(score):
         console.say(line)
     console.say_folder(folder)
-    short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
+    short = any(not verdict.met for verdict in verdicts[0][1]) or len(score.rows) < score.wanted
     return SHORT if given["--check"] and short else DONE
 
 

@@ -163,11 +163,6 @@ class Score:
     rows: tuple[Row, ...]  #: In the order of controllers, cases and seeds
     wanted: int  #: Number of rows there are when all is done
 
-    @property
-    def complete(self) -> bool:
-        """Whether no row is missing."""
-        return len(self.rows) == self.wanted
-
     def rows_of(self, entry: Entry) -> tuple[Row, ...]:
         """Rows of one controller."""
         return tuple(row for row in self.rows if row["controller"] == entry.label)

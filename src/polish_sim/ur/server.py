@@ -126,6 +126,7 @@ class _Script(_Lines):
 
 
 class _Primary(_Script):
+    with_messages = True  #: Those since the last tick
     _states = 0
 
     def greeting(self) -> bytes:
@@ -133,22 +134,16 @@ class _Primary(_Script):
 
     def packages(self) -> Sequence[bytes]:
         """The state, ten times a second and when safety changes; the configuration at first and every few."""
-        found = self.news()
+        found = list(self._controller.messages) if self.with_messages else []
         now = self._controller.robot.ticks
         if now % EVERY == 0 or now == self._controller.changed_at or self._states == 0:
             found.append(robot_state(self._controller, self._states % CONFIGURED == 0))
             self._states += 1
         return found
 
-    def news(self) -> list[bytes]:
-        """Messages since the last tick."""
-        return list(self._controller.messages)
-
 
 class _Secondary(_Primary):
-    def news(self) -> list[bytes]:
-        """Messages are the primary port's."""
-        return []
+    with_messages = False
 
 
 class _Realtime(_Script):
