@@ -3,7 +3,6 @@ resumes."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import shutil
@@ -187,9 +186,9 @@ def seed_rows(
 
     ``seed``: what one of them is called.
     """
-    from polish_sim.source_stamp import package_hash
+    from polish_sim.source_stamp import package_hash, short_hash
 
-    stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
+    stamp = short_hash(f"{many.depends}|{package_hash()}".encode())
     keys = {number: f"{stamp}-{number}" for number in seeds}
 
     def prepare(folder: Path) -> tuple[Rows, Callable[[Runner], dict[int, Metrics]]]:

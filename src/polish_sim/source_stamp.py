@@ -20,6 +20,11 @@ _ONLY_SHOWN = ("page/", "workers")
 _SOURCES = (".py", ".toml", ".xml", ".npz", ".stl")
 
 
+def short_hash(content: bytes) -> str:
+    """What identifies a content, 24 hex digits."""
+    return hashlib.sha256(content).hexdigest()[:24]
+
+
 @cache
 def package_hash() -> str:
     """Hash of everything in this package that a result may depend on: its source, its commands, its tables

@@ -8,7 +8,6 @@ one that runs.
 from __future__ import annotations
 
 import getpass
-import hashlib
 import logging
 import multiprocessing
 import os
@@ -33,7 +32,7 @@ from typing import Any, NamedTuple, Protocol
 
 from polish_sim.errors import InputError, PolishSimError, did_you_mean, needed
 from polish_sim.row_file import Row, Rows
-from polish_sim.source_stamp import package_hash
+from polish_sim.source_stamp import package_hash, short_hash
 
 TRIES = 2  #: A task at which this many processes died is left out
 MOST_DEATHS = 4  #: Deaths in a row, without a result between them, after which all is given up
@@ -523,7 +522,7 @@ def _store(shipped: Mapping[str, bytes]) -> None:
     """Keep the user's files on this machine, each in a folder named by its content."""
     folder = Path(tempfile.gettempdir()) / f"polish-sim-{getpass.getuser()}"
     for name, content in shipped.items():
-        copy = folder / hashlib.sha256(content).hexdigest()[:24] / Path(name).name
+        copy = folder / short_hash(content) / Path(name).name
         copy.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         draft = copy.with_name(f".{copy.name}.{os.getpid()}")
         draft.write_bytes(content)

@@ -48,6 +48,7 @@ from polish_sim.models import part_path
 from polish_sim.motion import use_arm
 from polish_sim.planning import ToolPath
 from polish_sim.scenario_file import FILE_KEYS, check_words
+from polish_sim.source_stamp import short_hash
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,7 @@ def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
     for file in files:
         # A file moved elsewhere is still the same.
         text = text.replace(json.dumps(str(file))[1:-1], f"{file.name}#{hashes[file]}")
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
+    return short_hash(text.encode())
 
 
 def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,6 +20,7 @@ from polish_sim.experiments.registry import default_scenario
 from polish_sim.planning import PlanResult
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.toolpath import ToolPath, stretches
+from polish_sim.source_stamp import short_hash
 
 #: What helps where a run may fail ``--check``, by what it fails by. The force may be off by a quarter and at
 #: most by `FOLLOW_BAND_N`, and the arm shakes more under a larger one: where both meet there is most room.
@@ -130,7 +130,7 @@ def path_key(path: ToolPath) -> str:
     content = b"".join(
         np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None
     )
-    return hashlib.sha256(content).hexdigest()[:24]
+    return short_hash(content)
 
 
 def why_not_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any]) -> str:

@@ -7,7 +7,6 @@ the row is measured anew.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,7 @@ from polish_sim.experiments.surface import hold_done, place_work
 from polish_sim.row_file import Row, plain
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score
-from polish_sim.source_stamp import package_hash
+from polish_sim.source_stamp import package_hash, short_hash
 from polish_sim.workers import Heard, Runner
 
 
@@ -147,7 +146,7 @@ def keys_of(tasks: Iterable[Task]) -> dict[Task, str]:
         task: (package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label)
         for task in tasks
     }
-    return {task: hashlib.sha256("|".join(said).encode()).hexdigest()[:24] for task, said in words.items()}
+    return {task: short_hash("|".join(said).encode()) for task, said in words.items()}
 
 
 # The rows there are to be, and what measures those that are missing.
@@ -181,9 +180,9 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: range) ->
 def asked_for(what: str, entries: Sequence[Entry], tasks: Iterable[Task], **more: Any) -> dict[str, Any]:
     """What rows are of, to compare it with others: controllers, what ``more`` says, one hash of all that the
     tasks depend on."""
-    digest = hashlib.sha256("".join(keys_of(tasks).values()).encode())
+    rows = short_hash("".join(keys_of(tasks).values()).encode())
     labels = [entry.label for entry in entries]
-    return {"of": what, "controllers": labels, **more, "rows": digest.hexdigest()[:24]}
+    return {"of": what, "controllers": labels, **more, "rows": rows}
 
 
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
