@@ -44,7 +44,7 @@ def notes(texts: Iterable[str]) -> None:
 
 def fail(message: str, exit_code: int) -> int:
     """Print one error message on stderr and return the exit code to end with."""
-    print(f"error: {message}", file=sys.stderr, flush=True)
+    note(f"error: {message}")
     return exit_code
 
 
