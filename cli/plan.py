@@ -78,7 +78,7 @@ def plan(part: PartFile, given: Given) -> int:
     given = {**given, "--part": part}
     refuse_without(given, "--dual", *PAIR_OPTIONS)
     row = experiment("dual" if dual else "surface")
-    refuse_idle_options(row, named_options(given))
+    refuse_idle_options(row, named_options(given), "plan")
     asked = build_scenario(Scenario(experiment=row.name), given)
     refuse_taken(given, asked.plan.removal)
     import polish_sim.cli.progress  # noqa: F401  (first: it quickens what the others import)

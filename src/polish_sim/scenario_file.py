@@ -87,6 +87,10 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
         scenario = merge(scenario, nested(dotted.strip(), parse_value(text.strip())), "")
+    if scenario.experiment != base.experiment:
+        raise ConfigError(
+            f"the experiment is '{base.experiment}': leave the setting experiment={scenario.experiment} out."
+        )
     return scenario
 
 

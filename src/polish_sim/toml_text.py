@@ -17,7 +17,11 @@ WHOLE, END = "# Whole if its last line is: # end\n", "# end\n"
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read, is no TOML,
     or one of ours that was cut."""
-    text = read_bytes(file, what, error).decode("utf-8-sig", "backslashreplace")
+    try:
+        text = read_bytes(file, what, error).decode("utf-8-sig")
+    except UnicodeDecodeError as caught:
+        line = caught.object.count(b"\n", 0, caught.start) + 1
+        raise error(f"the {what} '{file}' is not UTF-8 (at line {line}): save it as UTF-8.") from caught
     if WHOLE in text and END.strip() not in text.splitlines():
         raise error(
             f"the {what} '{file}' was cut: it has no line '# end'. Restore it, or delete its line "

@@ -167,6 +167,9 @@ def test_wrong_words_are_one_line_before_any_work(polish_sim, words, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        ("run force --config binary.csv", "'binary.csv' is not UTF-8 (at line 2)"),
+        ("run force --set experiment=arc", "'force': leave the setting experiment=arc out"),
+        ("plan plate --set guide.mode=assist", "--set guide.mode would change nothing in 'plan'"),
         ("run surface --region bottom", "bottom"), ("identify --data none.csv", "there is no log 'none.csv'"),
         ("run teach --duration 0.5", "joint_speed_limit_rad_s ... --duration 0.508 or longer"),
         ("run teach --follow gone.csv", "gone.csv"),

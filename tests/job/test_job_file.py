@@ -54,6 +54,7 @@ def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_
         ('tool = "spindle-pad"  #', 'tool = "spindel-pad"  #'),
         ('plan.pattern = "raster"\n', 'plan.pattern = "rastre"\n'),
         ("clamp_s = 60.0", "clamp_s = 'long'"), ('robot.arm = "ur5e"', 'robot.arn = "ur5e"'),
+        ('robot.arm = "ur5e"', 'part.up = "x"'), ('plan.pattern = "raster"\n', 'plan.region = "top"\n'),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_refused_with_its_line(tmp_path, old, new):

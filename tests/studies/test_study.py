@@ -92,6 +92,7 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path):
     ("text", "told"),
     [
         ("experiment = 'arc'\nsed = 3", "'seeds'"), ("experiment = 'ark'", "'arc'"),
+        ("experiment = 'arc'\n[settings]\nexperiment = 'force'", "leave the setting experiment=force out"),
         ("experiment = 'arc'\nseeds = 'many'", "'seeds' must be a whole number"),
         ("experiment = 'arc'\nvary = 3", "'vary' are sections"), ("experiment = ", "not valid TOML"),
         ("experiment = 'arc'\n[vary]\nsensor.force_noise_n = []", "must be a list"),

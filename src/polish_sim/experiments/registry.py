@@ -343,7 +343,7 @@ def setting_rows(records: Records) -> list[list[str]]:
     return [*rows, ["ended", "", *map(ending, records)]]
 
 
-def refuse_idle_options(row: Experiment, named: Mapping[str, str]) -> None:
+def refuse_idle_options(row: Experiment, named: Mapping[str, str], command: str = "") -> None:
     """Refuse options of other experiments, and keys of idle sections, that change nothing in one; ``named``:
     as the user said each.
 
@@ -358,4 +358,5 @@ def refuse_idle_options(row: Experiment, named: Mapping[str, str]) -> None:
     for options, others in row.only_with.items():
         if not named.keys() & set(options):
             refuse_idle(some, others, f"without {' or '.join(options)}")
-    refuse_idle(some, sorted(some.keys() - set(row.options)), f"in 'run {row.name}'")
+    where = f"in '{command or f'run {row.name}'}'"
+    refuse_idle(some, sorted(some.keys() - set(row.options)), where)

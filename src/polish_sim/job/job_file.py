@@ -15,19 +15,27 @@ import numpy as np
 
 from polish_sim.config import Checked, PartConfig, Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, check_name, named_place, nearest, unknown_name
+from polish_sim.errors import ConfigError, check_name, named_place
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.job.tools import JobTool, naming_line, read_tools
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import widest_piece
-from polish_sim.scenario_file import merge, region_with_file, with_files
+from polish_sim.scenario_file import leaves, merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml, toml_value
 
 T = TypeVar("T")
 SECTIONS = ("plan", "process", "smoothing", "safety", "controller")
 """Sections of the scenario that a pass may set; `[cell]` may set any."""
+KEYS_OF_JOB = {
+    "part.file": "part",
+    "part.fixture_file": "fixture",
+    "part.up": "up",
+    "plan.region": "regions",
+    "seed": "seed",
+}
+"""Keys of the scenario that the job sets by keys of its own."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +128,7 @@ def read_job(file: Path) -> Job:
             raise ConfigError("'cell' is a section: write [cell.robot] and its keys below.")
         head = merge(JobHead(), table, "")
         tools = read_tools(file.parent / head.tools if head.tools else None)
+        _refuse_keys_of_job(cell)
         base = merge(default_scenario("surface"), cell, "cell.")
         base = merge(base, {"part": {"file": head.part, "fixture_file": head.fixture}}, "")
         passes = tuple(_passes(base, setups, tools, file))
@@ -159,9 +168,10 @@ def _pass(
     head, inner = _split(asked, PassHead(), ("zone", *SECTIONS))
     check_name("tool", head.tool, tools)
     tool = tools[head.tool]
-    scenario = merge(merge(base, tool.settings(), "tool."), {k: inner[k] for k in SECTIONS if k in inner}, "")
+    zones = inner.pop("zone", [])
+    _refuse_keys_of_job(inner)
+    scenario = merge(merge(base, tool.settings(), "tool."), inner, "")
     scenario = with_files(merge(scenario, {"plan": {"region": region}}, ""), folder)
-    zones = inner.get("zone", [])
     if not isinstance(zones, list):
         raise ConfigError("'zone' is a list: write [[setup.pass.zone]].")
     tool.check_force(head.tool, scenario.process.contact_force_n)
@@ -176,9 +186,15 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
         raise ConfigError("it is no table of keys.")
     own = {name: value for name, value in table.items() if name not in inner}
     for name in own:
-        if nearest(name, inner):
-            raise unknown_name("key", name, inner)
+        check_name("key", name, (*vars(default), *inner))
     return merge(default, own, ""), {k: table[k] for k in inner if k in table}  # type: ignore[type-var]
+
+
+def _refuse_keys_of_job(table: Mapping[str, Any]) -> None:
+    """Refuse keys that would be overwritten (ConfigError)."""
+    for name, _ in leaves(table):
+        if name in KEYS_OF_JOB:
+            raise ConfigError(f"'{name}' is '{KEYS_OF_JOB[name]}' in a job: set that instead.")
 
 
 def begin_job(part: PartConfig, file: Path) -> str:

@@ -99,10 +99,8 @@ class Study:
         keys = [axis.key for axis in self.axes]
         if twice := first_twice(keys):
             raise InputError(f"'{twice}' is varied twice: give one --vary.")
-        if {"seed", "experiment"} & set(keys):
-            raise InputError(
-                "a study is of one experiment and counts seeds with --seeds: vary something else."
-            )
+        if "seed" in keys:
+            raise InputError("a study counts seeds with --seeds: vary something else.")
         if self.sample == "grid" and self.count:
             raise InputError(
                 "--count is for --sample random, sobol or lhs: a grid has as many points as its axes make."
@@ -242,7 +240,7 @@ def read_study(file: Path) -> Study:
         head = merge(StudyHead(), table, "")
         settings, vary = map(leaves, sections)
         said = tuple(f"{name}={toml_value(value)}" for name, value in settings)
-        base = replace(override(default_scenario(head.experiment), said), seed=head.first_seed)
+        base = override(replace(default_scenario(head.experiment), seed=head.first_seed), said)
         axes = tuple(_axis_of(name, value) for name, value in vary)
     return Study(base, axes, head.seeds, head.sample, head.count, said)
 
