@@ -55,8 +55,7 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
     reach, path = reached(scenario, plan), plan.path
     part = no_part()._replace(position=reach.T_base_work[:3, 3], rotation=reach.T_base_work[:3, :3].copy())
     model = build_scene(scenario, Drawn(plan.mesh, part), path.axes_work)
-    turns = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
-    poses = transform(turns, apply(reach.T_base_work, path.positions_work))
+    poses = transform(reach.rotations(path.axes_work), apply(reach.T_base_work, path.positions_work))
     joints = track(poses, tool_on_flange(), reach.q_start)
     assert joints.first_unreachable is joints.first_beyond_limit is None
     assert joints.smallest_singular_value > scenario.safety.singular_value_limit
@@ -205,7 +204,7 @@ def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong, said):
 
 LIFT = PlanConfig().clearance_m
 PLACE = np.array([0.0, -0.5, 0.08])
-REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
+REACH = Reach(transform(np.eye(3), PLACE), np.eye(3)[0], np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
 
 
 def planned_islands(file):

@@ -117,10 +117,10 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     frames = calibrated_frames(dual, true, site, rng, arms)
     work, reach, collides = _find_way(job, frames.believed, observer, drawn)
     T_base_work = inverse(frames.believed.T_master_follower) @ reach.T_master_work
-    own = Reach(T_base_work, reach.spin, reach.q_follower, reach.value)
     shape = real_shape(scenario.part, scenario.plan.feature_angle_rad, mesh, surface, path)
-    place = Workplace(mesh, surface, region, path, own, shape, held=seat_text(seat.T_gripper_work))
     rotations = tool_on_start(work, reach, path.axes_work, visits.clock_at(path.s))
+    own = Reach(T_base_work, rotations[0, :, 0], reach.q_follower, reach.value)
+    place = Workplace(mesh, surface, region, path, own, shape, held=seat_text(seat.T_gripper_work))
     placed = PlacedTool(T_base_work, rotations, None)
     master = _master_rows(dual, frames, arms, reach, work)
     close = plan_visits(loose, min(CHECK_S, CHECK_M / feed))

@@ -27,7 +27,7 @@ from polish_sim.errors import CalibrationError, ProtectiveStop
 from polish_sim.experiments.assembly import kept_place
 from polish_sim.experiments.beliefs import believe_tool, believed_arm
 from polish_sim.experiments.part_setup import random_streams
-from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
+from polish_sim.experiments.placement import check_whole_path, find_reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.log import COLUMNS, LOG_ROW, RunLog, Trace, from_rows, with_column
@@ -263,7 +263,7 @@ def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         ReachError: If the arm cannot do the circle.
     """
     path, reach, _ = prepare_arc(scenario)
-    table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
+    table = build_path_table(path.positions_work, reach.rotations(path.axes_work))
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     observer.stage("simulate")
     rng = np.random.default_rng(scenario.seed)

@@ -37,13 +37,13 @@ class Reach(NamedTuple):
     """A way to do a path."""
 
     T_base_work: Array  #: Pose of the part's work frame, shape (4, 4)
-    spin: float  #: Turn of the tool about its axis [rad]
+    x_base: Array  #: Where tool x points but for what lies along the tool axis, shape (3,)
     q_start: Array  #: Joint positions at the first pose [rad], shape (6,)
     smallest_singular_value: float  #: Over the path [-]
 
     def rotations(self, axes: Array) -> Array:
         """Tool frames R_base_tool (n, 3, 3) for axes from the part to the tool, work frame, (n, 3)."""
-        return tool_rotations(axes @ self.T_base_work[:3, :3].T, self.spin)
+        return rotations_towards(axes @ self.T_base_work[:3, :3].T, self.x_base)
 
     def follow(self, positions: Array, axes: Array) -> JointPath:
         """The joints along tool points [m] with these axes, work frame, both (n, 3)."""
@@ -149,7 +149,8 @@ def find_reach(
                     if hindrance:
                         failure = hindrance(T_base_work, joints)
                 if failure is None:
-                    best = Reach(T_base_work, spin, np.array(joints.q[0]), joints.smallest_singular_value)
+                    x_base = spin_direction(axes @ T_base_work[:3, :3].T, spin)
+                    best = Reach(T_base_work, x_base, np.array(joints.q[0]), joints.smallest_singular_value)
                     bar = best.smallest_singular_value + _CLEARLY_BETTER
                 elif failure.point > furthest.point:
                     furthest = failure

@@ -107,7 +107,7 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     stroke = stroke._replace(limits=cell_limits(asked, stroke.limits))
     settings = repr((asked, stroke.limits)).encode()
     columns = (*stroke[:4], *(arm or ()), NOMINAL)
-    content = b"".join(np.ascontiguousarray(column).tobytes() for column in columns)
+    content = b"".join((np.round(column, 9) + 0.0).tobytes() for column in columns)
     key = hashlib.sha256(settings + content).digest()
     if key not in _MOTIONS:
         chain = build_chain(stroke.tips, stroke.rotations)
