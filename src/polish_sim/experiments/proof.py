@@ -41,7 +41,7 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal, planned
 from polish_sim.experiments.part_pose import PartPlacing
-from polish_sim.experiments.placement import check_whole_path
+from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, Failure, Play
 from polish_sim.experiments.proof_record import (
     Drift,
@@ -300,8 +300,9 @@ class _Prover:
             self._leave_out(gone, f"{SINKS_OFF}: of {size}, {1e3 * aside:.2g} mm aside")
 
     def _keep(self, remaining: Remaining) -> None:
-        """Continue with what is left of the path, from the joints the arm had there. Where it cannot do that,
-        another place is looked for, and all is played anew."""
+        """Continue with what is left of the path, from the joints the arm had there, tool x where it was: the
+        strokes that stay are those played before. Where the arm cannot do that, or a run could not, another
+        place is looked for, and all is played anew."""
         whole, reach, source = self.path, self.place.reach, remaining.source
         self.path, self.cut = remaining.path, True
         self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
@@ -310,11 +311,11 @@ class _Prover:
             for path, row in ((whole, first), (self.path, 0)):
                 q = check_whole_path(reach, path.positions_work, path.axes_work).q
                 reach = reach._replace(q_start=np.array(q[row]))
+            self._reach_of_run(to_pose(reach.T_base_work))  # which the path is played whole with at last
         except ReachError:
             self.kept_until = -math.inf
-            self._place_anew(self.scenario)
-        else:
-            self.place = self.place.along(self.path, reach)
+            reach = self._reach_of_run(self.scenario.part.pose)
+        self.place = self.place.along(self.path, reach)
 
     def pass_drawn(self, first: int) -> Play | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
@@ -358,9 +359,8 @@ class _Prover:
         while not self._keeps_clear(wider):
             wider *= 2.0
         if self.cut:
-            pose = to_pose(self.place.reach.T_base_work)
-            self._place_anew(replace(self.scenario, part=replace(self.scenario.part, pose=pose)))
-            self.place, self.cut = replace(self.place), False
+            reach = self._reach_of_run(to_pose(self.place.reach.T_base_work))
+            self.place, self.cut = replace(self.place, path=self.path, reach=reach), False
 
     def _refuse_when_over(self, why: str) -> None:
         """End with a PlanError where coming to an end has taken as long as may be."""
@@ -394,9 +394,10 @@ class _Prover:
         self._keep(remaining)
         return False
 
-    def _place_anew(self, asked: Checked) -> None:
-        """Place the path as it is mended so far as a run of a scenario does."""
-        self.place = self.place.along(self.path, PartPlacing(asked, *self.plan.standing, self.path).reach())
+    def _reach_of_run(self, pose: tuple[float, ...]) -> Reach:
+        """How a run does the path as mended so far, the part at a pose (6,); raises as `PartPlacing`."""
+        asked = replace(self.scenario, part=replace(self.scenario.part, pose=pose))
+        return PartPlacing(asked, *self.plan.standing, self.path).reach()
 
     def pass_through(self, seed: int | None, begun: Play | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""

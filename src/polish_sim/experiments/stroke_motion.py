@@ -99,7 +99,8 @@ its plan."""
 def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the rule that is ``asked`` for; None if the stroke stays at one place.
 
-    Without an arm only the tool's limits count. See `check_stroke_rule`.
+    Without an arm only the tool's limits count. See `check_stroke_rule`. A stroke that is the same to 1e-9
+    [m, -] as one before gets its motion: of a path that is cut, those that stay are off by rounding alone.
 
     Raises:
         SmoothingError: There is no such motion; names the place.
