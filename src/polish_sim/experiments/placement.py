@@ -149,8 +149,12 @@ def find_reach(
                     if hindrance:
                         failure = hindrance(T_base_work, joints)
                 if failure is None:
-                    x_base = spin_direction(axes @ T_base_work[:3, :3].T, spin)
-                    best = Reach(T_base_work, x_base, np.array(joints.q[0]), joints.smallest_singular_value)
+                    best = Reach(
+                        T_base_work,
+                        spin_direction(axes @ T_base_work[:3, :3].T, spin),
+                        np.array(joints.q[0]),
+                        joints.smallest_singular_value,
+                    )
                     bar = best.smallest_singular_value + _CLEARLY_BETTER
                 elif failure.point > furthest.point:
                     furthest = failure

@@ -441,7 +441,7 @@ class _Prover:
         path, process = self.path, self.scenario.process
         feed, force = path.feed, path.force
         if (self.share < 1.0).any():
-            feed = self.share * (process.feed_m_s if feed is None else feed)
+            feed = self.share * path.feeds(process.feed_m_s)
         if (self.pressed < 1.0).any():
             force = np.maximum(self.pressed * path.force_at(path.s, process.contact_force_n), LEAST_FORCE_N)
         return self.place.along(replace(path, feed=feed, force=force), self.place.reach)
@@ -504,7 +504,7 @@ class _Prover:
             PlanError: No other path would help.
         """
         path = self.path
-        s = self.path.s
+        s = path.s
         row = self._row(failure)
         pad = self.scenario.pad.radius_m
         code, pressed, slower = failure.code, float(self.pressed[row]), SLOWER * float(self.share[row])
@@ -598,10 +598,9 @@ class _Prover:
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
         whole = self.plan.path
-        feed = whole.feed
         proof = {
             "arm": scenario.robot.arm, "controller": scenario.controller.label,
-            "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
+            "feed_m_s": whole.feeds(scenario.process.feed_m_s)[whole.process].max(),
             "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
             "settings": config_hash(proof_settings(scenario), {}), "path": path_key(place.path),

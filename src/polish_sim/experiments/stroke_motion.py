@@ -114,10 +114,7 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
         chain = build_chain(stroke.tips, stroke.rotations)
         _MOTIONS[key] = STROKE_RULES[asked.rule](asked, stroke, chain, arm) if len(chain.lengths) else None
     motion = _MOTIONS[key] = _MOTIONS.pop(key)  # the last one used is dropped last
-    while (
-        sum(0 if kept is None else len(kept.places) for kept in _MOTIONS.values()) > MOST_ROWS
-        and len(_MOTIONS) > 1
-    ):
+    while sum(len(kept.places) for kept in _MOTIONS.values() if kept) > MOST_ROWS and len(_MOTIONS) > 1:
         del _MOTIONS[next(iter(_MOTIONS))]
     return motion
 

@@ -121,8 +121,15 @@ def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     path = ToolPath(
         chain.tips, -chain.axes, task.marks, np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n)
     )
-    x_base = arm.T_base_work[:3, :3] @ chain.rotations[0, :, 0]
-    return CheckedPath(path, Reach(arm.T_base_work, x_base, arm.q_start, joints.smallest_singular_value))
+    return CheckedPath(
+        path,
+        Reach(
+            arm.T_base_work,
+            arm.T_base_work[:3, :3] @ chain.rotations[0, :, 0],
+            arm.q_start,
+            joints.smallest_singular_value,
+        ),
+    )
 
 
 class RulePlay(NamedTuple):

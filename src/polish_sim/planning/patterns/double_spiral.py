@@ -126,8 +126,10 @@ def _drawn(mesh: Triangulation, path: RunSamples, sides: Array, stepover: float)
     offset = dots(mesh.vertices[far] - path.points[at], sides[at]) / distance
     weights = offset * (distance - (UNCOVERED - DRAWN_MORE) * stepover)
     count = len(path.points)
-    drawn: Array = np.bincount(at, weights, count).astype(np.float64)
-    return drawn, np.bincount(at, minlength=count).astype(np.float64)
+    return (
+        np.bincount(at, weights, count).astype(np.float64),
+        np.bincount(at, minlength=count).astype(np.float64),
+    )
 
 
 def _passes(run: Run, line: Array) -> Indices:
