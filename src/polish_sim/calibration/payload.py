@@ -69,16 +69,6 @@ def check_identifiable(up_sensor: Array) -> None:
         )
 
 
-def condition_of(regressor: Array) -> float:
-    """Condition number of a regressor (n, 6, p) with gravity 1: ratio of the largest to the smallest singular
-    value.
-
-    Best possible for the ten parameters: sqrt(3/2) = 1.22, from up directions spread over the whole sphere.
-    """
-    values = np.linalg.svd(regressor.reshape(-1, regressor.shape[2]), compute_uv=False)
-    return values[0] / values[-1] if values[-1] > 0.0 else float("inf")
-
-
 @dataclass(frozen=True)
 class PayloadReadings:
     """Readings of a wrist sensor that carries a tool at rest, nothing touching it."""
@@ -108,7 +98,9 @@ class PayloadEstimate(Uncertain):
     residuals: Array  #: Reading minus model [N, N m], all readings, shape (n, 6)
     noise: Array  #: Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)
     used: Bools  #: Which readings were used, shape (n,); the others are outliers
-    condition: float  #: Condition number of the poses [-]; 1.22 is the best possible without drift
+    #: Condition number of the poses [-]; without drift sqrt(3/2) = 1.22 is the best possible, from up
+    #: directions spread over the whole sphere
+    condition: float
     zero_time: float  #: Moment at which a drifting bias is b [s]
 
     @property
@@ -181,7 +173,8 @@ def fit_payload(readings: PayloadReadings, drift: bool = False, used: Bools | No
     X = payload_regressor(readings.up_sensor, since if drift else None)
     # Gravity and the longest time are brought to 1: the condition depends on neither.
     longest = max(np.abs(since[chosen]).max(), 1e-12)
-    condition = condition_of(X[chosen] / np.repeat([GRAVITY, 1.0, longest], [4, 6, 6])[: X.shape[2]])
+    scaled = X[chosen] / np.repeat([GRAVITY, 1.0, longest], [4, 6, 6])[: X.shape[2]]
+    condition = np.linalg.cond(scaled.reshape(-1, X.shape[2]))
     if condition > LARGEST_CONDITION or X[chosen].size < X.shape[2] ** 2:
         raise CalibrationError(
             f"{chosen.sum()} readings cannot separate the drift from mass, centre and bias: visit poses "

@@ -79,11 +79,9 @@ def spline_states(log: RobotLog, knots: float | None = None) -> States:
     three of them is smoothed away.
     """
     knots = knots or max(KNOTS_S, 10.0 * np.median(np.diff(log.time)))
-    inner = np.linspace(log.time[0], log.time[-1], max(int((log.time[-1] - log.time[0]) / knots), 2) + 1)[
-        1:-1
-    ]
-    t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
-    spline = make_lsq_spline(log.time, log.q, t, k=5)
+    first, last = log.time[[0, -1]]
+    even = np.linspace(first, last, max(int((last - first) / knots), 2) + 1)
+    spline = make_lsq_spline(log.time, log.q, np.pad(even, 5, mode="edge"), k=5)
     return States(*(spline(log.time, nu=order) for order in range(3)))
 
 
