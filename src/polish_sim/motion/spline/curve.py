@@ -9,7 +9,8 @@ short as they must.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -20,6 +21,7 @@ from polish_sim.arrays import (
     Indices,
     angles_between,
     crosses,
+    dots,
     evenly_to,
     midpoints,
     norms,
@@ -27,81 +29,33 @@ from polish_sim.arrays import (
     spans_at,
 )
 from polish_sim.errors import SmoothingError, place_in_mm
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import add_to, cross, dot, scaled, set_to
 from polish_sim.motion.rules.chain import Chain, part_way
 
 # Functions of one variable with their derivatives, carried along exactly.
 #
 # A jet is an array whose first index counts derivatives, of a vector shape (4, 3), of a number (4,).
 
-BINOMIAL = np.array([[1.0, 0, 0, 0], [1, 1, 0, 0], [1, 2, 1, 0], [1, 3, 3, 1]])
+Product = Callable[[Any, Any], Any]
 
 
-@njit(_nrt=False)
-def jet_dot(f: Array, g: Array, out: Array) -> None:
-    """Scalar product of vectors."""
-    for m in range(4):
-        out[m] = 0.0
-        for k in range(m + 1):
-            out[m] += BINOMIAL[m, k] * dot(f[k], g[m - k])
+def derivative_of(product: Product, f: Any, g: Any, m: int) -> Any:
+    """The m-th derivative of a product of two jets (Leibniz)."""
+    return sum(math.comb(m, k) * product(f[k], g[m - k]) for k in range(m + 1))
 
 
-@njit(_nrt=False)
-def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
-    """Add a vector f times a number g, with a sign."""
-    for m in range(4):
-        for k in range(m + 1):
-            add_to(out[m], scaled(sign * BINOMIAL[m, k] * g[m - k], f[k]))
+def jet_of(product: Product, f: Any, g: Any, orders: int = 4) -> Array:
+    """The jet of a product of two."""
+    return np.stack([derivative_of(product, f, g, m) for m in range(orders)])
 
 
-@njit(_nrt=False)
-def jet_cross(f: Array, g: Array, sign: float, out: Array) -> None:
-    """Add the vector product, with a sign; as many orders as ``out`` has."""
-    for m in range(out.shape[0]):
-        for k in range(m + 1):
-            add_to(out[m], scaled(sign * BINOMIAL[m, k], cross(f[k], g[m - k])))
-
-
-@njit(_nrt=False)
-def normalize_orders(f: Array, room: Array, out: Array) -> None:
-    """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g
-    s'."""
-    s, g = room[0], room[1]
-    jet_dot(f, f, s)
-    g[0] = 1.0 / math.sqrt(s[0])
+def normalized(f: Array) -> Array:
+    """Vectors over their lengths. With s its square, g = s^-1/2 follows from 2 s g' = -g s'."""
+    s = jet_of(dots, f, f)
+    g = [1.0 / np.sqrt(s[0])]
     for m in range(3):
-        known = 0.0
-        for k in range(m + 1):
-            known -= 0.5 * BINOMIAL[m, k] * g[m - k] * s[k + 1]
-        for k in range(1, m + 1):
-            known -= BINOMIAL[m, k] * s[k] * g[m + 1 - k]
-        g[m + 1] = known / s[0]
-    out[:] = 0.0
-    add_scaled(f, g, 1.0, out)
-
-
-@njit(_nrt=False)
-def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array, turns: Array) -> None:
-    """Write tool axes (n, 4, 3), frames, spins and turns (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4,
-    3)."""
-    x, y, part, numbers = room[0], room[1], room[2], room[3].reshape(3, 4)
-    for n in range(jets.shape[0]):
-        z = axes[n]
-        normalize_orders(jets[n, :, 6:9], numbers[:2], z)
-        for m in range(4):
-            set_to(part[m], jets[n, m, 3:])
-            set_to(y[m], (0.0, 0.0, 0.0))
-        jet_dot(part, z, numbers[2])
-        add_scaled(z, numbers[2], -1.0, part)
-        normalize_orders(part, numbers[:2], x)
-        jet_cross(z, x, 1.0, y)
-        for i in range(3):
-            set_to(rotations[n, i], (x[0, i], y[0, i], z[0, i]))
-        # e x e' summed over the axes is twice the angular velocity.
-        for e in (x, y, z):
-            jet_cross(e[:3], e[1:], 0.5, spins[n])
-        jet_cross(z[:3], z[1:], 1.0, turns[n])
+        known = 0.5 * derivative_of(np.multiply, g, s[1:], m)
+        g.append(-(known + derivative_of(np.multiply, s, [*g[1:], 0.0], m)) / s[0])
+    return jet_of(np.multiply, f, np.stack(g)[..., None])
 
 
 DEGREE = 5
@@ -287,18 +241,14 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Spline
 
 def curve_rates(curve: SplineCurve, u: Array) -> CurveRates:
     """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
-    jets, n = _jets(curve.spline, u, 4), len(u)
-    axes, rotations = np.empty((n, 4, 3)), np.empty((n, 3, 3))
-    spins, turns = np.zeros((2, n, 3, 3))
-    _frames(jets, np.empty((4, 4, 3)), axes, rotations, spins, turns)
-    first = (jets[..., :3], axes, spins, turns, jets[..., 9])
-    tips, axes, spins, turns, places = (each.swapaxes(0, 1) for each in first)
-    return CurveRates(tips, axes, rotations, spins, turns, places)
-
-
-def _jets(spline: BSpline, u: Array, orders: int) -> Array:
-    """The spline and its first derivatives at places u (n,), shape (n, orders, 10)."""
-    return np.stack([spline(u, order) for order in range(orders)], axis=1)
+    jets = np.stack([curve.spline(u, order) for order in range(4)])
+    x, z = jets[..., 3:6], normalized(jets[..., 6:9])
+    x = normalized(x - jet_of(np.multiply, z, jet_of(dots, x, z)[..., None]))
+    frame = x, jet_of(crosses, z, x), z
+    # e x e' summed over the axes is twice the angular velocity.
+    turns = [jet_of(crosses, e, e[1:], 3) for e in frame]
+    rotations = np.stack([e[0] for e in frame], axis=-1)
+    return CurveRates(jets[..., :3], z, rotations, 0.5 * sum(turns), turns[2], jets[..., 9])
 
 
 def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
@@ -309,9 +259,7 @@ def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
     once = line.at(greville)
     # What a spline through these control points takes off a bend is put on them beforehand; corners have
     # their own.
-    missing = (once - _jets(BSpline(t, once, DEGREE), greville, 1)[:, 0]) * ~_inside(greville, corners)[
-        :, None
-    ]
+    missing = (once - BSpline(t, once, DEGREE)(greville)) * ~_inside(greville, corners)[:, None]
     for corner in corners:
         points = corner.swing.points
         middle, m = int(np.searchsorted(knots, corner.place - 1e-12)) + 2, len(points)
@@ -360,7 +308,7 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
     shares = np.linspace(0.0, 1.0, LOOKS, endpoint=False)
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
     u = np.union1d(looks, line.u)
-    drawn, wanted = _jets(spline, u, 1)[:, 0], line.at(u)
+    drawn, wanted = spline(u), line.at(u)
     turned = [angles_between(drawn[:, axis], wanted[:, axis]) for axis in (slice(3, 6), slice(6, 9))]
     near = norms((drawn - wanted)[:, :3]) <= tolerances[0]
     off = np.zeros(len(knots) - 1, dtype=bool)
