@@ -174,13 +174,6 @@ def second_by_turning(w: Vector, dw: Vector, v: Vector) -> Triple:
 
 
 @kernel
-def third_by_turning(w: Vector, dw: Vector, ddw: Vector, v: Vector) -> Triple:
-    """Its third derivative: ddw x v + 2 dw x v' + w x v''."""
-    first = plus(cross(ddw, v), scaled(2.0, cross(dw, cross(w, v))))
-    return plus_cross(first, w, second_by_turning(w, dw, v))  # type: ignore[no-any-return]
-
-
-@kernel
 def matvec(M: Matrix, v: Vector) -> Triple:
     """Product of a matrix (3, 3) and a vector."""
     return dot(M[0], v), dot(M[1], v), dot(M[2], v)

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim import arrays, kernels, spatial
+from polish_sim.motion.derivatives import carried
 
 FRAMES = Rotation.random(100, random_state=0)
 HALF_TURNS = Rotation.from_rotvec(
@@ -93,7 +94,8 @@ def test_turns_are_those_of_rotation_vectors_and_derivatives_of_vectors_that_tur
     w, e, f = 2.0, 3.0, 5.0
     x, turns = np.array([1.0, 0.0, 0.0]), [np.array([0.0, 0.0, rate]) for rate in (w, e, f)]
     np.testing.assert_allclose(kernels.second_by_turning(*turns[:2], x), (-(w**2), e, 0.0), atol=1e-14)
-    np.testing.assert_allclose(kernels.third_by_turning(*turns, x), (-3.0 * w * e, f - w**3, 0.0), atol=1e-14)
+    jet = carried([turn[None] for turn in turns], x[None])
+    np.testing.assert_allclose(jet[3], [(-3.0 * w * e, f - w**3, 0.0)], atol=1e-14)
 
 
 class Level(kernels.Record):

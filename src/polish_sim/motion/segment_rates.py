@@ -15,16 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, by_slices
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import (
-    cross,
-    dot,
-    minus,
-    part,
-    plus,
-    scaled,
-    second_by_turning,
-    third_by_turning,
-)
+from polish_sim.motion.derivatives import carried, jet_of
 from polish_sim.motion.kinematics import (
     arm_lengths,
     beyond_range,
@@ -119,51 +110,24 @@ def _rates_at(arm: Arm, q: Array, linear: Array, angular: Array) -> Array:
     (n, 3, 6); NaN where the arm is singular."""
     R, frames = arm.T_base_work[:3, :3], link_frames(q)
     # Of every joint its axis and the way to the next one's, the last to the tool point.
-    axes, places = frames[:, :6, :3, 2].copy(), frames[:, :, :3, 3]
+    axes, places = frames[:, :6, :3, 2], frames[:, :, :3, 3]
     places[:, 6] = place_of(frames[:, 6], arm.T_flange_tool[:3, 3])
-    twists, rates = np.concatenate([linear @ R.T, angular @ R.T], axis=2), np.empty((len(q), 3, 6))
+    links, none = np.diff(places, axis=1), np.zeros_like(q)
+    twists = np.concatenate([linear @ R.T, angular @ R.T], axis=2)
     J = jacobian(q, arm.T_flange_tool[:3, 3])
     J[np.abs(np.linalg.det(J)) < SINGULAR] = np.nan
-    _fill_rates(axes, np.diff(places, axis=1), twists, np.linalg.inv(J), rates)
-    return rates
-
-
-@njit(_nrt=False)
-def _fill_rates(axes: Array, links: Array, twists: Array, inverses: Array, rates: Array) -> None:
-    """Write the joints' derivatives (n, 3, 6) for the tool's ``twists`` (n, 3, 6) by the ``inverses`` (n, 6,
-    6) of the Jacobian.
-
-    What all joints up to k turn link k with are w, its derivative e and its second derivative f; what the
-    tool has without the derivative that is looked for is their sum over the links.
-    """
-    for n in range(len(rates)):
-        solve = inverses[n]
-        q1, q2, q3 = rates[n]
-        w = e = f = bias = 0.0, 0.0, 0.0
-        _solve(solve, twists[n, 0], bias, e, q1)
+    solve = np.linalg.inv(J)
+    found: list[Array] = []
+    for order in range(1, 4):
+        # What the tool does without the derivative that is looked for is the sum over the links.
+        spin, tip = np.zeros((order, len(q), 3)), np.zeros((len(q), 3))
         for k in range(6):
-            z = axes[n, k]
-            e = plus(e, scaled(q1[k], cross(w, z)))
-            w = plus(w, scaled(q1[k], z))
-            bias = plus(bias, second_by_turning(w, e, links[n, k]))
-        _solve(solve, twists[n, 1], bias, e, q2)
-        w = e = bias = 0.0, 0.0, 0.0
-        for k in range(6):
-            z, a, b = axes[n, k], q1[k], q2[k]
-            u = cross(w, z)
-            f = plus(f, plus(scaled(2.0 * b, u), scaled(a, second_by_turning(w, e, z))))
-            e = plus(plus(e, scaled(b, z)), scaled(a, u))
-            w = plus(w, scaled(a, z))
-            bias = plus(bias, third_by_turning(w, e, f, links[n, k]))
-        _solve(solve, twists[n, 2], bias, f, q3)
-
-
-@part
-def _solve(solve, twist, bias, spin, out):  # type: ignore[no-untyped-def]
-    """solve (twist - (bias; spin))."""
-    linear, angular = minus(twist, bias), minus(twist[3:], spin)
-    for i in range(6):
-        out[i] = dot(solve[i], linear) + dot(solve[i, 3:], angular)
+            known = [rate[:, k, None] for rate in (*found, none)]
+            spin = spin + jet_of(np.multiply, known, carried(spin, axes[:, k]), order)
+            tip = tip + carried(spin, links[:, k])[order]
+        left = twists[:, order - 1] - np.hstack([tip, spin[-1]])
+        found.append((solve @ left[..., None])[..., 0])
+    return np.stack(found, axis=1)
 
 
 def _refuse(failed: Bools, tips: Array, together: int, said: str) -> None:

@@ -5,28 +5,18 @@ The paper's rules answer in cubic pieces of time: boxes filtered twice are piece
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices, crosses
+from polish_sim.arrays import Array, Indices, crosses, turned
 from polish_sim.errors import InputError, check_name
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import (
-    add_to,
-    cross,
-    plus,
-    scaled,
-    second_by_turning,
-    set_to,
-    third_by_turning,
-    turn_about,
-)
 from polish_sim.lazy import FunctionOnUse
+from polish_sim.motion.derivatives import carried, jet_of
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
+from polish_sim.spatial import rotations_from_vectors
 
 
 class Schedule(NamedTuple):
@@ -131,20 +121,69 @@ class Smoothed(NamedTuple):
         The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows
         by ``w -> n phi' + A w``, differentiated twice in closed form.
         """
-        times = np.ascontiguousarray(times, dtype=float)
-        n = len(times)
-        samples = Samples(np.empty((n, 4, 3)), np.empty((n, 4, 3)), *np.empty((2, n, 3, 3)))
-        _sample_all(self.chain, self.schedule, self.lookup, times, samples, np.empty((2, 4)))
-        return samples
+        chain, (first, _) = self.chain, self.under_way(times)
+        tips, spin = np.zeros((4, len(times), 3)), np.zeros((3, len(times), 3))
+        roll = np.zeros((4, len(times)))
+        tips[0], R = chain.tips[first], chain.rotations[first]
+        for rows, k, progress in self._passing(times):
+            tips[:, rows] += (progress * chain.lengths[k])[..., None] * chain.directions[k]
+            roll[:, rows] += progress * chain.rolls[k]
+            n, (phi, *rates) = chain.turn_axes[k], (progress * chain.angles[k])[..., None]
+            turn = rotations_from_vectors(phi * n)
+            R[rows] = turn @ R[rows]
+            w = (turn @ spin[:, rows, :, None])[..., 0]
+            # (A w)' = phi' n x A w + A w', and once more.
+            u = crosses(n, w[0])
+            across = crosses(n, rates[0] * u + 2.0 * w[1])
+            spin[:, rows] = w + np.stack(
+                [rates[0] * n, rates[1] * n + rates[0] * u, rates[2] * n + rates[1] * u + rates[0] * across]
+            )
+        axis = carried(spin, R[:, :, 2])
+        spin += jet_of(np.multiply, roll[1:, :, None], axis, 3)
+        x, y = R[:, :, 0], R[:, :, 1]
+        rolled = turned(x, y, roll[0]), turned(y, -x, roll[0]), axis[0]
+        return Samples(
+            tips.swapaxes(0, 1), np.stack(axis, axis=1), np.stack(rolled, axis=-1), spin.swapaxes(0, 1)
+        )
+
+    def _passing(self, times: Array) -> Iterator[tuple[Indices, Indices, Array]]:
+        """Segments under way at times (n,) [s], one after the other: rows of the times (m,), segments (m,)
+        and their progress with three derivatives (4, m)."""
+        schedule, ends = self.schedule, self.lookup.first_pieces
+        longest = int(np.diff(ends).max(initial=0))
+        first, stop = self.under_way(times)
+        for number in range(int((stop - first).max(initial=0))):
+            rows = np.flatnonzero(first + number < stop)
+            k, t = first[rows] + number, times[rows]
+            piece, last = ends[k], ends[k + 1] - 1
+            begun = (piece <= last) & (t >= schedule.starts[np.minimum(piece, len(schedule.starts) - 1)])
+            for _ in range(longest - 1):
+                after = np.minimum(piece + 1, last)
+                piece = np.where(t >= schedule.starts[after], after, piece)
+            piece = np.minimum(piece, last)
+            t = t - schedule.starts[piece]
+            ended = begun & (piece == last) & (t >= schedule.durations[piece])
+            c = schedule.coefficients[piece].T
+            found = np.array([
+                c[0] + t * (c[1] + t * (c[2] + t * c[3])), c[1] + t * (2.0 * c[2] + 3.0 * t * c[3]),
+                2.0 * c[2] + 6.0 * t * c[3], 6.0 * c[3],
+            ])  # fmt: skip
+            found[:, ended | ~begun] = 0.0
+            found[0, ended] = 1.0
+            yield rows, k, found
 
     def under_way(self, times: Array) -> tuple[Indices, Indices]:
         """See `SmoothMotion`."""
-        return _under_way.py_func(self.lookup, times)  # type: ignore[no-any-return]
+        lookup = self.lookup
+        first = np.searchsorted(lookup.all_ended, times, side="right")
+        return first, np.maximum(first, np.searchsorted(lookup.none_begun, times, side="right"))
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
         """See `SmoothMotion`."""
-        places, speeds = np.empty((2, len(times)))
-        _mark(self.schedule, self.lookup, times, marks, places, speeds)
+        places, speeds = marks[self.under_way(times)[0]], np.zeros(len(times))
+        for rows, k, progress in self._passing(times):
+            places[rows] += progress[0] * np.diff(marks)[k]
+            speeds[rows] += progress[1] * np.diff(marks)[k]
         return np.maximum.accumulate(places), speeds
 
     def stretched(self, factor: float) -> Smoothed:
@@ -156,20 +195,6 @@ class Smoothed(NamedTuple):
         )
 
 
-@njit
-def _mark(
-    schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array
-) -> None:
-    rates = np.empty(4)
-    for i in range(len(clock)):
-        first, stop = _under_way(index, clock[i])
-        places[i], speeds[i] = marks[first], 0.0
-        for k in range(first, stop):
-            progress_at(schedule, index, k, clock[i], rates)
-            places[i] += rates[0] * (marks[k + 1] - marks[k])
-            speeds[i] += rates[1] * (marks[k + 1] - marks[k])
-
-
 class ScheduleIndex(NamedTuple):
     """Where to find the pieces that matter at a time."""
 
@@ -177,13 +202,6 @@ class ScheduleIndex(NamedTuple):
     first_pieces: Indices
     all_ended: Array  #: When the segment and all before it have ended [s], shape (segments,)
     none_begun: Array  #: Until when neither the segment nor any after it has begun [s], shape (segments,)
-
-
-@njit(_nrt=False)
-def _under_way(index: ScheduleIndex, times: Any) -> tuple[Any, Any]:
-    """First segment under way and the one past the last at one time [s] or, in Python, at many."""
-    first = np.searchsorted(index.all_ended, times, side="right")
-    return first, np.maximum(first, np.searchsorted(index.none_begun, times, side="right"))
 
 
 def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
@@ -207,96 +225,3 @@ def turning(axes: Array) -> Array:
     """
     o, o1, o2, o3 = (axes[:, k] for k in range(4))
     return np.stack([crosses(o, o1), crosses(o, o2), crosses(o1, o2) + crosses(o, o3)], axis=1)
-
-
-@njit(_nrt=False)
-def _sample_all(
-    chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, room: Array
-) -> None:
-    """Write pose and rates at every time; ``room`` (2, 4) is room for the progress of one segment and the
-    roll."""
-    rates, roll = room[0], room[1]
-    for n in range(times.shape[0]):
-        tip, R, spin = out.tips[n], out.rotations[n], out.spins[n]
-        first, stop = _under_way(index, times[n])
-        roll[:] = 0.0
-        for i in range(3):
-            tip[0, i] = chain.tips[first, i]
-            for d in range(1, 4):
-                tip[d, i] = 0.0
-            for j in range(3):
-                R[i, j] = chain.rotations[first, i, j]
-                spin[i, j] = 0.0
-        for k in range(first, stop):
-            progress_at(schedule, index, k, times[n], rates)
-            for d in range(4):
-                for i in range(3):
-                    tip[d, i] += rates[d] * chain.lengths[k] * chain.directions[k, i]
-                roll[d] += rates[d] * chain.rolls[k]
-            if chain.angles[k] != 0.0:
-                turn_on(chain.turn_axes[k], chain.angles[k], rates, R, spin)
-        roll_on((roll[0], roll[1], roll[2], roll[3]), R, spin, out.axes[n])
-
-
-@njit
-def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis: Array) -> None:
-    """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4,
-    3)."""
-    follow_axis(R, spin, axis)
-    for i in range(3):
-        spin[2, i] += roll[3] * axis[0, i] + 2.0 * roll[2] * axis[1, i] + roll[1] * axis[2, i]
-        spin[1, i] += roll[2] * axis[0, i] + roll[1] * axis[1, i]
-        spin[0, i] += roll[1] * axis[0, i]
-    cosine, sine = math.cos(roll[0]), math.sin(roll[0])
-    for i in range(3):
-        x, y = R[i, 0], R[i, 1]
-        R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
-
-
-@njit
-def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, rates: Array) -> None:
-    """Write progress of segment ``k`` at a time [s] and its three derivatives into ``rates`` (4,)."""
-    begin, end = index.first_pieces[k], index.first_pieces[k + 1]
-    rates[0] = rates[1] = rates[2] = rates[3] = 0.0
-    if begin == end or time < schedule.starts[begin]:
-        return
-    piece = begin
-    while piece + 1 < end and time >= schedule.starts[piece + 1]:
-        piece += 1
-    t = time - schedule.starts[piece]
-    if piece + 1 == end and t >= schedule.durations[piece]:
-        rates[0] = 1.0
-        return
-    c0, c1, c2, c3 = schedule.coefficients[piece]
-    rates[0] = c0 + t * (c1 + t * (c2 + t * c3))
-    rates[1] = c1 + t * (2.0 * c2 + 3.0 * t * c3)
-    rates[2] = 2.0 * c2 + 6.0 * t * c3
-    rates[3] = 6.0 * c3
-
-
-@njit
-def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
-    """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and
-    derivatives."""
-    phi, phi_1, phi_2, phi_3 = angle * rates[0], angle * rates[1], angle * rates[2], angle * rates[3]
-    cosine, sine, rest = math.cos(phi), math.sin(phi), 2.0 * math.sin(0.5 * phi) ** 2
-    for j in range(3):
-        set_to(R[:, j], turn_about(n, cosine, sine, rest, R[:, j]))
-        set_to(spin[j], turn_about(n, cosine, sine, rest, spin[j]))
-    # (A w)' = phi' n x A w + A w', and once more.
-    u = cross(n, spin[0])
-    across = cross(n, plus(scaled(phi_1, u), scaled(2.0, spin[1])))
-    add_to(spin[2], plus(plus(scaled(phi_3, n), scaled(phi_2, u)), scaled(phi_1, across)))
-    add_to(spin[1], scaled(phi_2, n))
-    add_to(spin[1], scaled(phi_1, u))
-    add_to(spin[0], scaled(phi_1, n))
-
-
-@njit(inline="always")
-def follow_axis(R: Array, spin: Array, axis: Array) -> None:
-    """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
-    w, dw, ddw, o = spin[0], spin[1], spin[2], axis[0]
-    set_to(o, R[:, 2])
-    set_to(axis[1], cross(w, o))
-    set_to(axis[2], second_by_turning(w, dw, o))
-    set_to(axis[3], third_by_turning(w, dw, ddw, o))

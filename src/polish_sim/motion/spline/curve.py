@@ -9,8 +9,7 @@ short as they must.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -29,23 +28,8 @@ from polish_sim.arrays import (
     spans_at,
 )
 from polish_sim.errors import SmoothingError, place_in_mm
+from polish_sim.motion.derivatives import derivative_of, jet_of
 from polish_sim.motion.rules.chain import Chain, part_way
-
-# Functions of one variable with their derivatives, carried along exactly.
-#
-# A jet is an array whose first index counts derivatives, of a vector shape (4, 3), of a number (4,).
-
-Product = Callable[[Any, Any], Any]
-
-
-def derivative_of(product: Product, f: Any, g: Any, m: int) -> Any:
-    """The m-th derivative of a product of two jets (Leibniz)."""
-    return sum(math.comb(m, k) * product(f[k], g[m - k]) for k in range(m + 1))
-
-
-def jet_of(product: Product, f: Any, g: Any, orders: int = 4) -> Array:
-    """The jet of a product of two."""
-    return np.stack([derivative_of(product, f, g, m) for m in range(orders)])
 
 
 def normalized(f: Array) -> Array:
@@ -248,7 +232,7 @@ def curve_rates(curve: SplineCurve, u: Array) -> CurveRates:
     # e x e' summed over the axes is twice the angular velocity.
     turns = [jet_of(crosses, e, e[1:], 3) for e in frame]
     rotations = np.stack([e[0] for e in frame], axis=-1)
-    return CurveRates(jets[..., :3], z, rotations, 0.5 * sum(turns), turns[2], jets[..., 9])
+    return CurveRates(jets[..., :3], z, rotations, 0.5 * np.sum(turns, axis=0), turns[2], jets[..., 9])
 
 
 def draw_spline(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
