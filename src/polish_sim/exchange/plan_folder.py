@@ -234,7 +234,7 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
     return {
         "part": {"name": mesh.name, **_file_facts(mesh), "unit": mesh.unit},
         "fixture": fixture and _file_facts(fixture.mesh),
-        "up": [float(value) for value in mesh.up],
+        "up": mesh.up.tolist(),
         "pad": {"radius_m": pad.radius_m, "stiffness_n_m": pad.stiffness_n_m},
         "contact_force_n": result.tool.force,
         "feed_m_s": result.ready.process.feed_m_s,

@@ -149,7 +149,7 @@ def scene_solids(model: Any) -> list[Solid]:
         color = model.mat_rgba[material] if plain and material >= 0 else model.geom_rgba[g]
         name, body = str(model.geom(g).name), int(model.geom_bodyid[g])
         what = "part" if name.endswith("part") else "cell" if body == 0 else "arm"
-        solids.append(Solid(what, body - 1, apply(T, vertices), faces, [float(c) for c in color[:3]]))
+        solids.append(Solid(what, body - 1, apply(T, vertices), faces, color[:3].tolist()))
     return solids
 
 

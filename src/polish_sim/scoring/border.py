@@ -146,7 +146,7 @@ def press_bench(bench: Bench, scenario: Scenario, prepare: Callable[[Cell], None
 
 SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)  #: Of the springs, for the border in the cell [-]
 LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)  #: Totals, for the border in the cell [s]
-FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
+FINE_SCALES: list[float] = np.geomspace(0.1, 10.0, 21).tolist()
 FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
 MODEL = "linear model"
 _BENCHES = Memory()  #: On the softest springs: the part is modelled deeply enough for all

@@ -89,7 +89,7 @@ def figures_table(study: Study, columns: RunValues) -> Table:
 def _differing(study: Study, columns: RunValues) -> dict[str, Claim]:
     """The experiment's figures that are not the same in all runs."""
     claims = {claim.figure: claim for claim in claims_shown([study.base]) if claim.figure in columns}
-    values = {name: _numbers(columns[name]) for name in claims}
+    values = {name: np.array(columns[name], dtype=float) for name in claims}
     return {
         name: claims[name]
         for name, v in values.items()
@@ -97,15 +97,11 @@ def _differing(study: Study, columns: RunValues) -> dict[str, Claim]:
     }
 
 
-def _numbers(values: Sequence[Any]) -> Array:
-    return np.array([math.nan if value is None else float(value) for value in values])
-
-
 def worst_runs(study: Study, columns: RunValues, goals: Sequence[Claim]) -> Table:
     """Runs that failed or stopped, then those with the largest figure, each with the command that repeats
     it."""
     rank = {FAILED: 3.0, LOST: 3.0, STOPPED: 2.0}
-    first = _numbers(columns[goals[0].figure]) if goals else np.zeros(len(columns["outcome"]))
+    first = np.array(columns[goals[0].figure], dtype=float) if goals else np.zeros(len(columns["outcome"]))
     size = np.nan_to_num(first * (-1.0 if goals and goals[0].more_is_better else 1.0), nan=math.inf)
     order = sorted(range(len(size)), key=lambda k: (-rank.get(columns["outcome"][k], 0.0), -size[k]))
     head, rows = goals[0].label if goals else "figure", []
@@ -129,12 +125,11 @@ def pareto(
 
     A point with a run that did not come to its end is left out.
     """
-    points: dict[tuple[Any, ...], list[list[float]]] = {}
+    points: dict[tuple[Any, ...], list[Array]] = {}
     for k, outcome in enumerate(columns["outcome"]):
-        values = [columns[claim.figure][k] for claim in goals]
-        good = outcome == DONE and all(value is not None for value in values)
+        values = [columns[claim.figure][k] if outcome == DONE else None for claim in goals]
         key = tuple(columns[axis][k] for axis in axes)
-        points.setdefault(key, []).append([float(v) for v in values] if good else [math.nan] * len(goals))
+        points.setdefault(key, []).append(np.array(values, dtype=float))
     means = {key: np.mean(rows, axis=0) for key, rows in points.items()}
     known = {key: at for key, at in means.items() if np.isfinite(at).all()}
     signs = np.array([-1.0 if claim.more_is_better else 1.0 for claim in goals])
@@ -173,7 +168,7 @@ def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple
         last = max(1, len(words) - 1)
         at = [math.nan if v is None else words.index(_word(v)) / last for v in values]
         return np.array(at), [(k / last, word) for k, word in enumerate(words)]
-    numbers = _numbers(values)
+    numbers = np.array(values, dtype=float)
     found = np.unique(numbers[np.isfinite(numbers)])
     log = _by_log(found)
     bent, ends = (np.log(numbers), np.log(found[[0, -1]])) if log else (numbers, found[[0, -1]])
@@ -225,7 +220,7 @@ def plot_parallel(columns: RunValues, axes: Sequence[str], claims: Sequence[Clai
 @styled
 def plot_responses(columns: RunValues, axes: Sequence[str], claim: Claim) -> Figure:
     """A figure over each setting: the mean of all other settings and seeds, with a band from 10 to 90%."""
-    values = claim.scale * _numbers(columns[claim.figure])
+    values = claim.scale * np.array(columns[claim.figure], dtype=float)
     known = np.isfinite(values)
     figure = new_figure(11.0, 3.2)
     panels = figure.subplots(1, len(axes), sharey=True, squeeze=False)[0]

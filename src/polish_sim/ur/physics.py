@@ -179,12 +179,10 @@ class Rig:
         before it is lifted for `LIFTED_S` or longer; a shorter gap is lost contact. ``most_s`` after its
         begin the work is over.
         """
-        contents = []
         for file in self.files:
             file.seek(0)
-            contents.append(file.read())
-        rows: NDArray[np.void] = np.frombuffer(contents[0], LOG_ROW).copy()
-        trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
+        rows = np.fromfile(self.files[0], LOG_ROW)
+        trace = np.fromfile(self.files[1], TraceStep.dtype)
         force = trace["normal_force_n"]
         seconds = trace["time_s"]
         pressing = force > FIRST_CONTACT_N

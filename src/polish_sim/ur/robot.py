@@ -388,8 +388,7 @@ class SimulatedRobot:
         """
         limits = np.array([0.25, 0.25, 0.25, 1.0, 1.0, 1.0])
         self.force_mode(feature, freeAxes, np.zeros(6), FIXED, limits)
-        assert self.compliance is not None
-        self.compliance.free = True
+        self._mode_settings.free = True
 
     def freedrive_status(self) -> int:
         """0: normal, 1: near a singularity, 2: too near."""
