@@ -204,8 +204,8 @@ def show_search(search: Search, best: Mapping[str, float], verdicts: Sequence[Ve
     save_page(folder, Page.of(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables))
     for table in tables:
         console.table(table)
-    held = verdicts[1]
-    if not held.better:
-        console.say("on held-out seeds the tuned values are NOT better than the shipped ones: keep those.")
+    if worse := [v.what for v in verdicts[1:] if not v.better]:
+        where = " and on ".join(worse)
+        console.say(f"on {where} the tuned values are NOT better than the shipped ones: keep those.")
     console.say(f"to run: polish-sim run force --config {shlex.quote(str(folder / TUNED))}")
     console.say_folder(folder)

@@ -136,6 +136,12 @@ def add_line(figure: Figure, text: str, color: str = "#444444") -> None:
     figure.text(0.01, 1.0, text, color=color, fontsize=9.0, va="top", transform=figure.transFigure + down)
 
 
+def say_instead(axes: Axes, text: str) -> None:
+    """Say in an empty panel why it is."""
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
+
+
 def mark_stop(panels: Sequence[Axes], where: float) -> None:
     """Draw a line at a protective stop's place on the first axis of finished panels, which end there."""
     for axes in panels:

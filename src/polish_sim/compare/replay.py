@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from polish_sim.analysis.style import BLUE, ORANGE, head, new_figure, styled
+from polish_sim.analysis.style import BLUE, ORANGE, head, new_figure, say_instead, styled
 from polish_sim.arms import arm_table
 from polish_sim.arrays import Array, midpoints
 from polish_sim.cell.playback import JointTargets, play_joints
@@ -282,6 +282,8 @@ def plot_joint_torques(found: JointComparison, title: str) -> Figure:
             by_speed.plot(middle, friction[j], "o-", color=color, markersize=3, linewidth=1.0)
         over_time.set_ylabel(f"joint {j + 1} [N m]")
         by_speed.set_ylim(bottom=0.0)
+        if np.isnan(found.curves[:, j]).all():
+            say_instead(by_speed, "too little motion both ways")
     grid[0, 0].set_title("torque")
     grid[0, 1].set_title("friction [N m]")
     grid[5, 0].set_xlabel("time [s]")

@@ -21,6 +21,7 @@ from polish_sim.analysis.style import (
     head,
     line_look,
     new_figure,
+    say_instead,
     styled,
 )
 from polish_sim.arrays import Array, norms
@@ -52,9 +53,7 @@ def plot_guiding(record: RunRecord) -> Figure:
                 axes.plot(time, force, color=COLORS[mode], ls=dashes, lw=1.3, label=label)
         if not axes.lines:
             reason = record.metrics.get("protective_stop") or "no move was begun"
-            text = "\n".join(wrap(f"no force to show: {reason}", 60))
-            axes.set_axis_off()
-            axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center")
+            say_instead(axes, "\n".join(wrap(f"no force to show: {reason}", 60)))
             continue
         for mode, level in PAPER_N.items():
             if mode in modes:

@@ -210,6 +210,7 @@ def plot_parallel(columns: RunValues, axes: Sequence[str], claims: Sequence[Clai
                 ha="right",
                 va="center",
                 fontsize=8.0,
+                bbox={"fc": "white", "ec": "none", "pad": 1.0, "alpha": 0.8},
             )
     plot.set(xlim=(-0.3, at.shape[1] - 0.9), ylim=(-0.05, 1.05), yticks=[])
     plot.set_xticks(range(at.shape[1]), [name for name, _, _ in columns_shown], rotation=12, ha="right")
