@@ -301,8 +301,8 @@ class _Prover:
 
     def _keep(self, remaining: Remaining) -> None:
         """Continue with what is left of the path, from the joints the arm had there, tool x where it was: the
-        strokes that stay are those played before. Where the arm cannot do that, or a run could not, another
-        place is looked for, and all is played anew."""
+        strokes that stay are those played before. Where the arm cannot do that, another place is looked for,
+        and all is played anew."""
         whole, reach, source = self.path, self.place.reach, remaining.source
         self.path, self.cut = remaining.path, True
         self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
@@ -311,7 +311,6 @@ class _Prover:
             for path, row in ((whole, first), (self.path, 0)):
                 q = check_whole_path(reach, path.positions_work, path.axes_work).q
                 reach = reach._replace(q_start=np.array(q[row]))
-            self._reach_of_run(to_pose(reach.T_base_work))  # which the path is played whole with at last
         except ReachError:
             self.kept_until = -math.inf
             reach = self._reach_of_run(self.scenario.part.pose)
