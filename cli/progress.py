@@ -184,7 +184,10 @@ class ProgressObserver:
         """Show a bar while the block runs; on a pipe or in a file each stage is one plain line instead."""
         terminal = sys.stderr.isatty()
         columns = (*Progress.get_default_columns(), TimeElapsedColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True, disable=not terminal) as bar:
+        console = Console(stderr=True)
+        with Progress(
+            *columns, console=console, transient=True, get_time=time.monotonic, disable=not terminal
+        ) as bar:
             shown = bar.console.print if terminal else say
             observer = cls(bar, shown, sinks, None if terminal else QUIET_S)
             with compiling_shown(observer.compiled if terminal else now_and_then(say)) as observer.compiling:
