@@ -256,7 +256,7 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | f
     total = areas.sum()
     mean = (areas * times).sum() / total
     spread = np.sqrt((areas * (times - mean) ** 2).sum() / total)
-    under = times > 0.0
+    under = (times > 0.0) & (areas > 0.0)
     # The time below which half of the area under the pad lies.
     median = (
         np.quantile(times[under], 0.5, weights=areas[under], method="inverted_cdf") if under.any() else 0.0
