@@ -95,7 +95,7 @@ def settling_time(time: Array, error: Array, band: float) -> float:
     """Time from the first sample, e.g. first contact, to the moment after which an error stays inside ± a
     band.
 
-    0 if it never leaves the band, NaN if it is outside at the last sample or there is none.
+    0 if it never leaves the band, NaN if it is outside at the last sample, or without samples.
     """
     outside = np.flatnonzero(~(np.abs(error) <= band))
     if len(time) == 0 or (len(outside) and outside[-1] == len(time) - 1):

@@ -182,7 +182,7 @@ def _sum_pressure(
     w[6, 0], w[6, 1], w[6, 2] = tx, ty, tz
 
 
-# The spindle: its speed, and the pull of what is out of balance on it.
+# The spindle: its speed, and the pull of its imbalance.
 #
 # A rotor of balance grade G has its centre of mass off the axis by e = G / omega; it pulls with m e omega^2,
 # turning with the spindle. The physics sees the pull once a step, the sensor at its own rate, aliased if it

@@ -139,7 +139,7 @@ def keep_speeds(e: EngineViews) -> None:
 
 @kernel
 def correct_reading(e: EngineViews) -> None:
-    """Add m (a - a_engine) of what the sensor carries to its exact reading, right after the engine's step.
+    """Add m (a - a_engine) of the masses below the sensor to its exact reading, after the engine's step.
 
     Spatial vectors are (angular; linear) about the tree's centre of mass, as the engine keeps them.
     """

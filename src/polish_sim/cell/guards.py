@@ -216,7 +216,7 @@ def _most_seen(sensor: SensorConfig, dt: float, force: Array) -> float:
 
 @kernel
 def check_reading(state: CellState, dt: float, t: float) -> int:
-    """Code of what is wrong with the sensor's reading, 0 if nothing; before the controller sees it."""
+    """Code of a fault in the sensor's reading, 0 for none; before the controller sees it."""
     guards, sensor, sequence = state.guards, state.sensor, state.sequence
     reading, smooth = sensor.reading, guards.smooth
     size = jump = 0.0

@@ -202,8 +202,8 @@ def no_part() -> RealPart:
 
 # A part that does not lie still: a sine along its mean normal, and shifts a fault may give it.
 #
-# It moves without tilting, on top of what a robot does that carries it; its velocity enters the contact. The
-# drawn part stays at rest.
+# It moves without tilting, in addition to the motion of a robot that carries it; its velocity enters the
+# contact. The drawn part stays at rest.
 
 SHIFT_SPEED = 0.02  # of a part that slips [m/s]
 

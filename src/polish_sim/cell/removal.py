@@ -226,7 +226,7 @@ def _halved(corners: Array, longest: Indices) -> Array:
 def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tuple[Array, Array]:
     """Move nodes (n, 3) [m] of the drawing along its unit ``normals`` (n, 3) onto the real surface.
 
-    Returns positions [m] and unit normals there, each (n, 3); a normal is zero where there is none.
+    Returns positions [m] and unit normals there, each (n, 3); it is zero where the real surface has none.
     """
     found, slopes = positions.copy(), np.zeros_like(positions)
     _project(field, np.ascontiguousarray(normals), found, slopes)

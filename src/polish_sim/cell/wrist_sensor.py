@@ -30,7 +30,7 @@ class SensorErrors(Record):
     drift_step: Vector6  #: Standard deviation of the drift's step per sample
     creep: Vector6  #: Steady drift per sample, of a faulty sensor
     warm_up: Vector6  #: Drift from cold to warm
-    warming: float  #: Share of what is left of it that is done in a sample [-]
+    warming: float  #: Share of the rest of it that comes in a sample [-]
     talk: Matrix6  #: What a load on the axis of a column adds to the reading of a row's
     talks: bool
     quantum: Vector6
