@@ -83,6 +83,9 @@ def test_a_straight_line_gives_2_sqrt_r2_minus_y2_over_the_feed_in_any_frame_and
     feed = np.array([0.01, 0.01, 0.02, 0.02])
     ends = [[-0.08, 0.0, 0.02], [-1e-4, 0.0, 0.02], [1e-4, 0.0, 0.02], [0.08, 0.0, 0.02]]
     on = locate(ground, path_through(ends, feed=feed), ProcessConfig())
+    # Where nothing that counts comes under the pad, as at the end of a path, half of it took no time.
+    bare = coverage.expose(ground, on, PAD).times == 0.0
+    assert coverage.expose(ground, on, PAD, bare).figures["exposure_median_s"] == 0.0
     steps = coverage.pad_steps(on, PAD)
     places = np.array([[-0.04, 0.01, 0.02], [0.04, 0.01, 0.02]])
     times = time_under_pad(places, np.tile(UP, (2, 1)), steps, R)
